@@ -23,12 +23,13 @@ from tpmscad._typing import Array
 from tpmscad.blending import LinearCoordinate, SphereRadius
 from tpmscad.blending.composition.blended_field import BlendedField
 from tpmscad.blending.weights.line_weight import make_line_weight
-from tpmscad.blending.weights.volume_weight import VolumeWeight, make_clamped_uniform_knots
+from tpmscad.blending.weights.volume_weight import VolumeWeight
 from tpmscad.fields.analysis.volume_fraction_thresholds import GradedThreshold
 from tpmscad.fields.kinds.linear_extension import extend_linearly
 from tpmscad.fields.tape.tape_nodes import Node, find_ancestors
 from tpmscad.fields.tape.tape_program import list_operands, resolve_alias
 from tpmscad.levelset.edge_rounding import ProfileMinMaxField, make_volume_neutral_profile
+from tpmscad.splines import uniform_knots
 
 LOW, HIGH = np.full(3, -2.0), np.full(3, 2.5)
 REPEATS = 3
@@ -123,7 +124,7 @@ def make_kinds() -> dict[str, fields.Field]:
     domain = ((-2.0,) * 3, (2.5,) * 3)
     line = make_line_weight(LinearCoordinate(), (-1.0, 1.0), (-2.0, 2.5))
     line = line.with_coefficients(np.where(line.is_free, rng.random(len(line.coefficients)), line.coefficients))
-    knots = tuple(make_clamped_uniform_knots(-2.0, 2.5, 9, 3) for _ in range(3))
+    knots = tuple(uniform_knots(6, 3, domain=(-2.0, 2.5)) for _ in range(3))
     volume = VolumeWeight(rng.random((9, 9, 9)), knots, (3, 3, 3), np.ones((9, 9, 9), bool))  # type: ignore[arg-type]
     blend = BlendedField((rod, rounded), (left, right), (middle,), (line,), (), domain)  # type: ignore[arg-type]
     threshold = GradedThreshold(

@@ -12,7 +12,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from tpmscad.errors import InvalidRequest
-from tpmscad.recipe.key_changes import replace_values
+from tpmscad.recipe.toml_entry import replace_values
 from tpmscad.sweeps.cell_text import format_cell, is_blank, parse_cell
 from tpmscad.sweeps.parameter_table import read_table
 from tpmscad.sweeps.results_table import open_results

@@ -12,10 +12,12 @@ from collections.abc import Callable, Iterable
 from dataclasses import dataclass, replace
 from decimal import Decimal
 from numbers import Integral, Real
-from typing import TYPE_CHECKING, Any, Self
+from typing import TYPE_CHECKING, Any, Self, TypeVar
 
 if TYPE_CHECKING:
     from tpmscad._typing import Array
+
+T = TypeVar("T")
 
 GREATEST, LEAST = 1e100, 1e-100
 """Magnitudes of numbers, and of positive numbers: the cubes of others leave the range of float64."""
@@ -103,12 +105,19 @@ def read_positive(value: Any) -> float:
     return number
 
 
-def read_not_negative(value: Any) -> float:
-    """A number of at least zero."""
-    number = read_number(value)
-    if number < 0:
-        raise InvalidValue("must not be negative")
-    return number
+def restrict(read: Callable[[Any], T], is_allowed: Callable[[T], bool], reason: str) -> Callable[[Any], T]:
+    """A reader of those values of another that are allowed; `reason` says why others are not."""
+
+    def read_allowed(value: Any) -> T:
+        found = read(value)
+        if not is_allowed(found):
+            raise InvalidValue(reason)
+        return found
+
+    return read_allowed
+
+
+read_not_negative = restrict(read_number, lambda number: number >= 0, "must not be negative")
 
 
 def read_whole(value: Any) -> int:
@@ -119,12 +128,7 @@ def read_whole(value: Any) -> int:
     return int(value) if isinstance(value, Integral) else int(number)
 
 
-def read_count(value: Any) -> int:
-    """A whole number of at least 1."""
-    number = read_whole(value)
-    if number < 1:
-        raise InvalidValue("must be positive: at least 1")
-    return number
+read_count = restrict(read_whole, lambda number: number >= 1, "must be positive: at least 1")
 
 
 def read_items(value: Any) -> list[Any]:

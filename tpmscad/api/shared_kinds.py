@@ -29,6 +29,7 @@ from tpmscad.api.argument_kinds import (
     read_shape,
     read_unbounded_number,
     read_whole,
+    restrict,
     sequence_of,
     tuple_of,
 )
@@ -57,14 +58,6 @@ KNOTS = tuple_of(array_kind("numbers", "[0, 0, 1, 1]", 1).read, 3, "three knot v
 SIZES = tuple_of(array_kind("numbers", "(0, 40)", 1).read, 2, "positions and cell sizes there", "((0, 40), (4, 8))")
 
 
-def _read_fraction(value: object) -> float:
-    """A number between 0 and 1."""
-    number = read_positive(value)
-    if number >= 1:
-        raise InvalidValue("must lie below 1")
-    return number
-
-
 def _read_record(value: object) -> object:
     """A record of the catalogue, known by what is read from it."""
     if not hasattr(value, "references"):
@@ -83,14 +76,6 @@ def _read_mask(value: object) -> object:
     if array.dtype != bool:
         raise InvalidValue(f"holds {array.dtype}, not bool: compare the picture with a threshold, image < 128")
     return array
-
-
-def _read_axis_number(value: object) -> int:
-    """0, 1 or 2."""
-    number = read_whole(value)
-    if number not in (0, 1, 2):
-        raise InvalidValue("is none of 0, 1 and 2")
-    return number
 
 
 def _read_flow(value: object) -> dict[str, str]:
@@ -112,31 +97,31 @@ def _read_refinement(value: object) -> int | tuple[int, int]:
     return result
 
 
-def _read_overhang(value: object) -> float:
-    """An angle from vertical to horizontal."""
-    angle = read_not_negative(value)
-    if angle > 90:
-        raise InvalidValue("is more than 90 degrees, a horizontal ceiling")
-    return angle
-
-
 def _read_domain(value: object) -> object:
     """The corners of a box, or a body."""
     return read_corners(value) if isinstance(value, list | tuple) or hasattr(value, "ndim") else read_shape(value)
 
 
 DOMAIN = ArgumentKind(f"{BOX.text}, or {SHAPE.text}", BOX.example, _read_domain)
-FRACTION = ArgumentKind("a number between 0 and 1", "0.3", _read_fraction)
+FRACTION = ArgumentKind(
+    "a number between 0 and 1", "0.3", restrict(read_positive, lambda number: number < 1, "must lie below 1")
+)
 OFFSET = NUMBER.or_else(tuple_of(read_number, 2, "two numbers, the lower first", "")).described_as(
     example="(-0.5, 0.5)"
 )
-OVERHANG = ArgumentKind("an angle of 0 to 90 degrees", "45", _read_overhang)
+OVERHANG = ArgumentKind(
+    "an angle of 0 to 90 degrees",
+    "45",
+    restrict(read_not_negative, lambda angle: angle <= 90, "is more than 90 degrees, a horizontal ceiling"),
+)
 WALL_THICKNESS = ArgumentKind(
     f"{POSITIVE.text}, or {FUNCTION.text}", "1.0", lambda value: value if callable(value) else read_positive(value)
 )
 WHOLE_NUMBER = ArgumentKind("a whole number", "60", read_whole)
 REFINEMENT = ArgumentKind("a whole number of at least 0, or two of them", "1", _read_refinement)
-AXIS_NUMBER = ArgumentKind("0, 1 or 2", "2", _read_axis_number)
+AXIS_NUMBER = ArgumentKind(
+    "0, 1 or 2", "2", restrict(read_whole, lambda number: number in (0, 1, 2), "is none of 0, 1 and 2")
+)
 DIMENSIONS = sequence_of(read_whole, "some of 0, 1 and 2", "(0, 1, 2)")
 CELL_COUNTS = one_or_three(read_count, "a whole number of at least 1", "(2, 2, 2)")
 DEGREES = tuple_of(read_count, 3, "three whole numbers of at least 1", "(3, 3, 3)")

@@ -48,7 +48,7 @@ from tpmscad.blending.optimise.level_margin import enforce_level_margin
 from tpmscad.blending.optimise.neck_width import widen_necks
 from tpmscad.blending.optimise.optimiser import keep_initial_weights, optimise, optimise_as_published
 from tpmscad.blending.optimise.subgrid_defects import (
-    choose_subgrid_search,
+    MAX_QUICK_CANDIDATES,
     count_subgrid_defects,
     remove_subgrid_defects,
 )
@@ -249,13 +249,13 @@ def _choose_passes(
 ) -> list[tuple[str, Pass]]:
     """The passes that the options request, in order, with the names under which they are timed."""
     passes: list[tuple[str, Pass]] = [("optimisation", OPTIMISERS[method])]
-    search = choose_subgrid_search(subgrid_check)
+    max_candidates = MAX_QUICK_CANDIDATES if subgrid_check is None else None  # by default only where that is quick
     if level_margin > 0:
         passes.append(("level margin", partial(enforce_level_margin, margin_rms=level_margin)))
-    if search.is_enabled and method == "topological":
-        passes.append(("subgrid defects", partial(remove_subgrid_defects, max_candidates=search.max_candidates)))
+    if subgrid_check is not False and method == "topological":
+        passes.append(("subgrid defects", partial(remove_subgrid_defects, max_candidates=max_candidates)))
     if minimum_neck is not None:
         passes.append(("necks", partial(widen_necks, width=minimum_neck)))
-    if search.is_enabled and (method != "topological" or minimum_neck is not None):
-        passes.append(("subgrid defects", partial(count_subgrid_defects, max_candidates=search.max_candidates)))
+    if subgrid_check is not False and (method != "topological" or minimum_neck is not None):
+        passes.append(("subgrid defects", partial(count_subgrid_defects, max_candidates=max_candidates)))
     return passes

@@ -110,14 +110,12 @@ def make_initial_weight(
     field: BlendedField,
     compositions: Sequence[SampledComposition],
     stage: int,
-    *,
-    refine: bool = True,
 ) -> LineWeight | VolumeWeight:
     """The initial weight of a stage: 0 in the regions of the field so far, 1 in that of structure stage + 1.
 
     "auto" tries x, y, z and the coordinates that the regions are made with (the normal of a half-space, the radius of a cylinder
     or a sphere), and takes a trivariate weight if the blending region is a layer of none. Raises InvalidRequest for an unknown
-    name, for a region that is no layer of the given coordinate, and for too few coefficients if these may not be refined.
+    name, for a region that is no layer of the given coordinate, and if too many coefficients were needed.
     """
     if isinstance(spec, str):
         if spec not in WEIGHT_NAMES:
@@ -126,18 +124,18 @@ def make_initial_weight(
             )
         if spec == "auto":
             for coordinate in _candidate_coordinates(field, stage):
-                line = _try_line_weight(LineWeightSpec(coordinate), field, compositions[0], stage, refine)
+                line = _try_line_weight(LineWeightSpec(coordinate), field, compositions[0], stage)
                 if not isinstance(line, str):
                     return line
         spec = VolumeWeightSpec() if spec in ("auto", "volume") else LineWeightSpec(_axis_coordinate("xyz".index(spec)))
     if isinstance(spec, LineWeightSpec):
-        line = _try_line_weight(spec, field, compositions[0], stage, refine)
+        line = _try_line_weight(spec, field, compositions[0], stage)
         if isinstance(line, str):
             raise InvalidRequest(f"blending region {stage}: {line}; use weight='volume'")
         return line
     count = spec.count or _choose_coefficient_counts(compositions[0], stage)
     coarse, fine = (composition.stage_masks(stage) for composition in compositions)
-    return fit_volume_weight(coarse, fine, count, spec.degree, refine=refine)
+    return fit_volume_weight(coarse, fine, count, spec.degree)
 
 
 def _candidate_coordinates(field: BlendedField, stage: int) -> list[Coordinate]:
@@ -177,7 +175,7 @@ def _choose_coefficient_counts(composition: SampledComposition, stage: int) -> I
 
 
 def _try_line_weight(
-    spec: LineWeightSpec, field: BlendedField, composition: SampledComposition, stage: int, refine: bool
+    spec: LineWeightSpec, field: BlendedField, composition: SampledComposition, stage: int
 ) -> LineWeight | str:
     """The univariate weight, or the reason why the blending region is no layer of the coordinate."""
     t = spec.coordinate(composition.grid.points())
@@ -199,7 +197,7 @@ def _try_line_weight(
     domain = float(t[in_stage].min()), float(t[in_stage].max())
     layer = max(start, domain[0]), min(end, domain[1])
     return make_line_weight(
-        spec.coordinate, layer, domain, rising=second_is_after, count=spec.count, degree=spec.degree, refine=refine
+        spec.coordinate, layer, domain, rising=second_is_after, count=spec.count, degree=spec.degree
     )
 
 

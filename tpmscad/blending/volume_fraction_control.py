@@ -21,9 +21,10 @@ from tpmscad.blending.optimise.blend_state import BlendProblem, OptimisationOutc
 from tpmscad.blending.weights.line_weight import LineWeight
 from tpmscad.blending.weights.weight_protocol import SplineWeight, WeightFunction
 from tpmscad.fields.data.sample_grid import grid_points
+from tpmscad.splines.knots import uniform_knots
 
 SHIFT_DEGREE, SHIFT_SPANS = 3, 20
-SHIFT_KNOTS = np.concatenate([np.zeros(SHIFT_DEGREE), np.linspace(0.0, 1.0, SHIFT_SPANS + 1), np.ones(SHIFT_DEGREE)])
+SHIFT_KNOTS = uniform_knots(SHIFT_SPANS, SHIFT_DEGREE)
 
 FREE_SHIFT_COEFFICIENTS = slice(SHIFT_DEGREE, SHIFT_SPANS)
 """The coefficients of a shift that are fitted: all but the first and the last three, which stay zero."""

@@ -10,16 +10,12 @@ from tpmscad.brep.boundary_representation import Brep
 from tpmscad.brep.linked_items import label_sharing
 
 
-def count_edge_uses(brep: Brep) -> IntArray:
-    """The number of uses of each edge: (E,)."""
-    return np.bincount(brep.uses.edge, minlength=len(brep.edges))
-
-
 def find_unmatched_edges(brep: Brep) -> IntArray:
     """Edges that are not used exactly twice, once in each direction as seen from outside: (n,)."""
     seen_from_outside = brep.uses.sense * brep.faces.sense[brep.face_of_use]
+    count = np.bincount(brep.uses.edge, minlength=len(brep.edges))
     balance = np.bincount(brep.uses.edge, weights=seen_from_outside, minlength=len(brep.edges))
-    return np.flatnonzero((count_edge_uses(brep) != 2) | (balance != 0))
+    return np.flatnonzero((count != 2) | (balance != 0))
 
 
 def is_closed(brep: Brep) -> bool:

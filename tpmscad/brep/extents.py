@@ -19,7 +19,7 @@ from tpmscad.brep.carriers import SphericalSurface, ToroidalSurface
 from tpmscad.brep.conics import TWO_PI, Circle, Ellipse
 from tpmscad.brep.loops import points_in_polygons
 from tpmscad.rigid_motion import Motion
-from tpmscad.splines.basis import bezier_interpolation, knot_domain
+from tpmscad.splines.basis import bezier_interpolation, halving_matrix, knot_domain
 from tpmscad.splines.bspline import BSplineCurve, BSplineSurface
 from tpmscad.splines.knots import insert_knot
 
@@ -137,7 +137,7 @@ def _extend_by_spline_edges(brep: Brep, reach: Array, tol: float) -> Array:
         if not isinstance(curve, BSplineCurve):
             continue
         own = np.flatnonzero(edges.curve == index)
-        own = own[_exceeds(edges.motion[own], curve.poles, reach, tol).any(axis=1)]
+        own = own[(reach_of_poles(edges.motion[own], curve.poles) > reach + tol).any(axis=1)]
         for low, high in np.unique(edges.span[own], axis=0).tolist():
             at = own[(edges.span[own] == [low, high]).all(axis=1)]
             pieces = _bezier_pieces_of_curve(curve, low, high)
@@ -150,11 +150,11 @@ def _extend_by_spline_edges(brep: Brep, reach: Array, tol: float) -> Array:
     return reach
 
 
-def _exceeds(motion: Motion, poles: Array, reach: Array, tol: float) -> BoolArray:
-    """Whether the poles (n, 3) of placed curves or surfaces (m,) exceed the reach along each direction: (m, 6)."""
+def reach_of_poles(motion: Motion, poles: Array) -> Array:
+    """Greatest coordinates along -x, -y, -z, x, y, z of the poles (n, 3) of placed curves or surfaces (m,): (m, 6)."""
     turned = np.einsum("mij,nj->min", motion.rotation, poles)
     low, high = turned.min(axis=2) + motion.translation, turned.max(axis=2) + motion.translation
-    return np.asarray(np.concatenate([-low, high], axis=1) > reach + tol)
+    return np.concatenate([-low, high], axis=1)
 
 
 def _bezier_pieces_of_curve(curve: BSplineCurve, low: float, high: float) -> Array:
@@ -168,7 +168,7 @@ def _bezier_pieces_of_curve(curve: BSplineCurve, low: float, high: float) -> Arr
 
 def _extend_on_curves(net: Array, axis: IntArray, reach: Array, tol: float) -> Array:
     """The reach extended by the maxima of Bezier functions net (n, p + 1) along the directions axis (n,)."""
-    low, high = _bisection_matrices(net.shape[1] - 1)
+    low, high = (halving_matrix(net.shape[1] - 1, half) for half in (1, 2))
     for _ in range(MAX_BISECTIONS):
         keep = net.max(axis=1) > reach[axis] + tol
         net, axis = net[keep], axis[keep]
@@ -178,16 +178,6 @@ def _extend_on_curves(net: Array, axis: IntArray, reach: Array, tol: float) -> A
         reach = reach.copy()
         np.maximum.at(reach, axis, np.maximum(net[:, 0], net[:, -1]))
     return reach
-
-
-def _bisection_matrices(degree: int) -> tuple[Array, Array]:
-    """Matrices (p + 1, p + 1) that take Bezier poles to those of the lower and of the upper half (de Casteljau)."""
-    low = np.zeros((degree + 1, degree + 1))
-    row = np.eye(degree + 1)
-    for i in range(degree + 1):
-        low[i] = row[0]
-        row = 0.5 * (row[:-1] + row[1:])
-    return low, low[::-1, ::-1]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -210,7 +200,7 @@ class _Pieces:
 
     def quarters(self) -> _Pieces:
         """The pieces bisected along both parameters."""
-        (low_u, high_u), (low_v, high_v) = (_bisection_matrices(m - 1) for m in self.net.shape[1:])
+        (low_u, high_u), (low_v, high_v) = ([halving_matrix(m - 1, h) for h in (1, 2)] for m in self.net.shape[1:])
         middle, parts = self.box.mean(axis=1), []
         for i, rows in enumerate((low_u, high_u)):
             half = np.matmul(rows, self.net)
@@ -232,8 +222,7 @@ def _extend_by_spline_faces(brep: Brep, reach: Array, tol: float) -> Array:
 
     by_degree: dict[tuple[int, int], list[_Pieces]] = {}
     for own, surface in spline_faces(brep):
-        exceeding = _exceeds(brep.faces.motion[own], surface.poles.reshape(-1, 3), reach, tol)
-        f, axis = np.nonzero(exceeding)
+        f, axis = np.nonzero(reach_of_poles(brep.faces.motion[own], surface.poles.reshape(-1, 3)) > reach + tol)
         if len(f):
             pieces = _pieces_of_surface(surface, brep.faces.motion[own[f]], axis, own[f])
             by_degree.setdefault((surface.degree_u, surface.degree_v), []).append(pieces)
@@ -248,7 +237,7 @@ def extend_by_surface(surface: BSplineSurface, contains: Callable[[Array], bool]
     contains(uv (2,)) tells whether a point of the surface lies in the face.
     """
     motion = Motion.identity(1)
-    axis = np.flatnonzero(_exceeds(motion, surface.poles.reshape(-1, 3), reach, tol)[0])
+    axis = np.flatnonzero(reach_of_poles(motion, surface.poles.reshape(-1, 3))[0] > reach + tol)
     if not len(axis):
         return reach
     zeros = np.zeros(len(axis), np.int64)

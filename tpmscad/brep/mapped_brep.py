@@ -21,7 +21,7 @@ from tpmscad.rigid_motion import Motion
 from tpmscad.splines.basis import bernstein_basis, bezier_interpolation, evaluate_bezier_patches
 from tpmscad.splines.bspline import BSplineCurve, BSplineSurface
 from tpmscad.splines.bspline_volume import BSplineVolume
-from tpmscad.splines.knots import bezier_knots
+from tpmscad.splines.knots import bezier_knots, greville_abscissae
 from tpmscad.splines.smooth_interpolation import interpolate_patches
 
 DEGREES = (5, 6, 8, 10, 12, 14, 16)
@@ -155,7 +155,7 @@ def _boundary_curve(volume: BSplineVolume, ends: Array, span: tuple[float, float
     degree, knots = volume.degrees[axis], volume.knots[axis]
     inner = knots[(knots > a) & (knots < b)]
     own = np.concatenate([np.full(degree + 1, a), inner, np.full(degree + 1, b)])
-    sites = np.array([own[i + 1 : i + degree + 1].mean() for i in range(len(own) - degree - 1)])
+    sites = greville_abscissae(own, degree)
     points = np.repeat(ends[:1], len(sites), axis=0)
     points[:, axis] = sites
     low, high = span

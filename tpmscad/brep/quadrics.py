@@ -15,7 +15,7 @@ side. At the poles of a sphere and the apex of a cone S_u = 0: each is one point
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import Self
+from typing import ClassVar, Self
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -35,6 +35,7 @@ class _SurfaceOfRevolution:
     origin: Array
     x_axis: Array
     axis: Array
+    _lengths: ClassVar[tuple[str, ...]] = ("radius",)
 
     @property
     def y_axis(self) -> Array:
@@ -83,6 +84,10 @@ class _SurfaceOfRevolution:
         x_axis, axis = motion.apply_to_vectors(self.x_axis), motion.apply_to_vectors(self.axis)
         return replace(self, origin=motion.apply(self.origin), x_axis=x_axis, axis=axis)
 
+    def scaled(self, factor: float) -> Self:
+        """The surface scaled about the origin of space."""
+        return replace(self, **{name: factor * getattr(self, name) for name in ("origin", *self._lengths)})
+
     def _cylindrical_coordinates(self, points: ArrayLike) -> tuple[Array, Array, Array]:
         """Cylindrical coordinates of points: radius, height, and the unit radial direction (x_axis on the axis itself)."""
         arm = np.asarray(points, float) - self.origin
@@ -115,10 +120,6 @@ class CylindricalSurface(_SurfaceOfRevolution):
 
     radius: float
 
-    def scaled(self, factor: float) -> CylindricalSurface:
-        """The surface scaled about the origin of space."""
-        return replace(self, origin=factor * self.origin, radius=factor * self.radius)
-
     def _profile_point(self, v: Array, order: int) -> tuple[Array, Array]:
         return _linear_derivative(v, self.radius, 0.0, order), _linear_derivative(v, 0.0, 1.0, order)
 
@@ -138,10 +139,6 @@ class ConicalSurface(_SurfaceOfRevolution):
 
     radius: float
     angle: float
-
-    def scaled(self, factor: float) -> ConicalSurface:
-        """The surface scaled about the origin of space."""
-        return replace(self, origin=factor * self.origin, radius=factor * self.radius)
 
     def _profile_point(self, v: Array, order: int) -> tuple[Array, Array]:
         return _linear_derivative(v, self.radius, np.sin(self.angle), order), _linear_derivative(
@@ -164,15 +161,12 @@ class ToroidalSurface(_SurfaceOfRevolution):
 
     major: float
     minor: float
+    _lengths: ClassVar[tuple[str, ...]] = ("major", "minor")
 
     @property
     def period(self) -> tuple[float, float]:
         """Periods of u and v."""
         return TWO_PI, TWO_PI
-
-    def scaled(self, factor: float) -> ToroidalSurface:
-        """The surface scaled about the origin of space."""
-        return replace(self, origin=factor * self.origin, major=factor * self.major, minor=factor * self.minor)
 
     def _profile_point(self, v: Array, order: int) -> tuple[Array, Array]:
         return self.minor * cosine_derivative(v, order) + (
@@ -195,10 +189,6 @@ class SphericalSurface(_SurfaceOfRevolution):
     """A sphere; v is the latitude, with poles at +- pi/2."""
 
     radius: float
-
-    def scaled(self, factor: float) -> SphericalSurface:
-        """The surface scaled about the origin of space."""
-        return replace(self, origin=factor * self.origin, radius=factor * self.radius)
 
     def _profile_point(self, v: Array, order: int) -> tuple[Array, Array]:
         return self.radius * cosine_derivative(v, order), self.radius * cosine_derivative(v, order - 1)

@@ -14,6 +14,7 @@ import numpy as np
 
 from tpmscad._typing import Array, BoolArray, IntArray
 from tpmscad.brep.boundary_representation import Brep, spline_faces
+from tpmscad.brep.extents import reach_of_poles
 from tpmscad.splines.basis import differentiate_poles
 from tpmscad.splines.bspline import BSplineCurve, BSplineSurface
 from tpmscad.splines.curve_batch import evaluate_curves
@@ -77,10 +78,8 @@ def _find_leaving_faces(brep: Brep, bounds: Array) -> BoolArray:
     limit = EXCESS_FRACTION * float((bounds[:, :3] + bounds[:, 3:]).max(initial=0.0))
     leaving = np.zeros(len(brep.faces), bool)
     for own, surface in spline_faces(brep):
-        motion = brep.faces.motion[own]
-        turned = np.einsum("mij,nj->min", motion.rotation, surface.poles.reshape(-1, 3))
-        lowest, highest = turned.min(axis=2) + motion.translation, turned.max(axis=2) + motion.translation
-        leaving[own] = (np.concatenate([-lowest, highest], axis=1) > bounds[own] + limit).any(axis=1)
+        reach = reach_of_poles(brep.faces.motion[own], surface.poles.reshape(-1, 3))
+        leaving[own] = (reach > bounds[own] + limit).any(axis=1)
     return leaving
 
 

@@ -196,16 +196,14 @@ def take_output(
     return decorate
 
 
-def take_options_of(
-    options: type, *, leave_out: tuple[str, ...] = (), panel: str | None = None
-) -> Callable[[Callable[..., None]], Callable[..., None]]:
+def take_options_of(options: type, *, panel: str | None = None) -> Callable[[Callable[..., None]], Callable[..., None]]:
     """Decorator of commands: the arguments that are given come as the dictionary `request`, before the options of its own.
 
     The option --keep-loose stands for the argument `loose`.
     """
 
     def decorate(command: Callable[..., None]) -> Callable[..., None]:
-        derived = [a for a in arguments_of(options).values() if a.name not in (*NOT_OPTIONS, *leave_out)]
+        derived = [a for a in arguments_of(options).values() if a.name not in NOT_OPTIONS]
         names = [a.name for a in derived if a.name != "loose"]
         own = list(inspect.signature(command, eval_str=True).parameters.values())[1:]
         own = [p.replace(kind=Parameter.KEYWORD_ONLY) for p in own]

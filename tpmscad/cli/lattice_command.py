@@ -14,18 +14,11 @@ import tpmscad
 from tpmscad.cli.derived_options import CELL_PANEL, Request, take_options_of, take_output
 from tpmscad.cli.option_language import RENAMED_KEYWORDS, speak_in_options
 from tpmscad.cli.options import InstancedOption, JobsOption, SlabOption
-from tpmscad.cli.output import (
-    OutputRequest,
-    make_and_write,
-    progress_bar,
-    report_unmet_request,
-    write_report,
-)
+from tpmscad.cli.output import OutputRequest, make_and_write, progress_bar, report_unmet_request, write_report
 from tpmscad.errors import InvalidRequest
 from tpmscad.requests.lattice_options import LatticeOptions
 
 MAP_NAMES = ("cylinder", "sphere")
-
 
 MapOption = Annotated[
     str | None,
@@ -64,9 +57,7 @@ def lattice(
         make_copies(surface, request, writing)
         return
     make_and_write(
-        f"{surface} lattice",
-        lambda progress: tpmscad.lattice(surface, progress=progress, **request),
-        writing,
+        f"{surface} lattice", lambda progress: tpmscad.lattice(surface, progress=progress, **request), writing
     )
 
 

@@ -9,6 +9,7 @@ from typing import Annotated, Any, Literal
 import typer
 
 OUTPUT_PANEL = "Result"
+ARRAY_PANEL = "An array"
 
 MODEL_FORMATS = ".step, .stl, .3mf, .brep or .glb"
 
@@ -39,111 +40,80 @@ def remedy_for_number(text: str) -> str:
     return ": write a decimal point" if _DECIMAL_COMMA.match(text) else ""
 
 
-OutputOption = Annotated[
-    Path,
-    typer.Option(
-        "--output",
-        "-o",
-        metavar="FILE",
-        help=f"The file to write; its name ends in {MODEL_FORMATS}.",
-        rich_help_panel=OUTPUT_PANEL,
-    ),
-]
+def result_option(*names: str, **settings: Any) -> Any:
+    """An option on where the result goes and how, or on what is said of it."""
+    return typer.Option(*names, rich_help_panel=OUTPUT_PANEL, **settings)
+
+
+def output_option(help: str, metavar: str = "FILE") -> Any:
+    """The option for the file to write."""
+    return result_option("--output", "-o", metavar=metavar, help=help)
+
+
+def input_file(metavar: str, help: str) -> Any:
+    """The operand for a file that exists."""
+    return typer.Argument(metavar=metavar, exists=True, dir_okay=False, help=help)
+
+
+def array_option(*names: str, **settings: Any) -> Any:
+    """An option on an array of samples."""
+    return typer.Option(*names, rich_help_panel=ARRAY_PANEL, **settings)
+
+
+MODEL_OUTPUT = output_option(f"The file to write; its name ends in {MODEL_FORMATS}.")
+OutputOption = Annotated[Path, MODEL_OUTPUT]
+OptionalOutputOption = Annotated[Path | None, MODEL_OUTPUT]
 DomainsOutputOption = Annotated[
     Path,
-    typer.Option(
-        "--output",
-        "-o",
-        metavar="FILE",
-        help="The file to write; its name ends in .step, .3mf, .brep or .glb. Only .brep keeps the faces that the domains share.",
-        rich_help_panel=OUTPUT_PANEL,
-    ),
-]
-OptionalOutputOption = Annotated[
-    Path | None,
-    typer.Option(
-        "--output",
-        "-o",
-        metavar="FILE",
-        help=f"The file to write; its name ends in {MODEL_FORMATS}.",
-        rich_help_panel=OUTPUT_PANEL,
+    output_option(
+        "The file to write; its name ends in .step, .3mf, .brep or .glb. Only .brep keeps the faces that the domains share."
     ),
 ]
 DeviationOption = Annotated[
     float | None,
-    typer.Option(
+    result_option(
         metavar="MM",
         help="Greatest distance of the triangles of .stl, .3mf and .glb from the solid, mm.",
         show_default="the tolerance",
-        rich_help_panel=OUTPUT_PANEL,
     ),
 ]
-SchemaOption = Annotated[
-    Literal["ap242", "ap214"],
-    typer.Option(help="Application protocol of a .step file.", rich_help_panel=OUTPUT_PANEL),
-]
+SchemaOption = Annotated[Literal["ap242", "ap214"], result_option(help="Application protocol of a .step file.")]
 InstancedOption = Annotated[
     bool,
-    typer.Option(
-        "--instanced",
-        help="Store one cell in a .step file and place it once for each, as an assembly.",
-        rich_help_panel=OUTPUT_PANEL,
-    ),
+    result_option("--instanced", help="Store one cell in a .step file and place it once for each, as an assembly."),
 ]
 SlabOption = Annotated[
     Any,
-    typer.Option(
+    result_option(
         parser=parse_numbers,
         metavar="N|X,Y,Z",
         help="Write the lattice in slabs of N cells along z, or of X,Y,Z cells, each a solid in a .step file of its own: "
         "lattice_{:03d}.step, or with the number appended. Files of an interrupted run are kept.",
-        rich_help_panel=OUTPUT_PANEL,
     ),
 ]
-JobsOption = Annotated[
-    int,
-    typer.Option(min=1, metavar="N", help="Processes that share the work.", rich_help_panel=OUTPUT_PANEL),
-]
+JobsOption = Annotated[int, result_option(min=1, metavar="N", help="Processes that share the work.")]
 KeepLooseOption = Annotated[
     bool,
-    typer.Option(
+    result_option(
         "--keep-loose",
         help="Keep loose pieces below 1 % of the largest one's volume, which are left out otherwise.",
-        rich_help_panel=OUTPUT_PANEL,
     ),
 ]
 VerifyOption = Annotated[
     Literal["kernel"] | None,
-    typer.Option(
+    result_option(
         help="Let the kernel read a whole .step file and check every face, however large.",
         show_default="an excerpt of large files",
-        rich_help_panel=OUTPUT_PANEL,
     ),
 ]
-PictureOption = Annotated[
-    Path,
-    typer.Option("--output", "-o", metavar="FILE.png", help="The picture to write.", rich_help_panel=OUTPUT_PANEL),
-]
-ReportOption = Annotated[
-    Path | None,
-    typer.Option(metavar="FILE.json", help="Write what was measured as JSON.", rich_help_panel=OUTPUT_PANEL),
-]
-QuietOption = Annotated[
-    bool, typer.Option("--quiet", "-q", help="Show no progress bar and no summary.", rich_help_panel=OUTPUT_PANEL)
-]
+PictureOption = Annotated[Path, output_option("The picture to write.", "FILE.png")]
+ReportOption = Annotated[Path | None, result_option(metavar="FILE.json", help="Write what was measured as JSON.")]
+QuietOption = Annotated[bool, result_option("--quiet", "-q", help="Show no progress bar and no summary.")]
 VerboseOption = Annotated[
-    bool,
-    typer.Option(
-        "--verbose", "-v", help="Tell every figure of the certificate, with its bound.", rich_help_panel=OUTPUT_PANEL
-    ),
+    bool, result_option("--verbose", "-v", help="Tell every figure of the certificate, with its bound.")
 ]
-StepFileArgument = Annotated[
-    Path, typer.Argument(metavar="FILE.step", exists=True, dir_okay=False, help="A STEP file, or a .brep file.")
-]
-BodyArgument = Annotated[
-    Path,
-    typer.Argument(metavar="BODY.step", exists=True, dir_okay=False, help="A STEP file with one solid."),
-]
+StepFileArgument = Annotated[Path, input_file("FILE.step", "A STEP file, or a .brep file.")]
+BodyArgument = Annotated[Path, input_file("BODY.step", "A STEP file with one solid.")]
 MetricsOption = Annotated[
     bool,
     typer.Option(
@@ -160,66 +130,43 @@ WithinOption = Annotated[
         show_default="the bounding box",
     ),
 ]
-RecipeArgument = Annotated[
-    Path,
-    typer.Argument(
-        metavar="FILE.toml",
-        exists=True,
-        dir_okay=False,
-        help="The recipe; `tpmscad template` prints one to start from.",
-    ),
-]
+RecipeArgument = Annotated[Path, input_file("FILE.toml", "The recipe; `tpmscad template` prints one to start from.")]
 FieldFileArgument = Annotated[
     Path,
-    typer.Argument(
-        metavar="FILE",
-        exists=True,
-        dir_okay=False,
-        help="A recipe (.toml; `tpmscad template solidify` prints one), or an array (.npy, .vti, .vtk, .nrrd, .nii).",
+    input_file(
+        "FILE",
+        "A recipe (.toml; `tpmscad template solidify` prints one), or an array (.npy, .vti, .vtk, .nrrd, .nii).",
     ),
 ]
-DryRunOption = Annotated[
-    bool,
-    typer.Option("--dry-run", help="Check the recipe and all it names; make no solid.", rich_help_panel=OUTPUT_PANEL),
-]
+DryRunOption = Annotated[bool, result_option("--dry-run", help="Check the recipe and all it names; make no solid.")]
 AllowErrorsOption = Annotated[
-    bool,
-    typer.Option(
-        "--allow-errors", help="Make the solid even if topological errors remain.", rich_help_panel=OUTPUT_PANEL
-    ),
+    bool, result_option("--allow-errors", help="Make the solid even if topological errors remain.")
 ]
-ARRAY_PANEL = "An array"
-LevelOption = Annotated[
-    float | None,
-    typer.Option(metavar="VALUE", help="Solid where the array exceeds this.", rich_help_panel=ARRAY_PANEL),
-]
+LevelOption = Annotated[float | None, array_option(metavar="VALUE", help="Solid where the array exceeds this.")]
 SpacingOption = Annotated[
     Any,
-    typer.Option(
+    array_option(
         parser=parse_numbers,
         metavar="MM|X,Y,Z",
         help="Distance of neighbouring samples of the array, mm.",
         show_default="of the file, or 1",
-        rich_help_panel=ARRAY_PANEL,
     ),
 ]
 OriginOption = Annotated[
     Any,
-    typer.Option(
+    array_option(
         parser=parse_numbers,
         metavar="X,Y,Z",
         help="Position of the first sample of the array, mm.",
         show_default="of the file, or 0,0,0",
-        rich_help_panel=ARRAY_PANEL,
     ),
 ]
 ArrayTolOption = Annotated[
     float | None,
-    typer.Option(
+    array_option(
         "--tol",
         metavar="MM",
         help="Greatest deviation from the surface in an array, mm.",
         show_default="a tenth of the spacing",
-        rich_help_panel=ARRAY_PANEL,
     ),
 ]

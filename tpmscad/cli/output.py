@@ -63,13 +63,8 @@ class OutputRequest:
     @property
     def format_options(self) -> dict[str, Any]:
         """The options of the file's format that differ from its defaults."""
-        options = given_options(deviation=self.deviation, instanced=self.instanced or None, verify=self.verify)
-        return options if self.schema == "ap242" else {**options, "schema": self.schema}
-
-
-def given_options(**options: Any) -> dict[str, Any]:
-    """The options that are given; the others keep the defaults of the function that is called."""
-    return {name: value for name, value in options.items() if value is not None}
+        defaults = {"deviation": None, "instanced": False, "verify": None, "schema": "ap242"}
+        return {name: value for name, default in defaults.items() if (value := getattr(self, name)) != default}
 
 
 def check_report(path: Path | None) -> None:
@@ -131,19 +126,14 @@ def write_model(model: Any, writing: OutputRequest, progress: Progress) -> None:
 
 
 def make_and_write(title: str, make: Callable[[Progress], Any], writing: OutputRequest) -> None:
-    """Make a model, write it and its certificate as JSON, and print its summary."""
+    """Make a model, write it and its certificate (that of an exchanger with its domains) as JSON, and print its summary."""
     with report_unmet_request(writing.report):
         with progress_bar(title, writing.quiet) as progress:
             model = make(progress)
             write_model(model, writing, progress)
-        write_report(writing.report, describe_result(model))
+        write_report(writing.report, model.to_dict() if hasattr(model, "domains") else model.certificate.to_dict())
     if not writing.quiet:
         print(summarise(model, verbose=writing.verbose))
-
-
-def describe_result(model: Any) -> dict[str, Any]:
-    """What the report of a result holds: its certificate, and the domains of an exchanger."""
-    return model.to_dict() if hasattr(model, "domains") else model.certificate.to_dict()
 
 
 def summarise(model: Any, *, verbose: bool) -> str:

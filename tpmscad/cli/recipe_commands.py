@@ -18,14 +18,7 @@ from tpmscad.cli.options import (
     RecipeArgument,
     SpacingOption,
 )
-from tpmscad.cli.output import (
-    OutputRequest,
-    progress_bar,
-    report_unmet_request,
-    summarise,
-    write_model,
-    write_report,
-)
+from tpmscad.cli.output import OutputRequest, progress_bar, report_unmet_request, summarise, write_model, write_report
 from tpmscad.errors import InvalidRequest
 
 if TYPE_CHECKING:

@@ -11,24 +11,17 @@ import typer
 import tpmscad
 from tpmscad.atomic_file import validate_output_path
 from tpmscad.cli.derived_options import Request, SurfaceArgument, take_options_of
-from tpmscad.cli.options import OUTPUT_PANEL, QuietOption, ReportOption, StepFileArgument
-from tpmscad.cli.output import check_report, progress_bar, report_unmet_request, write_report
+from tpmscad.cli.options import QuietOption, ReportOption, StepFileArgument, output_option, result_option
+from tpmscad.cli.output import progress_bar, report_unmet_request, write_report
 from tpmscad.errors import InvalidRequest
 from tpmscad.requests.study_options import HomogenizeOptions, MeshStepOptions
 
 VersionOption = Annotated[
     Literal["4.1", "2.2"],
-    typer.Option("--msh-version", help="Version of gmsh's format .msh.", rich_help_panel=OUTPUT_PANEL),
+    result_option("--msh-version", help="Version of gmsh's format .msh."),
 ]
 MeshFileOption = Annotated[
-    Path,
-    typer.Option(
-        "--output",
-        "-o",
-        metavar="FILE",
-        help="The file to write: .msh (gmsh), .inp (Abaqus, CalculiX) or .vtu (VTK).",
-        rich_help_panel=OUTPUT_PANEL,
-    ),
+    Path, output_option("The file to write: .msh (gmsh), .inp (Abaqus, CalculiX) or .vtu (VTK).")
 ]
 VoidFractionOption = Annotated[
     float | None, typer.Option("--porosity", metavar="0..1", help="Void fraction: 1 - the volume fraction.")
@@ -68,16 +61,7 @@ ChannelElementSizeOption = Annotated[
         show_default="0.1",
     ),
 ]
-CardOption = Annotated[
-    Path | None,
-    typer.Option(
-        "--output",
-        "-o",
-        metavar="FILE",
-        help="A material card to write: .inp (Abaqus, CalculiX) or .csv.",
-        rich_help_panel=OUTPUT_PANEL,
-    ),
-]
+CardOption = Annotated[Path | None, output_option("A material card to write: .inp (Abaqus, CalculiX) or .csv.")]
 
 
 @take_options_of(MeshStepOptions)
@@ -94,7 +78,6 @@ def mesh(
     Domains that touch share their nodes if they come from a .brep file, which keeps the faces that solids share.
     """
     validate_output_path(output, (".msh", ".inp", ".vtu"))
-    check_report(report)
     with report_unmet_request(report):
         with progress_bar(f"meshing {file.name}", quiet):
             from tpmscad.studies._mesh_step import mesh_step  # loads the kernel
@@ -142,7 +125,6 @@ def homogenize(
         request["volume_fraction"] = 1.0 - porosity
     if output is not None:
         validate_output_path(output, (".inp", ".csv"))
-    check_report(report)
     with report_unmet_request(report):
         with progress_bar(f"homogenising {request['surface']}", quiet) as progress:
             found = tpmscad.homogenize(request.pop("surface"), **request, progress=progress)
@@ -176,7 +158,6 @@ def permeability(
     for option, value in (("--cell", cell), ("--thickness", thickness), ("--size", size)):
         if value is not None and not 0.0 < value < math.inf:
             raise InvalidRequest(f"{option} {value:g} must be a positive number")
-    check_report(report)
     wall = (
         {"volume_fraction": porosity}
         if thickness is None

@@ -11,28 +11,21 @@ import tpmscad
 from tpmscad.atomic_file import validate_output_path
 from tpmscad.cli.derived_options import Request, take_options_of
 from tpmscad.cli.options import (
-    OUTPUT_PANEL,
     MetricsOption,
     PictureOption,
     QuietOption,
     ReportOption,
     StepFileArgument,
     WithinOption,
+    output_option,
+    result_option,
 )
-from tpmscad.cli.output import (
-    check_report,
-    progress_bar,
-    report_unmet_request,
-    write_report,
-)
+from tpmscad.cli.output import check_report, progress_bar, report_unmet_request, write_report
 from tpmscad.errors import TpmscadError
 from tpmscad.requests.study_options import PrintOptions, RenderStepOptions, SliceStepOptions
 
 VerboseCheckOption = Annotated[
-    bool,
-    typer.Option(
-        "--verbose", "-v", help="Tell shells, edges, centroid and tolerance, too.", rich_help_panel=OUTPUT_PANEL
-    ),
+    bool, result_option("--verbose", "-v", help="Tell shells, edges, centroid and tolerance, too.")
 ]
 PRINT_PANEL = "Check before printing"
 PrintOption = Annotated[
@@ -44,14 +37,7 @@ PrintOption = Annotated[
     ),
 ]
 SlicesOption = Annotated[
-    Path,
-    typer.Option(
-        "--output",
-        "-o",
-        metavar="FILE",
-        help="The file to write: .svg, .cli (Common Layer Interface) or .3mf (slice extension).",
-        rich_help_panel=OUTPUT_PANEL,
-    ),
+    Path, output_option("The file to write: .svg, .cli (Common Layer Interface) or .3mf (slice extension).")
 ]
 
 

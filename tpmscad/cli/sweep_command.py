@@ -8,29 +8,21 @@ from typing import Annotated
 import typer
 
 import tpmscad
-from tpmscad.cli.options import OUTPUT_PANEL, JobsOption, QuietOption, ReportOption
+from tpmscad.cli.options import JobsOption, QuietOption, ReportOption, input_file, output_option
 from tpmscad.cli.output import check_report, progress_bar, write_report
 from tpmscad.errors import NotMet
 
 TableArgument = Annotated[
     Path,
-    typer.Argument(
-        metavar="TABLE",
-        exists=True,
-        dir_okay=False,
-        help="A .csv or .parquet file, one design a line. Columns: the keywords of lattice and infill (surface, cell, thickness, "
+    input_file(
+        "TABLE",
+        "A .csv or .parquet file, one design a line. Columns: the keywords of lattice and infill (surface, cell, thickness, "
         "..., body), or recipe and its keys; file names the solid's file: gyroid_{thickness}.step.",
     ),
 ]
 ResultsOption = Annotated[
     Path,
-    typer.Option(
-        "--output",
-        "-o",
-        metavar="FILE.csv",
-        help="The results. Designs that it holds already are not made again.",
-        rich_help_panel=OUTPUT_PANEL,
-    ),
+    output_option("The results. Designs that it holds already are not made again.", "FILE.csv"),
 ]
 WidthsOption = Annotated[
     bool, typer.Option("--metrics", help="Measure smallest wall, smallest pore and hydraulic diameter, too.")

@@ -109,6 +109,17 @@ class ConstantField(Field):
 
 
 @dataclass(frozen=True, slots=True)
+class UnaryField(Field):
+    """Base class of fields with the periods of another."""
+
+    field: Field
+
+    def periods(self) -> Triple | None:
+        """Periods along the axes, or None."""
+        return self.field.periods()
+
+
+@dataclass(frozen=True, slots=True)
 class BinaryField(Field):
     """Base class of fields computed from the values of two others."""
 
@@ -130,19 +141,14 @@ class SumField(BinaryField):
 
 
 @dataclass(frozen=True, slots=True)
-class ScaledField(Field):
+class ScaledField(UnaryField):
     """factor * field."""
 
     factor: float
-    field: Field
 
     def trace(self, x: Node, y: Node, z: Node) -> Node:
         """The formula on the nodes of a tape."""
         return self.factor * self.field.trace(x, y, z)
-
-    def periods(self) -> Triple | None:
-        """Periods along the axes, or None."""
-        return self.field.periods()
 
 
 @dataclass(frozen=True, slots=True)
@@ -155,19 +161,14 @@ class ProductField(BinaryField):
 
 
 @dataclass(frozen=True, slots=True)
-class PowerField(Field):
+class PowerField(UnaryField):
     """A field to a constant power."""
 
-    base: Field
     exponent: float
 
     def trace(self, x: Node, y: Node, z: Node) -> Node:
         """The formula on the nodes of a tape."""
-        return power(self.base.trace(x, y, z), self.exponent)
-
-    def periods(self) -> Triple | None:
-        """Periods along the axes, or None."""
-        return self.base.periods()
+        return power(self.field.trace(x, y, z), self.exponent)
 
 
 @dataclass(frozen=True, slots=True)
@@ -344,10 +345,10 @@ def multiply_fields(field: Field, other: FieldLike) -> Field:
     if not isinstance(other, ConstantField):
         return ProductField(field, other)
     if isinstance(field, ScaledField):
-        return ScaledField(other.value * field.factor, field.field)
+        return ScaledField(field.field, other.value * field.factor)
     if isinstance(field, ConstantField):
         return ConstantField(other.value * field.value)
-    return ScaledField(other.value, field)
+    return ScaledField(field, other.value)
 
 
 def common_periods(*fields: Field) -> Triple | None:

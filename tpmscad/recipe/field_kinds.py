@@ -28,6 +28,7 @@ from tpmscad.api.argument_kinds import (
     read_part,
     read_positive,
     read_whole,
+    restrict,
     sequence_of,
     tuple_of,
 )
@@ -55,20 +56,6 @@ from tpmscad.recipe.recipe_keys import makes_field
 Triple = tuple[float, float, float]
 
 
-def _read_some_fields(value: Any) -> list[Any]:
-    """A list of fields that is not empty."""
-    if not (found := FIELDS.read(value)):
-        raise InvalidValue("is empty: at least one field is needed")
-    return found
-
-
-def _read_seed(value: Any) -> int:
-    """A whole number of at least 0."""
-    if (seed := read_whole(value)) < 0:
-        raise InvalidValue("must be at least 0")
-    return seed
-
-
 def _read_axis_sizes(value: Any) -> Any:
     """The positions and the cell sizes of a table with the keys `at` and `sizes`."""
     if not isinstance(value, dict):
@@ -82,10 +69,14 @@ AXIS_SIZES_KEYS = {
     "at": sequence_of(read_number, "numbers", "[0, 40]"),
     "sizes": sequence_of(read_positive, "positive numbers", "[4, 8]"),
 }
-SOME_FIELDS = ArgumentKind("an array of fields", "", _read_some_fields)
+SOME_FIELDS = ArgumentKind(
+    "an array of fields", "", restrict(FIELDS.read, bool, "is empty: at least one field is needed")
+)
 TWO_FIELDS = tuple_of(read_field, 2, "two fields", "")
 TWO_LEVELS = tuple_of(read_field, 2, "two levels, the lower one first", "")
-SEED = ArgumentKind("a whole number of at least 0", "0", _read_seed)
+SEED = ArgumentKind(
+    "a whole number of at least 0", "0", restrict(read_whole, lambda seed: seed >= 0, "must be at least 0")
+)
 AXIS_SIZES = ArgumentKind("a table { at = [...], sizes = [...] }", "", _read_axis_sizes)
 FRACTION_OR_FIELD = FRACTION.or_else(ArgumentKind("a field", "", read_callable))
 
@@ -261,16 +252,21 @@ def make_body(file: Annotated[Path, PATH, "A STEP file with one solid."]) -> Fie
     return tpmscad.body_field(file)
 
 
+def _combine(
+    sharp: Callable[..., Field], smooth: Callable[..., Field], of: Sequence[Field], width: float | None
+) -> Field:
+    """Fields combined with sharp edges, or one after the other with edges rounded over a width."""
+    return sharp(*of) if width is None else reduce(lambda f, g: smooth(f, g, width), of)
+
+
 def make_union(of: SomeFields, width: Width = None) -> Field:
     """Solid where any of the fields is."""
-    return fields.union(*of) if width is None else reduce(lambda f, g: fields.smooth_union(f, g, width), of)
+    return _combine(fields.union, fields.smooth_union, of, width)
 
 
 def make_intersection(of: SomeFields, width: Width = None) -> Field:
     """Solid where all of the fields are."""
-    return (
-        fields.intersection(*of) if width is None else reduce(lambda f, g: fields.smooth_intersection(f, g, width), of)
-    )
+    return _combine(fields.intersection, fields.smooth_intersection, of, width)
 
 
 def make_difference(
@@ -279,9 +275,7 @@ def make_difference(
     width: Width = None,
 ) -> Field:
     """One field without others."""
-    if width is None:
-        return fields.difference(of, *minus)
-    return reduce(lambda f, g: fields.smooth_difference(f, g, width), minus, of)
+    return _combine(fields.difference, fields.smooth_difference, (of, *minus), width)
 
 
 def make_mixture(

@@ -10,7 +10,7 @@ from collections.abc import Mapping, Sequence
 from contextlib import AbstractContextManager, nullcontext
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Protocol
+from typing import TYPE_CHECKING, Any
 
 from tpmscad import fields
 from tpmscad._typing import Progress
@@ -26,16 +26,6 @@ if TYPE_CHECKING:
 
 DEFAULT_TOL_SPACINGS = 0.1
 """In spacings of an array: the tolerance of its solid if none is given."""
-
-
-class RecipeRun(Protocol):
-    """A recipe that was read, and can be described or made."""
-
-    def describe(self) -> tuple[str, dict[str, Any]]:
-        """The text and the report of a dry run."""
-
-    def make(self, progress: Progress | None) -> tuple[Model, dict[str, Any]]:
-        """The solid and its report."""
 
 
 def read_recipe(path: Path, changes: Mapping[str, Any]) -> BlendRecipe | SolidRecipe:
@@ -138,6 +128,10 @@ class SolidRun:
 
     def _locate_errors(self) -> AbstractContextManager[None]:
         return nullcontext() if self.recipe is None else self.recipe.locate_errors()
+
+
+RecipeRun = BlendRun | SolidRun
+"""A recipe that was read, and can be described or made."""
 
 
 def _format_corner(corner: Sequence[float]) -> str:

@@ -34,6 +34,16 @@ def knot_domain(knots: Array, degree: int) -> tuple[float, float]:
     return float(knots[degree]), float(knots[-degree - 1])
 
 
+def check_knot_counts(poles: Array, knots: Sequence[Array], degrees: Sequence[int]) -> None:
+    """ValueError unless a control net (..., D) has as many knots along each of its parameters as poles and degree need."""
+    for axis, (t, degree) in enumerate(zip(knots, degrees, strict=True)):
+        if poles.ndim != len(knots) + 1 or len(t) != poles.shape[axis] + degree + 1:
+            raise ValueError(
+                f"poles {poles.shape} of degree {degree} along {'uvw'[axis]} need {poles.shape[axis] + degree + 1} knots, "
+                f"not {len(t)}"
+            )
+
+
 def scipy_spline(knots: Array, coefficients: Array, degree: int) -> BSpline:
     """SciPy's B-spline without the validation, which takes longer than the evaluation of a few points."""
     return BSpline.construct_fast(np.asarray(knots, float), np.asarray(coefficients, float), degree)
@@ -130,7 +140,7 @@ def _bernstein_matrices(low: float, high: float, degree: int, t: Array, orders: 
         if rest < 0:
             result.append(np.zeros((len(t), degree + 1)))
             continue
-        values = _binomials(rest) * rising[: rest + 1] * falling[rest::-1]
+        values = binomials(rest) * rising[: rest + 1] * falling[rest::-1]
         for k in range(rest + 1, degree + 1):  # B'_{i,k} = k (B_{i-1,k-1} - B_{i,k-1}) / width
             lower, values = values, np.empty((k + 1, len(t)))
             np.subtract(0.0, lower[0], out=values[0])
@@ -151,7 +161,7 @@ def _powers(s: Array, degree: int) -> Array:
 
 
 @lru_cache(maxsize=64)
-def _binomials(degree: int) -> Array:
+def binomials(degree: int) -> Array:
     """Binomial coefficients as a column: (degree + 1, 1)."""
     return np.array([[float(comb(degree, i))] for i in range(degree + 1)])
 

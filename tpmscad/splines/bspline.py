@@ -15,7 +15,7 @@ from numpy.typing import ArrayLike
 
 from tpmscad._typing import Array
 from tpmscad.rigid_motion import Motion
-from tpmscad.splines.basis import design_matrix, knot_domain, scipy_spline
+from tpmscad.splines.basis import check_knot_counts, design_matrix, knot_domain, scipy_spline
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -50,11 +50,7 @@ class BSplineCurve:
     degree: int
 
     def __post_init__(self) -> None:
-        if self.poles.ndim != 2 or len(self.knots) != len(self.poles) + self.degree + 1:
-            raise ValueError(
-                f"{self.poles.shape} poles of degree {self.degree} need {len(self.poles) + self.degree + 1} knots, "
-                f"not {len(self.knots)}"
-            )
+        check_knot_counts(self.poles, (self.knots,), (self.degree,))
 
     @property
     def domain(self) -> tuple[float, float]:
@@ -143,12 +139,7 @@ class BSplineSurface:
     degree_v: int
 
     def __post_init__(self) -> None:
-        for axis, knots, degree in ((0, self.knots_u, self.degree_u), (1, self.knots_v, self.degree_v)):
-            if self.poles.ndim != 3 or len(knots) != self.poles.shape[axis] + degree + 1:
-                raise ValueError(
-                    f"poles {self.poles.shape} of degree {degree} along {'uv'[axis]} need "
-                    f"{self.poles.shape[axis] + degree + 1} knots, not {len(knots)}"
-                )
+        check_knot_counts(self.poles, (self.knots_u, self.knots_v), (self.degree_u, self.degree_v))
 
     @property
     def domain(self) -> tuple[tuple[float, float], tuple[float, float]]:

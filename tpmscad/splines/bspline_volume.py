@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike
 
 from tpmscad._typing import Array
 from tpmscad.rigid_motion import Motion
-from tpmscad.splines.basis import design_matrix, knot_domain, nonzero_basis
+from tpmscad.splines.basis import check_knot_counts, design_matrix, knot_domain, nonzero_basis
 from tpmscad.splines.bspline import BSplineSurface
 from tpmscad.splines.knots import bezier_knots, insert_knot
 from tpmscad.splines.quadrature import composite_gauss_legendre
@@ -55,12 +55,7 @@ class BSplineVolume:
     degrees: tuple[int, int, int]
 
     def __post_init__(self) -> None:
-        for axis, (knots, degree) in enumerate(zip(self.knots, self.degrees, strict=True)):
-            if self.poles.ndim != 4 or len(knots) != self.poles.shape[axis] + degree + 1:
-                raise ValueError(
-                    f"poles {self.poles.shape} of degree {degree} along {'uvw'[axis]} need "
-                    f"{self.poles.shape[axis] + degree + 1} knots, not {len(knots)}"
-                )
+        check_knot_counts(self.poles, self.knots, self.degrees)
 
     @property
     def domain(self) -> tuple[tuple[float, float], tuple[float, float], tuple[float, float]]:

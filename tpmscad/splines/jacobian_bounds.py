@@ -14,14 +14,12 @@ J. Comput. Phys. 233 (2013), 359-372.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import lru_cache
 from itertools import product
-from math import comb
 
 import numpy as np
 
 from tpmscad._typing import Array, IntArray
-from tpmscad.splines.basis import halving_matrix
+from tpmscad.splines.basis import binomials, halving_matrix
 
 MAX_HALVINGS = 12
 """Times that a box of parameters is halved along each axis until the sign of the determinant is decided."""
@@ -76,13 +74,8 @@ def _scale(coefficients: Array, power: float) -> Array:
     for axis in (1, 2, 3):
         shape = np.ones(4, int)
         shape[axis] = coefficients.shape[axis]
-        coefficients = coefficients * (_binomials(coefficients.shape[axis] - 1) ** power).reshape(shape)
+        coefficients = coefficients * (binomials(coefficients.shape[axis] - 1) ** power).reshape(shape)
     return coefficients
-
-
-@lru_cache(maxsize=256)
-def _binomials(degree: int) -> Array:
-    return np.array([float(comb(degree, i)) for i in range(degree + 1)])
 
 
 def bound_jacobian(nets: Array) -> JacobianBound:

@@ -7,9 +7,7 @@ from tpmscad.surfaces.reflection_group import MirrorSymmetry, has_mirrors, mirro
 
 
 @validate_call()
-def surface_symmetry(
-    name: SurfaceName,
-) -> PatchSymmetry | MirrorSymmetry:
+def surface_symmetry(name: SurfaceName) -> PatchSymmetry | MirrorSymmetry:
     """Return the symmetry group that generates the whole surface from its primitive.
 
     Returns

@@ -91,10 +91,7 @@ the Gauss curvature is 2 pi times the Euler characteristic."""
 
 @validate_call()
 @cache
-def cell_measures(
-    name: SurfaceName,
-    reference: Reference,
-) -> CellMeasures:
+def cell_measures(name: SurfaceName, reference: Reference) -> CellMeasures:
     """Return area, curvature integrals and offset limits of a surface per cubic cell.
 
     Returns
@@ -122,10 +119,7 @@ def cell_measures(
 
 @validate_call()
 @cache
-def area(
-    name: SurfaceName,
-    reference: Reference = "minimal",
-) -> float:
+def area(name: SurfaceName, reference: Reference = "minimal") -> float:
     """Return the area of the mid surface in one cubic cell, in cells squared.
 
     Returns

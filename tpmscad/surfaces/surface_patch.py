@@ -83,10 +83,7 @@ class SurfacePatch:
 
 @validate_call()
 @cache
-def primitive_patch(
-    name: SurfaceName,
-    reference: Reference = "minimal",
-) -> SurfacePatch:
+def primitive_patch(name: SurfaceName, reference: Reference = "minimal") -> SurfacePatch:
     """Return the primitive patch of a surface that has one in closed form.
 
     Returns

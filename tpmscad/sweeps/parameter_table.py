@@ -9,7 +9,8 @@ empty cell stands for the keyword's default. InvalidRequest names the row and th
 from __future__ import annotations
 
 import csv
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 from difflib import get_close_matches
 from pathlib import Path
@@ -175,7 +176,7 @@ def _read_design(number: int, row: Mapping[str, Any]) -> Design:
         parameters = {name: _read_keyword(number, function, name, value) for name, value in given.items()}
         if "surface" not in parameters:
             raise InvalidRequest(f"row {number}, column surface: is empty; name a surface, such as gyroid")
-        with _Where(number, "surface"):
+        with _locate_errors(number, "surface"):
             find_surface(parameters["surface"])
     return Design(number, function, parameters, _name_file(number, row.get(FILE), given))
 
@@ -187,7 +188,7 @@ def _read_keyword(number: int, function: str, name: str, value: Any) -> Any:
         raise InvalidRequest(
             f"row {number}, column {name}: {format_cell(value)} is for {other}, or leave the cell empty"
         )
-    with _Where(number, name):
+    with _locate_errors(number, name):
         if name == "body" and not isinstance(value, str | Path):
             raise InvalidRequest("give the path of a STEP file: results are matched by the text of their parameters")
         return read_value(name, KEYWORDS[function][name].kind, value)
@@ -196,11 +197,11 @@ def _read_keyword(number: int, function: str, name: str, value: Any) -> Any:
 def _read_recipe_row(number: int, given: Mapping[str, Any]) -> tuple[str, dict[str, Any]]:
     """The function that a recipe is for and the parameters; the recipe with its changed keys is read on trial."""
     changes = {name: value for name, value in given.items() if name != "recipe"}
-    with _Where(number, "recipe"):
+    with _locate_errors(number, "recipe"):
         path = Path(read_value("recipe", PATH, given["recipe"]))
         if not path.is_file():
             raise InvalidRequest(f"there is no recipe {path}: check the path")
-    with _Where(number):
+    with _locate_errors(number):
         is_blend = isinstance(read_recipe(path, changes), BlendRecipe)
     return "blend" if is_blend else "solidify", dict(given)
 
@@ -210,7 +211,7 @@ def _name_file(number: int, pattern: Any, given: Mapping[str, Any]) -> Path | No
     if pattern is None:
         return None
     cells = {name: value if isinstance(value, int | float) else format_cell(value) for name, value in given.items()}
-    with _Where(number, FILE):
+    with _locate_errors(number, FILE):
         try:
             name = str(pattern).format(**{"row": number, **cells})
         except (KeyError, ValueError, IndexError, AttributeError, TypeError) as error:
@@ -232,15 +233,11 @@ def _refuse_repeated(what: str, keys: Sequence[Any], designs: Sequence[Design]) 
         raise InvalidRequest(f"rows {shown} have {what}: leave all but one out, or change them")
 
 
-class _Where:
-    """A context that puts the row, and the column, before the messages of errors of the request."""
-
-    def __init__(self, number: int, column: str = "") -> None:
-        self.place = f"row {number}, column {column}: " if column else f"row {number}: "
-
-    def __enter__(self) -> None:
-        return None
-
-    def __exit__(self, kind: Any, error: BaseException | None, trace: Any) -> None:
-        if isinstance(error, InvalidRequest):
-            raise InvalidRequest(f"{self.place}{error}") from error
+@contextmanager
+def _locate_errors(number: int, column: str = "") -> Iterator[None]:
+    """Put the row, and the column, before the messages of errors of the request that pass through."""
+    try:
+        yield
+    except InvalidRequest as error:
+        place = f"row {number}, column {column}" if column else f"row {number}"
+        raise InvalidRequest(f"{place}: {error}") from error

@@ -54,15 +54,13 @@ SHIFT_DIRECTION = np.array([0.59, 0.41, 0.70])
 class TrimReport:
     """Statistics of a trim.
 
-    `n_patch_classes`, `n_edge_classes`: congruence classes of (patch, surface) and (edge, surface). `curves`, `max_poles`:
-    distinct fitted curves and the largest number of poles among them. `max_deviation`: largest deviation of an edge, model units.
+    `n_patch_classes`: congruence classes of (patch, surface). `curves`: distinct fitted curves. `max_deviation`: largest
+    deviation of an edge, model units.
     `shifted`: length of the lattice's translation, model units (mostly 0), and `reason`: the error that made it necessary.
     """
 
     n_patch_classes: int
-    n_edge_classes: int
     curves: int
-    max_poles: int
     max_deviation: float
     shifted: float
     reason: str
@@ -131,7 +129,6 @@ def trim_domains(
     lattice: Brep,
     body: Brep,
     domains: Sequence[LatticeDomain],
-    tol: float | None = None,
     *,
     clearance: float = 0.0,
     max_shift: float = 0.0,
@@ -141,7 +138,7 @@ def trim_domains(
     Lattice and body are intersected and classified once; only the rebuilding is repeated for each domain.
     """
     request = _TrimRequest(domains, None, None)
-    trimmed, report = _trim_with_placements(lattice, body, tol, request, clearance, max_shift)
+    trimmed, report = _trim_with_placements(lattice, body, None, request, clearance, max_shift)
     return trimmed.result, report
 
 
@@ -255,9 +252,7 @@ def _points_inside(
 def _report(a: Arrangement, result: TrimmedDomains, shifted: float, reason: str) -> TrimReport:
     return TrimReport(
         n_patch_classes=a.arcs.n_classes,
-        n_edge_classes=a.edge_roots.n_classes,
         curves=len(a.arcs.fitted_arcs),
-        max_poles=max((len(arc.curve.poles) for arc in a.arcs.fitted_arcs), default=0),
         max_deviation=max(float(brep.edges.deviation.max(initial=0.0)) for brep in result.breps),
         shifted=shifted,
         reason=reason,

@@ -10,14 +10,13 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike
 
 from tpmscad._typing import Array, BoolArray
 from tpmscad.blending.composition.blended_field import BlendedField
 from tpmscad.blending.weights.constraints import WeightConstraints
-from tpmscad.blending.weights.weight_protocol import SplineWeight, WeightFunction
+from tpmscad.blending.weights.weight_protocol import SplineWeight
 from tpmscad.fields.data.sample_grid import SampleGrid
-from tpmscad.fields.tape.tape_nodes import Node
+from tpmscad.fields.field import ConstantField
 
 GridWindow = tuple[slice, slice, slice]
 
@@ -96,29 +95,8 @@ def find_bounding_window(mask: BoolArray, margin: int = 0) -> GridWindow:
 
 def evaluate_affine_form(field: BlendedField, stage: int, points: Array) -> tuple[Array, Array]:
     """Constant and slope (n,) of the field as a function of one stage's weight at points (n, 3)."""
-    value_at_zero, value_at_one = (_evaluate_at_weight(field, stage, points, value) for value in (0.0, 1.0))
+    before, after = field.weights[:stage], field.weights[stage + 1 :]
+    value_at_zero, value_at_one = (
+        field.with_weights((*before, ConstantField(weight), *after))(points) for weight in (0.0, 1.0)
+    )
     return value_at_zero, value_at_one - value_at_zero
-
-
-@dataclass(frozen=True, slots=True)
-class _ConstantWeight:
-    value: float
-
-    def __call__(self, points: ArrayLike) -> Array:
-        points = np.asarray(points)
-        return np.full(points.shape[:-1], self.value)
-
-    def gradient(self, points: ArrayLike) -> Array:
-        return np.zeros(np.shape(points))
-
-    def trace(self, x: Node, y: Node, z: Node) -> Node:
-        return x.recorder.constant(self.value)
-
-    def on_grid(self, x: Array, y: Array, z: Array) -> Array:
-        return np.full((len(x), len(y), len(z)), self.value)
-
-
-def _evaluate_at_weight(field: BlendedField, stage: int, points: Array, value: float) -> Array:
-    weights: list[WeightFunction] = list(field.weights)
-    weights[stage] = _ConstantWeight(value)
-    return field.with_weights(weights)(points)

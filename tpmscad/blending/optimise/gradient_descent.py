@@ -52,20 +52,20 @@ class TopologicalObjective:
 
 
 def evaluate_objective(
-    values: Array, movable: BoolArray, *, strict: bool = True, convention: Convention = "vertices", level: float = 0.0
+    values: Array, movable: BoolArray, *, strict: bool = True, convention: Convention = "vertices"
 ) -> TopologicalObjective:
-    """The objective of sampled values (nx, ny, nz), over the pairs alive at `level`.
+    """The objective of sampled values (nx, ny, nz), over the pairs alive at zero.
 
     `movable` (nx, ny, nz) masks the samples that the weights change. With `strict` a pair counts if both its critical samples are
-    movable (eq. 22). Otherwise one suffices, and of two movable ones that nearer to the level is moved.
+    movable (eq. 22). Otherwise one suffices, and of two movable ones that nearer to zero is moved.
     """
     total, indices, derivatives = 0.0, [np.zeros(0, np.int64)], [np.zeros(0)]
     n_active = n_ignored = 0
     is_movable = movable.ravel()
     for dimension in (0, 2):
-        pairs = topology.compute_pairs_at_level(values, dimension, convention, level)
+        pairs = topology.compute_pairs_at_level(values, dimension, convention)
         mortal = np.isfinite(pairs.death)
-        birth, death = pairs.birth[mortal] - level, pairs.death[mortal] - level
+        birth, death = pairs.birth[mortal], pairs.death[mortal]
         birth_at, death_at = pairs.birth_at[mortal], pairs.death_at[mortal]
         can_lift, can_lower = is_movable[birth_at], is_movable[death_at]
         death_is_nearer = death < -birth
@@ -99,7 +99,6 @@ def descend(
     *,
     strict: bool,
     convention: Convention = "vertices",
-    step_size: float | None = None,
 ) -> DescentResult:
     """The weights after Adam steps on the objective of one grid, until L = 0 or `max_steps`; coefficients keep their bounds.
 
@@ -120,16 +119,12 @@ def descend(
             second_moment[stage] = ADAM_BETA2 * second_moment[stage] + (1 - ADAM_BETA2) * gradient**2
             mean = first_moment[stage] / (1 - ADAM_BETA1**step)
             deviation = np.sqrt(second_moment[stage] / (1 - ADAM_BETA2**step))
-            rate = _default_step_size(weight) if step_size is None else step_size
+            rate = LINE_STEP_SIZE if weight.coefficients.ndim == 1 else VOLUME_STEP_SIZE
             updated = weight.coefficients - rate * mean / (deviation + ADAM_EPSILON)
             updated = np.clip(updated, weight.lower_bounds, weight.upper_bounds)
             current[stage] = weight.with_coefficients(np.where(weight.is_free, updated, weight.coefficients))
     affine = [composition.affine_form(current, stage) for stage in range(len(current))]
     return DescentResult(tuple(current), max_steps, _evaluate_blend_objective(affine, current, strict, convention))
-
-
-def _default_step_size(weight: SplineWeight) -> float:
-    return LINE_STEP_SIZE if weight.coefficients.ndim == 1 else VOLUME_STEP_SIZE
 
 
 def _evaluate_blend_objective(

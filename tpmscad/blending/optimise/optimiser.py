@@ -20,7 +20,6 @@ from tpmscad.blending.composition.sampled_composition import SampledComposition
 from tpmscad.blending.optimise.blend_state import BlendProblem, BlendState, OptimisationOutcome, evaluate_weights
 from tpmscad.blending.optimise.constraint_rounds import REPAIR_MARGIN_RMS, repair_defects
 from tpmscad.blending.optimise.gradient_descent import descend
-from tpmscad.blending.weights.weight_protocol import SplineWeight
 
 REMOVAL_PENALTY_FACTOR, REMOVAL_DISCOUNT_FACTOR = 1e3, 1e-3
 """Factors on the cost of removals, so that joins or removals are preferred throughout: a mixture can be contradictory."""
@@ -69,7 +68,7 @@ def optimise(problem: BlendProblem, outcome: OptimisationOutcome) -> Optimisatio
             if refined is None:
                 continue
             start = evaluate_weights(compositions, refined)
-            shapes = "; ".join(_format_shape(weight) for weight in refined)
+            shapes = "; ".join(" x ".join(map(str, weight.coefficients.shape)) for weight in refined)
             log.append(f"weights given more freedom after {rounds} rounds: {shapes}")
         state, used = _apply_strategy(compositions, start, strategy, problem.max_rounds - rounds)
         rounds += used
@@ -110,7 +109,3 @@ def _apply_strategy(
     steps = min(MAX_DESCENT_STEPS, max_rounds)
     descent = descend(composition, start.weights, steps, strict=False, convention="strict")
     return evaluate_weights(compositions, descent.weights), descent.steps
-
-
-def _format_shape(weight: SplineWeight) -> str:
-    return " x ".join(map(str, weight.coefficients.shape))

@@ -136,9 +136,8 @@ def _removal_costs(window: _PhaseWindow, labels: IntArray, n_labels: int, margin
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Join:
-    """A path between two components: its cost, its greatest change of weight, their labels (0: main), its samples."""
+    """A path between two components: its greatest change of weight, their labels (0: main), its samples."""
 
-    cost: float
     max_change: float
     first: int
     second: int
@@ -168,15 +167,15 @@ def _find_joins(
             graph, indices=starts, min_only=True, return_predecessors=True, limit=limit
         )
         links = _find_cheapest_links(graph, nodes, distance, origin, source_label, target)
-        all_linked = len(np.unique(np.concatenate([links[1], links[2]]))) > len(labels)
+        all_linked = len(np.unique(np.concatenate(links[:2]))) > len(labels)
         if all_linked or limit >= MAX_SEARCH_COST:
             break
         limit *= SEARCH_COST_GROWTH
     joins = []
-    for cost, first, second, u, v in zip(*links, strict=True):
+    for first, second, u, v in zip(*links, strict=True):
         path = nodes[np.array(_trace_path(previous, u) + (_trace_path(previous, v) if v >= 0 else []), np.int64)]
         path = path[is_passable.ravel()[path]]
-        joins.append(_Join(float(cost), float(change[path].max(initial=0.0)), int(first), int(second), path))
+        joins.append(_Join(float(change[path].max(initial=0.0)), int(first), int(second), path))
     return joins
 
 
@@ -211,8 +210,8 @@ def _build_path_graph(
 
 def _find_cheapest_links(
     graph: csr_array, nodes: IntArray, distance: Array, origin: IntArray, source_label: IntArray, target: BoolArray
-) -> tuple[Array, IntArray, IntArray, IntArray, IntArray]:
-    """The cheapest link of each pair of labels: cost, the two labels (0: main) and its two end nodes (-1: none)."""
+) -> tuple[IntArray, IntArray, IntArray, IntArray]:
+    """The cheapest link of each pair of labels, cheapest first: the two labels (0: main) and its two end nodes (-1: none)."""
     reached = np.isfinite(distance)
     label = np.where(reached, source_label[nodes[np.where(reached, origin, 0)]], -1)
     ends = np.flatnonzero(reached & target[nodes])
@@ -227,7 +226,7 @@ def _find_cheapest_links(
     order = np.argsort(cost, kind="stable")
     _, first_of_pair = np.unique(np.stack([first[order], second[order]]), axis=1, return_index=True)
     order = order[np.sort(first_of_pair)]
-    return cost[order], first[order], second[order], a[order], b[order]
+    return first[order], second[order], a[order], b[order]
 
 
 def _trace_path(previous: IntArray, node: int) -> list[int]:

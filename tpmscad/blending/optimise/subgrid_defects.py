@@ -62,21 +62,6 @@ REMOVAL_OVERSHOOT_RMS = 0.05
 """Margin beyond zero at a removed extremum, as a fraction of the field's rms; half of the attainable value if that is less."""
 
 
-@dataclass(frozen=True, slots=True)
-class SubgridSearch:
-    """Whether subgrid defects are searched for, and up to how many candidate samples (None: any number)."""
-
-    is_enabled: bool
-    max_candidates: int | None = None
-
-
-def choose_subgrid_search(subgrid_check: bool | None) -> SubgridSearch:
-    """The search that the option `subgrid_check` of `blend` stands for; None searches where that is quick."""
-    if subgrid_check is None:
-        return SubgridSearch(True, MAX_QUICK_CANDIDATES)
-    return SubgridSearch(subgrid_check)
-
-
 @dataclass(frozen=True, slots=True, eq=False)
 class SubgridDefects:
     """The extrema (n, 3) of subgrid defects and the values (n,) of f there: negative for solid ones."""

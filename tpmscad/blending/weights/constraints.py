@@ -84,19 +84,11 @@ def make_sign_constraints(
     return WeightConstraints(points, weight + (sign * margin - value) / slope, np.where(sign * slope > 0, 1.0, -1.0))
 
 
-def project_onto_constraints(
-    weight: SplineWeight, start: Array, constraints: WeightConstraints, tol: float = VIOLATION_TOL
-) -> tuple[Array, float]:
-    """Feasible coefficients nearest to `start`, and the greatest violation that remains.
-
-    Free coefficients stay within the weight's bounds and the others keep their values. A violation above `tol` means that the
-    constraints are contradictory or out of reach.
-    """
-    return _ScaledConstraints(weight, start, constraints).solve(np.arange(len(constraints)), tol)
-
-
 class _ScaledConstraints:
-    """Constraints as inequalities rows @ C[free_columns] >= bound with rows of unit norm; any subset can be solved."""
+    """Constraints as inequalities rows @ C[free_columns] >= bound with rows of unit norm; any subset can be solved.
+
+    Free coefficients stay within the weight's bounds and the others keep their values.
+    """
 
     def __init__(self, weight: SplineWeight, start: Array, constraints: WeightConstraints) -> None:
         is_free = weight.is_free.ravel()
@@ -121,8 +113,11 @@ class _ScaledConstraints:
             ]
         )
 
-    def solve(self, indices: IntArray, tol: float) -> tuple[Array, float]:
-        """Nearest coefficients that satisfy the constraints with these indices, and the greatest violation that remains."""
+    def solve(self, indices: IntArray) -> tuple[Array, float]:
+        """Nearest coefficients that satisfy the constraints with these indices, and the greatest violation that remains.
+
+        A violation above VIOLATION_TOL means that the constraints are contradictory or out of reach.
+        """
         active = indices[self.is_active_row[indices]]
         inactive = indices[~self.is_active_row[indices]]
         violation = float(np.max(self.unscaled_bound[inactive], initial=0.0))
@@ -132,15 +127,13 @@ class _ScaledConstraints:
             rows = self.rows[active] if self.is_dense else csr_array(self.rows[active])
             method = _solve_dual_nnls if self.is_dense else _solve_dual_gradient
             flat[self.free_columns], remaining = method(
-                rows, self.bound[active], self.norm[active], flat[self.free_columns], self.limits, tol
+                rows, self.bound[active], self.norm[active], flat[self.free_columns], self.limits
             )
             violation = max(violation, remaining)
         return coefficients, violation
 
 
-def _solve_dual_nnls(
-    rows: Array, bound: Array, norm: Array, origin: Array, limits: Array, tol: float
-) -> tuple[Array, float]:
+def _solve_dual_nnls(rows: Array, bound: Array, norm: Array, origin: Array, limits: Array) -> tuple[Array, float]:
     """Least-distance problem by non-negative least squares; the bounds of the coefficients are rows as well."""
     count = len(origin)
     identity = np.eye(count)
@@ -166,7 +159,7 @@ def _solve_dual_nnls(
 
 
 def _solve_dual_gradient(
-    rows: csr_array, bound: Array, norm: Array, origin: Array, limits: Array, tol: float
+    rows: csr_array, bound: Array, norm: Array, origin: Array, limits: Array
 ) -> tuple[Array, float]:
     """Least-distance problem by an accelerated dual method: C(m) = clip(origin + A^T m) for multipliers m >= 0."""
     transpose = csr_array(rows.T)
@@ -180,7 +173,7 @@ def _solve_dual_gradient(
         violation = float(np.max(shortfall * norm))
         if violation < least:
             best, least = primal, violation
-        if violation <= tol:
+        if violation <= VIOLATION_TOL:
             break
         if step % STALL_CHECK_STEPS == STALL_CHECK_STEPS - 1:
             if least > STALL_RATIO * checked:
@@ -196,11 +189,7 @@ def _solve_dual_gradient(
 
 
 def add_consistent_constraints(
-    weight: SplineWeight,
-    start: Array,
-    accepted: WeightConstraints,
-    groups: list[WeightConstraints],
-    tol: float = VIOLATION_TOL,
+    weight: SplineWeight, start: Array, accepted: WeightConstraints, groups: list[WeightConstraints]
 ) -> tuple[WeightConstraints, Array, list[int]]:
     """Constraints extended by groups that do not contradict them, and the feasible coefficients nearest to `start`.
 
@@ -211,7 +200,7 @@ def add_consistent_constraints(
     ends = np.cumsum([len(accepted), *(len(group) for group in groups)])
     rows_of = [np.arange(a, b) for a, b in zip(ends[:-1], ends[1:], strict=True)]
     feasible = np.arange(len(accepted))
-    coefficients = system.solve(feasible, tol)[0] if len(accepted) else start
+    coefficients = system.solve(feasible)[0] if len(accepted) else start
     taken: list[int] = []
     left_out: list[int] = []
     pending = [list(range(len(groups)))]
@@ -220,8 +209,8 @@ def add_consistent_constraints(
         if not trial:
             continue
         rows = np.concatenate([feasible, *(rows_of[i] for i in trial)])
-        solution, violation = system.solve(rows, tol)
-        if violation <= tol:
+        solution, violation = system.solve(rows)
+        if violation <= VIOLATION_TOL:
             feasible, coefficients = rows, solution
             taken += trial
         elif len(trial) == 1:

@@ -52,7 +52,7 @@ class LinearCoordinate:
     direction: Annotated[Vector, POINT, "The direction; its length does not matter."] = (1.0, 0.0, 0.0)
 
     def __post_init__(self) -> None:
-        _check_direction(self.direction, "direction")
+        _check_direction(self.direction)
 
     def __call__(self, points: Array) -> Array:
         """Coordinates (...) of points (..., 3)."""
@@ -96,7 +96,7 @@ class CylinderRadius:
     direction: Annotated[Vector, POINT, "The direction of the axis; its length does not matter."] = (0.0, 0.0, 1.0)
 
     def __post_init__(self) -> None:
-        _check_direction(self.direction, "direction")
+        _check_direction(self.direction)
 
     def __call__(self, points: Array) -> Array:
         """Coordinates (...) of points (..., 3)."""
@@ -154,6 +154,6 @@ def _normalised_direction(direction: Vector) -> Array:
     return vector / np.sqrt(vector @ vector)
 
 
-def _check_direction(direction: Vector, name: str) -> None:
+def _check_direction(direction: Vector) -> None:
     if not np.any(direction) or not np.all(np.isfinite(direction)):
-        raise InvalidRequest(f"{name} {direction} has no length: give three finite numbers that are not all zero")
+        raise InvalidRequest(f"direction {direction} has no length: give three finite numbers that are not all zero")

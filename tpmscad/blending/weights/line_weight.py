@@ -23,6 +23,7 @@ from tpmscad.errors import InvalidRequest
 from tpmscad.fields.data.sample_grid import grid_points
 from tpmscad.fields.tape.tape_nodes import Node, clamp, piecewise_polynomial
 from tpmscad.splines.basis import power_coefficients
+from tpmscad.splines.knots import uniform_knots
 
 MIN_FREE_COEFFICIENTS = 8
 """Number of free coefficients that the optimiser needs at least."""
@@ -138,37 +139,26 @@ def make_line_weight(
     rising: bool = True,
     count: int | None = None,
     degree: int = 3,
-    refine: bool = True,
-    n_spans: int | None = None,
 ) -> LineWeight:
     """The initial weight of a layer: 0 before it, 1 after it (reversed if not `rising`), uniform coefficients in between.
 
     With `count`, that many coefficients lie on clamped uniform knots over the whole domain, as in the paper. If these leave fewer
-    than MIN_FREE_COEFFICIENTS free, the spans that meet the layer are halved until enough are free, or, without `refine`,
-    InvalidRequest names the number needed. Without `count`, uniform knots start and end on the layer, with `n_spans` spans in it.
+    than MIN_FREE_COEFFICIENTS free, the spans that meet the layer are halved until enough are free. Without `count`, uniform
+    knots start and end on the layer.
     """
     start, end = layer
     if not start < end:
         raise InvalidRequest(f"the blending layer from {start:g} to {end:g} is empty: widen the blending region")
     if count is None:
-        n_spans = (MIN_FREE_COEFFICIENTS * 2 + degree) if n_spans is None else n_spans
+        n_spans = MIN_FREE_COEFFICIENTS * 2 + degree
         step = (end - start) / n_spans
         knots: Array = start + step * np.arange(-degree, n_spans + degree + 1, dtype=float)
         knots[degree], knots[-degree - 1] = start, end
     else:
         if count <= degree:
             raise InvalidRequest(f"count {count}: a weight of degree {degree} has at least {degree + 1} coefficients")
-        low, high = domain
-        inner = np.linspace(low, high, count - degree + 1)
-        knots = np.concatenate([np.full(degree, low), inner, np.full(degree, high)])
+        knots = uniform_knots(count - degree, degree, domain=domain)
     while _is_unusable(knots, degree, start, end):
-        if not refine:
-            n_free = int(_find_free_coefficients(knots, degree, start, end).sum())
-            raise InvalidRequest(
-                f"{len(knots) - degree - 1} coefficients leave {n_free} free in the layer {start:g} to {end:g}; at least "
-                f"{MIN_FREE_COEFFICIENTS} are needed, that is {count_needed_coefficients(degree, layer, domain)} over "
-                f"{domain[0]:g} to {domain[1]:g}, or a wider layer"
-            )
         knots = _halve_spans(knots, start, end)
     is_free = _find_free_coefficients(knots, degree, start, end)
     first, last = np.flatnonzero(is_free)[[0, -1]]
@@ -176,12 +166,6 @@ def make_line_weight(
         [np.zeros(first), np.linspace(0.0, 1.0, last - first + 3)[1:-1], np.ones(len(is_free) - last - 1)]
     )
     return LineWeight(coordinate, ramp if rising else 1.0 - ramp, knots, degree, start, end, is_free)
-
-
-def count_needed_coefficients(degree: int, layer: tuple[float, float], domain: tuple[float, float]) -> int:
-    """Number of coefficients on clamped uniform knots that leave enough free, wherever the layer lies between the knots."""
-    step = (layer[1] - layer[0]) / (MIN_FREE_COEFFICIENTS + degree + 1)
-    return int(np.ceil((domain[1] - domain[0]) / step)) + degree
 
 
 def _find_free_coefficients(knots: Array, degree: int, start: float, end: float) -> BoolArray:

@@ -101,11 +101,6 @@ def apply_along_axes(values: Array, matrices: list[csr_array]) -> Array:
     return np.ascontiguousarray(values)
 
 
-def make_clamped_uniform_knots(low: float, high: float, count: int, degree: int) -> Array:
-    """Clamped uniform knots of `count` basis functions on [low, high]."""
-    return np.concatenate([np.full(degree, low), np.linspace(low, high, count - degree + 1), np.full(degree, high)])
-
-
 def find_touched_supports(
     mask: BoolArray, axes: tuple[Array, Array, Array], knots: Knots, degree: IntTriple
 ) -> BoolArray:

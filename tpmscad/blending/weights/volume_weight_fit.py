@@ -26,12 +26,11 @@ from tpmscad.blending.weights.volume_weight import (
     VolumeWeight,
     apply_along_axes,
     find_touched_supports,
-    make_clamped_uniform_knots,
 )
 from tpmscad.blending.weights.weight_protocol import SplineWeight
 from tpmscad.errors import InvalidRequest
 from tpmscad.fields.data.sample_grid import SampleGrid
-from tpmscad.splines.knots import insert_knot
+from tpmscad.splines.knots import insert_knot, uniform_knots
 
 MAX_COEFFICIENTS = 4_000_000
 """Number of coefficients (32 MB) above which knots are not refined further."""
@@ -62,32 +61,26 @@ class StageMasks:
 
 
 def fit_volume_weight(
-    coarse: StageMasks,
-    fine: StageMasks,
-    count: IntTriple,
-    degree: IntTriple = (3, 3, 3),
-    *,
-    refine: bool = True,
-    steps: int = INITIAL_LSPIA_STEPS,
+    coarse: StageMasks, fine: StageMasks, count: IntTriple, degree: IntTriple = (3, 3, 3)
 ) -> VolumeWeight:
     """The initial weight of a blending region of any shape: 0 in the first region, 1 in the second (Algorithm 1).
 
     The cells of the coarse grid are the data points; the samples of the fine grid decide which supports meet a region. Raises
-    InvalidRequest if a region does not touch the blending region, or, without `refine`, if the knots are too coarse.
+    InvalidRequest if a region does not touch the blending region, or if too many coefficients were needed.
     """
-    start = choose_knots(fine, count, degree, refine=refine)
+    start = choose_knots(fine, count, degree)
     values, is_data = assign_target_values(coarse)
-    return fit_local_lspia(start, _cell_centres(coarse.grid), values, is_data, steps)
+    return fit_local_lspia(start, _cell_centres(coarse.grid), values, is_data, INITIAL_LSPIA_STEPS)
 
 
-def choose_knots(masks: StageMasks, count: IntTriple, degree: IntTriple, *, refine: bool = True) -> VolumeWeight:
+def choose_knots(masks: StageMasks, count: IntTriple, degree: IntTriple) -> VolumeWeight:
     """A weight with suitable knots, its fixed coefficients at 0 and 1 and its free ones at 1/2.
 
     The knots start clamped and uniform over the grid's box, with `count` basis functions along each axis. They are halved under
     supports that meet both regions, or everywhere if too few coefficients are free.
     """
     knots: Knots = tuple(  # type: ignore[assignment]
-        make_clamped_uniform_knots(a, b, n, p)
+        uniform_knots(n - p, p, domain=(a, b))
         for a, b, n, p in zip(masks.grid.low, masks.grid.high, count, degree, strict=True)
     )
     while True:
@@ -98,7 +91,7 @@ def choose_knots(masks: StageMasks, count: IntTriple, degree: IntTriple, *, refi
         both, is_free = zero & one, ~(zero | one)
         if not both.any() and is_free.sum() >= MIN_FREE_COEFFICIENTS:
             return VolumeWeight(np.where(is_free, 0.5, one.astype(float)), knots, degree, is_free)
-        if not refine or 8 * is_free.size > MAX_COEFFICIENTS:
+        if 8 * is_free.size > MAX_COEFFICIENTS:
             why = (
                 f"{int(both.sum())} supports meet both regions"
                 if both.any()
@@ -234,7 +227,7 @@ def convert_line_to_volume(weight: LineWeight, coarse: StageMasks, fine: StageMa
             knots.append(weight.knots)
         else:
             n_spans = max(round(grid.extent[axis] / spacing[axis]), MIN_SPANS_PER_AXIS)
-            knots.append(make_clamped_uniform_knots(grid.low[axis], grid.high[axis], n_spans + 3, 3))
+            knots.append(uniform_knots(n_spans, 3, domain=(grid.low[axis], grid.high[axis])))
     shape = [len(t) - p - 1 for t, p in zip(knots, degree, strict=True)]
     along_axis = [1, 1, 1]
     along_axis[weight.axis] = -1

@@ -11,8 +11,8 @@ has a closed form. A *span* is the part of a pcurve that an edge uses.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from functools import lru_cache, partial
+from collections.abc import Sequence
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -74,8 +74,9 @@ def pcurve_gauss_nodes(
 ) -> tuple[Array, Array, Array, NDArray[np.int64]]:
     """u, v, weight times dv/dt and span index at the Gauss nodes of all spans; spans along which v is constant have none."""
     curves = [pcurve for pcurve, _ in spans]
-    breaks = _break_finder(surface)
-    rules = [_pcurve_rule(breaks(pcurve, span), pcurve, span) for pcurve, span in spans]
+    all_knots = (surface.knots_u, surface.knots_v) if isinstance(surface, BSplineSurface) else ()
+    inner = [np.unique(knots)[1:-1] for knots in all_knots]
+    rules = [_pcurve_rule(_find_breaks(surface, inner, pcurve, span), pcurve, span) for pcurve, span in spans]
     span_of_node = np.repeat(np.arange(len(spans)), [len(nodes) for nodes, _ in rules])
     place, slope = evaluate_curves(curves, span_of_node, np.concatenate([nodes for nodes, _ in rules]), (0, 1))
     dv_weights = slope[:, 1] * np.concatenate([weights for _, weights in rules])
@@ -87,46 +88,30 @@ def pcurve_gauss_nodes(
 
 def _pcurve_rule(breaks: Array, pcurve: BSplineCurve, span: tuple[float, float]) -> tuple[Array, Array]:
     """Gauss nodes and weights on a span of a pcurve, split at its knots and at further breaks."""
-    return (
-        _cached_knot_rule(pcurve.knots.tobytes(), *span)
-        if len(breaks) == 0
-        else composite_curve_rule(pcurve, span, breaks)
-    )
+    if len(breaks) == 0:
+        return _cached_knot_rule(pcurve.knots.tobytes(), *span)
+    return composite_curve_rule(pcurve, span, breaks)
 
 
 @lru_cache(maxsize=4096)
 def _cached_knot_rule(knots: bytes, low: float, high: float) -> tuple[Array, Array]:
     """The rule split at knots only, cached: the pcurves of a cut lattice share a dozen knot vectors."""
     breaks = _clip_to_span(np.unique(np.frombuffer(knots)), (low, high))
-    return (
-        composite_gauss(breaks, GAUSS_POINTS_MANY_SPANS)
-        if len(breaks) > MANY_SPANS_THRESHOLD
-        else composite_gauss(breaks)
-    )
+    return composite_gauss(breaks, GAUSS_POINTS_MANY_SPANS if len(breaks) > MANY_SPANS_THRESHOLD else None)
 
 
-def _break_finder(surface: BSplineSurface | Quadric) -> Callable[[BSplineCurve, tuple[float, float]], Array]:
-    """A function of a pcurve and its span that returns the parameters, besides knots, at which to split it on the surface."""
+def _find_breaks(
+    surface: BSplineSurface | Quadric, inner: Sequence[Array], pcurve: BSplineCurve, span: tuple[float, float]
+) -> Array:
+    """The parameters, besides knots, at which to split a span of a pcurve on a surface.
+
+    On a quadric they limit the angle, along u or along both periodic parameters, between consecutive ones. On a spline the pcurve
+    crosses one of the `inner` knots (along u and along v) there, across which derivatives may jump.
+    """
     if not isinstance(surface, BSplineSurface):
-        return partial(_angle_breaks, isinstance(surface, SphericalSurface | ToroidalSurface))
-    inner = [np.unique(knots)[1:-1] for knots in (surface.knots_u, surface.knots_v)]
-    return partial(_knot_crossings, inner) if any(len(k) for k in inner) else _no_breaks
-
-
-def _no_breaks(pcurve: BSplineCurve, span: tuple[float, float]) -> Array:
-    """No further breaks: the surface has no inner knots."""
-    return np.zeros(0)
-
-
-def _angle_breaks(both_periodic: bool, pcurve: BSplineCurve, span: tuple[float, float]) -> Array:
-    """Breaks that limit the angle, along u or along both periodic parameters, between consecutive ones."""
-    angles = pcurve.poles if both_periodic else pcurve.poles[:, :1]
-    pieces = int(np.ceil(np.abs(np.diff(angles, axis=0)).sum() / MAX_ARC_RADIANS))
-    return np.linspace(*pcurve.domain, pieces + 1) if pieces > 1 else np.zeros(0)
-
-
-def _knot_crossings(inner: Sequence[Array], pcurve: BSplineCurve, span: tuple[float, float]) -> Array:
-    """Parameters where a pcurve crosses an inner knot of the surface, across which derivatives may jump."""
+        angles = pcurve.poles if isinstance(surface, SphericalSurface | ToroidalSurface) else pcurve.poles[:, :1]
+        pieces = int(np.ceil(np.abs(np.diff(angles, axis=0)).sum() / MAX_ARC_RADIANS))
+        return np.linspace(*pcurve.domain, pieces + 1) if pieces > 1 else np.zeros(0)
     found = []
     for axis, knots in enumerate(inner):
         if len(knots):

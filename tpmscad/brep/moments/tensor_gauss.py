@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from tpmscad._typing import Array
 from tpmscad.brep.boundary_representation import Brep
 from tpmscad.brep.moments.loop_integrals import GAUSS_POINTS_SINGLE_SPAN, N_MOMENTS, sum_moments
-from tpmscad.splines.basis import design_matrix
+from tpmscad.splines.basis import design_matrix, evaluate_bezier_patches
 from tpmscad.splines.bspline import BSplineSurface
 from tpmscad.splines.quadrature import tensor_gauss_legendre
 
@@ -67,17 +67,13 @@ def _use_end_parameters(brep: Brep) -> tuple[Array, NDArray[np.bool_]]:
 
 def _bezier_patch_moments(poles: Array) -> Array:
     """Moments of patches of one degree, poles (n, p + 1, q + 1, 3): (n, 16)."""
-    n, nu, nv, _ = poles.shape
+    _, nu, nv, _ = poles.shape
     u, v, weights = tensor_gauss_legendre(_gauss_point_count(nu), _gauss_point_count(nv))
     (bu, du), (bv, dv) = (
         [design_matrix(np.repeat([0.0, 1.0], m), m - 1, t, order) for order in (0, 1)] for m, t in ((nu, u), (nv, v))
     )
-
-    def at(rows: Array, other: Array) -> Array:
-        half = (rows @ poles.reshape(n, nu, nv * 3)).reshape(n, len(rows), nv, 3)
-        return (other @ half).reshape(n, -1, 3)
-
-    return sum_moments(at(bu, bv), np.cross(at(du, bv), at(bu, dv)), weights.ravel())
+    points, along_u, along_v = (evaluate_bezier_patches(a, poles, b) for a, b in ((bu, bv), (du, bv), (bu, dv)))
+    return sum_moments(points, np.cross(along_u, along_v), weights.ravel())
 
 
 def _gauss_point_count(poles: int) -> int:

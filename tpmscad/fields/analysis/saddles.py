@@ -113,18 +113,14 @@ class NarrowPoints:
     grid_values: Array
 
 
-def find_saddles(
-    field: Field, grid: SampleGrid, where: BoolArray, closest: float, samples: tuple[Array, Array] | None = None
-) -> Saddles:
+def find_saddles(field: Field, grid: SampleGrid, where: BoolArray, closest: float) -> Saddles:
     """Saddle points near grid cells with a corner in the mask `where` (nx, ny, nz) whose neck may be narrower than 2 * `closest`.
 
-    `samples`: values (nx, ny, nz) and gradients (nx, ny, nz, 3) on the grid, if they are known already.
     Newton's method starts from the center of every cell over which each component of the gradient changes sign and f comes near
     enough to 0 for such a neck. A neck is kept if |f| <= k closest^2 / 2 with the curvature k across it, the quadratic estimate
     of its half width.
     """
-    samples = field.value_and_gradient_on_grid(*grid.axes) if samples is None else samples
-    cells = _find_cells(samples, where, grid.spacing, closest)
+    cells = _find_cells(field.value_and_gradient_on_grid(*grid.axes), where, grid.spacing, closest)
     found = _find_in_cells(field, grid, (None, None, None), cells, closest)
     return Saddles(found.points[found.is_saddle], found.values[found.is_saddle])
 

@@ -150,16 +150,10 @@ def threshold_for(
 
 
 def volume_fractions(
-    phi: FieldLike,
-    thresholds: Array,
-    kind: str = "rod",
-    *,
-    level: float = 0.0,
-    domain: BoxCorners | None = None,
-    samples: int = SAMPLES_PER_AXIS,
+    phi: FieldLike, thresholds: Array, kind: str = "rod", *, level: float = 0.0, domain: BoxCorners | None = None
 ) -> Array:
     """Volume fractions (n,) of `rod` or `pore` of phi with thresholds t (n,), or of sheets from level - t to level + t."""
-    fine, coarse = _sample_two_grids(as_field(phi), domain, samples)
+    fine, coarse = _sample_two_grids(as_field(phi), domain, SAMPLES_PER_AXIS)
     part = _fraction_function(kind, level)
     return np.array([_richardson(part(fine, t), part(coarse, t)) for t in thresholds.tolist()])
 

@@ -89,27 +89,21 @@ class FunctionOfField(Field):
 
 
 @dataclass(frozen=True, slots=True)
-class QuotientField(Field):
-    """numerator / denominator."""
-
-    numerator: Field
-    denominator: Field
+class QuotientField(BinaryField):
+    """first / second."""
 
     def trace(self, x: Node, y: Node, z: Node) -> Node:
         """The formula on the nodes of a tape."""
-        return self.numerator.trace(x, y, z) / self.denominator.trace(x, y, z)
+        return self.first.trace(x, y, z) / self.second.trace(x, y, z)
 
 
 @dataclass(frozen=True, slots=True)
-class AngleField(Field):
-    """atan2(ordinate, abscissa), radians; it jumps where the angle passes pi."""
-
-    ordinate: Field
-    abscissa: Field
+class AngleField(BinaryField):
+    """atan2(first, second), radians; it jumps where the angle passes pi."""
 
     def trace(self, x: Node, y: Node, z: Node) -> Node:
         """The formula on the nodes of a tape."""
-        return angle(self.ordinate.trace(x, y, z), self.abscissa.trace(x, y, z))
+        return angle(self.first.trace(x, y, z), self.second.trace(x, y, z))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -222,7 +216,7 @@ def linear_rates(field: Field) -> Triple | None:
             return 0.0, 0.0, 0.0
         case CoordinateField(axis, rate):
             return tuple(rate if axis == other else 0.0 for other in range(3))  # type: ignore[return-value]
-        case ScaledField(factor, inner):
+        case ScaledField(inner, factor):
             rates = linear_rates(inner)
             return None if rates is None else (factor * rates[0], factor * rates[1], factor * rates[2])
         case SumField(first, second):
@@ -236,11 +230,11 @@ def _wave_rates(field: Field) -> list[set[float]] | None:
     match field:
         case FunctionOfField("sin" | "cos" | "tan", argument) if (linear := linear_rates(argument)) is not None:
             return [{abs(rate)} - {0.0} for rate in linear]
-        case FunctionOfField(_, argument) | PowerField(argument, _) | ScaledField(_, argument):
+        case FunctionOfField(_, argument) | PowerField(argument, _) | ScaledField(argument, _):
             return _wave_rates(argument)
         case ConstantField():
             return [set(), set(), set()]
-        case BinaryField(first, second) | QuotientField(first, second) | AngleField(first, second):
+        case BinaryField(first, second):
             a, b = _wave_rates(first), _wave_rates(second)
             return None if a is None or b is None else [p | q for p, q in zip(a, b, strict=True)]
     periods = field.periods()

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from functools import reduce
 
 from tpmscad._typing import Array
-from tpmscad.fields.field import Field, MinMaxField
+from tpmscad.fields.field import Field, MinMaxField, UnaryField
 from tpmscad.fields.tape.evaluation import Triple
 from tpmscad.fields.tape.tape_derivatives import differentiate
 from tpmscad.fields.tape.tape_nodes import Node, clamp, select, sum_nodes
@@ -21,10 +21,9 @@ DIFFERENCE_STEP_FRACTION = 1e-4
 
 
 @dataclass(frozen=True, slots=True)
-class LinearExtension(Field):
+class LinearExtension(UnaryField):
     """`field` inside [lo, hi], extended linearly outside, with the gradient of the extended field."""
 
-    field: Field
     lo: Triple
     hi: Triple
 
@@ -57,10 +56,6 @@ class LinearExtension(Field):
 
             outside = recorder.with_gradient(value, point, differentiate)
         return select(is_outside, outside, inside)
-
-    def periods(self) -> Triple | None:
-        """Periods along the axes, or None."""
-        return self.field.periods()
 
     def _holds_box_of(self, other: LinearExtension) -> bool:
         """Whether the box of another extension lies in this one's."""

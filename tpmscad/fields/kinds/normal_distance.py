@@ -23,20 +23,18 @@ import numpy as np
 from tpmscad._typing import Array
 from tpmscad.api.public_calls import validate_call
 from tpmscad.api.shared_kinds import FIELD, FUNCTION, POSITIVE
-from tpmscad.fields.field import Field, FieldLike, as_field
+from tpmscad.fields.field import Field, FieldLike, UnaryField, as_field
 from tpmscad.fields.kinds.foot_point_search import search_foot_points
 from tpmscad.fields.kinds.thresholds import sheet
-from tpmscad.fields.tape.evaluation import FieldJet, Triple, stack_points
+from tpmscad.fields.tape.evaluation import FieldJet, stack_points
 
 STEPS_PER_PERIOD = 24.0
 """The longest step of a periodic field is its least period over this number."""
 
 
 @dataclass(frozen=True, slots=True)
-class NormalDistance(Field):
+class NormalDistance(UnaryField):
     """Signed distance to {field = 0} along its normal."""
-
-    field: Field
 
     def at(self, x: Array, y: Array, z: Array) -> Array:
         """Values at coordinates that broadcast."""
@@ -47,10 +45,6 @@ class NormalDistance(Field):
         points, shape = stack_points(x, y, z)
         value, nx, ny, nz = (each.reshape(shape) for each in signed_distances(self.field, points.T))
         return value, nx, ny, nz
-
-    def periods(self) -> Triple | None:
-        """Periods along the axes, or None."""
-        return self.field.periods()
 
 
 @validate_call()

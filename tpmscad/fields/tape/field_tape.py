@@ -9,7 +9,7 @@ from __future__ import annotations
 import itertools
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from functools import partial
+from functools import cached_property, partial
 from threading import Lock
 from typing import Any, Protocol
 
@@ -80,10 +80,6 @@ class FieldTape:
 
     def evaluator(self, with_gradient: bool) -> _Evaluator:
         """The evaluator of values, or of values and gradients."""
-        found = self._evaluators.get(with_gradient)
-        return self._make_evaluator(with_gradient) if found is None else found
-
-    def _make_evaluator(self, with_gradient: bool) -> _Evaluator:
         with self._lock:  # threads may evaluate one field, and recording is in steps
             if with_gradient not in self._evaluators:
                 outputs = _make_jet(self.value) if with_gradient else [self.value]
@@ -146,25 +142,15 @@ class _Evaluator:
         self.externals = sorted({node.numbers[0] for node in self.inputs})
         self.rows_of = {k: [r for r, node in enumerate(self.inputs) if node.numbers[0] == k] for k in self.externals}
         self.needs_jet = {node.numbers[0] for node in self.inputs if node.output}
-        self._point_program: Program | None = None
-        self._foreign_calls: list[tuple[_Evaluator | None, list[_ForeignCall]]] | None = None
-        self._grid: tuple[Program, list[_Evaluator | None]] | None = None
-        self._coordinates: dict[int, _Evaluator] = {}
-        self._masks: dict[int, _Evaluator] = {}
 
     def at_points(self, columns: Array) -> Array:
         """Outputs (m, n) at points given as columns (3, n)."""
-        if self._point_program is None:
-            loads = {node.index: (LOAD_Z, axis) for axis, node in enumerate(self.recorder.coordinates)}
-            self._point_program = compile_program(self.outputs, self.loads | loads, self.guarded)
         ends = _split_into_blocks(columns.shape[1])
         return self._run(self._point_program, (NO_TABLE, NO_TABLE, columns), ends, self.read_inputs(columns), columns)
 
     def read_inputs(self, columns: Array) -> Array:
         """Values and derivatives (inputs, n) of the foreign functions at points given as columns (3, n)."""
         inputs = np.empty((len(self.inputs), columns.shape[1]))
-        if self._foreign_calls is None:
-            self._foreign_calls = self._plan_foreign_calls()
         for evaluator, calls in self._foreign_calls:
             found = columns if evaluator is None else np.concatenate([columns, evaluator.at_points(columns)])
             for call in calls:
@@ -172,7 +158,13 @@ class _Evaluator:
                 self._fill(inputs, call.external, [found[row] for row in call.coordinates], is_needed)
         return inputs
 
-    def _plan_foreign_calls(self) -> list[tuple[_Evaluator | None, list[_ForeignCall]]]:
+    @cached_property
+    def _point_program(self) -> Program:
+        loads = {node.index: (LOAD_Z, axis) for axis, node in enumerate(self.recorder.coordinates)}
+        return compile_program(self.outputs, self.loads | loads, self.guarded)
+
+    @cached_property
+    def _foreign_calls(self) -> list[tuple[_Evaluator | None, list[_ForeignCall]]]:
         """Calls of foreign functions, and the evaluators of what they need: all together unless one needs another's result."""
         waiting = {k: self.recorder.externals[k] for k in self.externals}
         plan: list[tuple[_Evaluator | None, list[_ForeignCall]]] = []
@@ -198,9 +190,7 @@ class _Evaluator:
         if shape[2] < MIN_LANE and not self.externals:
             columns = np.stack([c.ravel() for c in np.meshgrid(*axes, indexing="ij")])
             return self.at_points(columns).reshape(-1, *shape)
-        if self._grid is None:
-            self._grid = self._compile_for_grids()
-        program, of_axis = self._grid
+        program, of_axis = self._grid_program
         tables = []
         for k, (axis, evaluator) in enumerate(zip(axes, of_axis, strict=True)):
             table = axis[None]
@@ -211,7 +201,7 @@ class _Evaluator:
             tables.append(table)
         inputs = np.empty((len(self.inputs), int(np.prod(shape))))
         for k in self.externals:
-            mask = self._mask_evaluator(k)
+            mask = self._mask_evaluators[k]
             is_needed = None if mask is None else mask.on_grid(axes)[0].ravel() != 0
             self._fill(inputs, k, self._map_grid(k, axes), is_needed)
         along_z = [] if of_axis[2] is None else of_axis[2].outputs
@@ -219,7 +209,8 @@ class _Evaluator:
         ends = _split_into_blocks(shape[2], masks)
         return self._run(program, (tables[0], tables[1], tables[2]), ends, inputs, axes).reshape(-1, *shape)
 
-    def _compile_for_grids(self) -> tuple[Program, list[_Evaluator | None]]:
+    @cached_property
+    def _grid_program(self) -> tuple[Program, list[_Evaluator | None]]:
         """The program of grids, and for each axis the evaluator of what depends on its coordinate only."""
         loads = dict(self.loads)
         evaluators: list[_Evaluator | None] = []
@@ -246,30 +237,25 @@ class _Evaluator:
             shape = [len(axis) for axis in coordinates] if isinstance(coordinates, tuple) else None
             at = (point, point, point) if shape is None else np.unravel_index(point, shape)
             x, y, z = (float(t[k]) for t, k in zip(coordinates, at, strict=True))
-            raise self.recorder.refusals[program.refusals[place]](float(found[0, point]), (x, y, z))
+            raise self.recorder.errors[program.errors[place]](float(found[0, point]), (x, y, z))
         return found
 
-    def _coordinate_evaluator(self, external: int) -> _Evaluator | None:
-        """The evaluator of the coordinates of a foreign function; None if they are those of the points."""
-        coordinates = self.recorder.externals[external].coordinates
-        if coordinates == self.recorder.coordinates:
-            return None
-        if external not in self._coordinates:
-            self._coordinates[external] = _Evaluator(self.recorder, coordinates)
-        return self._coordinates[external]
+    @cached_property
+    def _coordinate_evaluators(self) -> dict[int, _Evaluator | None]:
+        """The evaluators of the coordinates of foreign functions; None for those of the points."""
+        calls = {k: self.recorder.externals[k].coordinates for k in self.externals}
+        own = self.recorder.coordinates
+        return {k: None if nodes == own else _Evaluator(self.recorder, nodes) for k, nodes in calls.items()}
 
-    def _mask_evaluator(self, external: int) -> _Evaluator | None:
-        """The evaluator of the mask of a foreign function; None if it is needed at all points."""
-        mask = self.recorder.externals[external].mask
-        if mask is None:
-            return None
-        if external not in self._masks:
-            self._masks[external] = _Evaluator(self.recorder, [mask])
-        return self._masks[external]
+    @cached_property
+    def _mask_evaluators(self) -> dict[int, _Evaluator | None]:
+        """The evaluators of the masks of foreign functions; None for a function that is needed at all points."""
+        masks = {k: self.recorder.externals[k].mask for k in self.externals}
+        return {k: None if mask is None else _Evaluator(self.recorder, [mask]) for k, mask in masks.items()}
 
     def _map_grid(self, external: int, axes: Axes) -> list[Array]:
         """Coordinates of a foreign function on a grid; those of a grid again if each depends on its own axis only."""
-        own = self._coordinate_evaluator(external)
+        own = self._coordinate_evaluators[external]
         parts = list(axes)
         if own is not None:
             if any(node.depends & ~(1 << axis) for axis, node in enumerate(own.outputs)):

@@ -34,7 +34,7 @@ def differentiate(node: Node, seeds: Sequence[Node]) -> Partials:
     }
     for each in find_ancestors([node], found, lambda n: n.args if n.rule is None else n.rule[0]):
         if each.index not in found:
-            with recorder.inside(each.region):
+            with recorder.inside(each.block):
                 found[each.index] = _make_partials(each, found)
     return found[node.index]
 

@@ -23,7 +23,7 @@ import numpy as np
 from tpmscad._typing import Array
 from tpmscad.errors import InvalidRequest
 
-Refusal = Callable[[float, tuple[float, float, float]], InvalidRequest]
+ErrorFactory = Callable[[float, tuple[float, float, float]], InvalidRequest]
 """The error for a value at a point."""
 
 EVERY_AXIS = 0b111
@@ -31,12 +31,17 @@ EVERY_AXIS = 0b111
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Region:
+class MaskedBlock:
     """Operations under a mask: recorded in `parent`, whose mask holds where this one does, and run where it holds at a point."""
 
-    parent: Region | None
+    parent: MaskedBlock | None
     mask: Node
     known: dict[Any, Node] = field(default_factory=dict)
+
+
+def list_enclosing(block: MaskedBlock | None) -> list[MaskedBlock]:
+    """A masked block and those that it is recorded in, from the inside outwards."""
+    return [] if block is None else [block, *list_enclosing(block.parent)]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -50,7 +55,7 @@ class SplineNumbers:
 class Node:
     """A number at every point: the result of an operation on other nodes."""
 
-    __slots__ = ("args", "depends", "index", "name", "numbers", "operation", "output", "recorder", "region", "rule")
+    __slots__ = ("args", "block", "depends", "index", "name", "numbers", "operation", "output", "recorder", "rule")
 
     def __init__(
         self,
@@ -64,7 +69,7 @@ class Node:
     ) -> None:
         self.operation = operation
         self.recorder, self.name, self.args, self.numbers, self.output = recorder, name, args, numbers, output
-        self.region, self.depends, self.index = recorder.region, depends, len(recorder.nodes)
+        self.block, self.depends, self.index = recorder.block, depends, len(recorder.nodes)
         self.rule: tuple[Sequence[Node], Callable[[], Sequence[Node | float]]] | None = None
         recorder.nodes.append(self)
 
@@ -155,10 +160,10 @@ class Recorder:
 
     def __init__(self) -> None:
         self.nodes: list[Node] = []
-        self.region: Region | None = None
+        self.block: MaskedBlock | None = None
         self.known: dict[Any, Node] = {}
         self.externals: list[ForeignFunction] = []
-        self.refusals: list[Refusal] = []
+        self.errors: list[ErrorFactory] = []
         x, y, z = (self.record("coordinate", (), (axis,), depends=1 << axis) for axis in range(3))
         self.coordinates = x, y, z
 
@@ -167,21 +172,17 @@ class Recorder:
     ) -> Node:
         """The node of an operation, recorded unless it is known."""
         key = (name, tuple(arg.index for arg in args), _hashable(numbers)), output
-        region = self.region
-        while region is not None:
-            if key in region.known:
-                return region.known[key]
-            region = region.parent
-        if key in self.known:
-            return self.known[key]
+        for known in (*(each.known for each in list_enclosing(self.block)), self.known):
+            if key in known:
+                return known[key]
         for arg in args:
             depends |= arg.depends
         node = Node(self, name, args, numbers, output, depends, key[0])
-        (self.known if self.region is None else self.region.known)[key] = node
+        (self.known if self.block is None else self.block.known)[key] = node
         return node
 
     def constant(self, value: float) -> Node:
-        """A constant, which belongs to no region."""
+        """A constant, which belongs to no masked block."""
         with self.inside(None):
             return self.record("constant", (), (float(value),))
 
@@ -191,18 +192,18 @@ class Recorder:
 
     @contextmanager
     def where(self, mask: Node) -> Iterator[None]:
-        """Record operations that only points of the mask need, in a region those of both."""
-        both = mask if self.region is None else self.region.mask & mask
-        with self.inside(Region(self.region, both)):
+        """Record operations that only points of the mask need, in a masked block those of both."""
+        both = mask if self.block is None else self.block.mask & mask
+        with self.inside(MaskedBlock(self.block, both)):
             yield
 
     def external(self, source: Any, coordinates: tuple[Node, Node, Node]) -> Node:
-        """The value of a foreign function of coordinates, needed at the points of the region.
+        """The value of a foreign function of coordinates, needed at the points of the block.
 
         `source.at` and `source.jet` evaluate it outside the tape, once for all calls with coordinates of the same values.
         """
         x, y, z = (resolve_alias(node) for node in coordinates)
-        mask = None if self.region is None else self.region.mask
+        mask = None if self.block is None else self.block.mask
         known = [k for k, each in enumerate(self.externals) if each.source is source and each.coordinates == (x, y, z)]
         number = known[0] if known else len(self.externals)
         if not known:
@@ -214,12 +215,12 @@ class Recorder:
             return self.with_gradient(value, coordinates, lambda: slopes)
 
     def require_within(
-        self, node: Node, low: float, high: float, refuse: Refusal, refuse_slope: Refusal | None = None
+        self, node: Node, low: float, high: float, value_error: ErrorFactory, slope_error: ErrorFactory | None = None
     ) -> Node:
-        """The node, with an error raised at points of the region where its value, or a derivative, is not within [low, high]."""
-        first = len(self.refusals)
-        self.refusals += [refuse] if refuse_slope is None else [refuse, refuse_slope]
-        return self.check(node, (low, high, first, -1 if refuse_slope is None else first + 1))
+        """The node, with an error raised at points of the block where its value, or a derivative, is not within [low, high]."""
+        first = len(self.errors)
+        self.errors += [value_error] if slope_error is None else [value_error, slope_error]
+        return self.check(node, (low, high, first, -1 if slope_error is None else first + 1))
 
     def with_gradient(
         self, value: Node, coordinates: Sequence[Node], make_factors: Callable[[], Sequence[Node | float]]
@@ -230,18 +231,18 @@ class Recorder:
         return node
 
     def check(self, node: Node, numbers: tuple[float, ...]) -> Node:
-        """The node, checked in its region: the numbers are the limits, and of the refusals of its values and derivatives."""
-        mask = self.constant(1.0) if self.region is None else self.region.mask
+        """The node, checked in its block: the numbers are the limits, and of the errors of its values and derivatives."""
+        mask = self.constant(1.0) if self.block is None else self.block.mask
         return self.record("check", (node, mask), numbers, depends=EVERY_AXIS)
 
     @contextmanager
-    def inside(self, region: Region | None) -> Iterator[None]:
-        """Record operations in a region, or outside all."""
-        before, self.region = self.region, region
+    def inside(self, block: MaskedBlock | None) -> Iterator[None]:
+        """Record operations in a masked block, or outside all."""
+        before, self.block = self.block, block
         try:
             yield
         finally:
-            self.region = before
+            self.block = before
 
 
 def resolve_alias(node: Node) -> Node:

@@ -10,7 +10,14 @@ import numpy as np
 
 from tpmscad._typing import Array, IntArray
 from tpmscad.fields.tape.tape_interpreter import CODES
-from tpmscad.fields.tape.tape_nodes import Node, Region, SplineNumbers, find_ancestors, resolve_alias
+from tpmscad.fields.tape.tape_nodes import (
+    MaskedBlock,
+    Node,
+    SplineNumbers,
+    find_ancestors,
+    list_enclosing,
+    resolve_alias,
+)
 from tpmscad.splines.basis import span_polynomials
 
 MAX_OUTPUTS, MAX_OPERANDS = 4, 3
@@ -27,22 +34,22 @@ Source = tuple[int, int]
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Program:
-    """Operations (m, 10), their parameters and tables, the number of rows, and the refusal of each check by its parameters."""
+    """Operations (m, 10), their parameters and tables, the number of rows, and the error of each check by its parameters."""
 
     code: IntArray
     parameters: Array
     tables: Array
     n_rows: int
-    refusals: Mapping[int, int]
+    errors: Mapping[int, int]
 
 
 @dataclass(slots=True, eq=False)
 class _Step:
-    """An operation with one or more results, and the region in which it runs."""
+    """An operation with one or more results, and the masked block in which it runs."""
 
     node: Node
     results: dict[int, Node]
-    region: Region | None
+    block: MaskedBlock | None
     operands: list[Node]
 
 
@@ -61,11 +68,11 @@ def compile_program(outputs: Sequence[Node], loads: Mapping[int, Source], guarde
     for node in nodes:
         if node.name == "constant":
             writer.write("constant", [writer.take_row(node)], [], node.numbers)
-    region: Region | None = None
+    block: MaskedBlock | None = None
     for at, step in enumerate(steps):
-        if step.region is not region:
-            region = step.region
-            writer.guard(region)
+        if step.block is not block:
+            block = step.block
+            writer.guard(block)
         writer.write_step(step, loads)
         for node in (*step.operands, *step.results.values()):
             if last_use.get(node.index, at) == at:
@@ -77,13 +84,10 @@ def compile_program(outputs: Sequence[Node], loads: Mapping[int, Source], guarde
 
 
 def list_operands(node: Node, guarded: bool = True) -> list[Node]:
-    """The nodes whose values an operation needs, with guards the masks of its regions included."""
+    """The nodes whose values an operation needs, with guards the masks of its masked blocks included."""
     found = [resolve_alias(arg) for arg in node.args]
-    region = node.region if guarded else None
-    while region is not None:
-        found.append(resolve_alias(region.mask))
-        region = region.parent
-    return found
+    masks = [each.mask for each in list_enclosing(node.block)] if guarded else []
+    return [*found, *map(resolve_alias, masks)]
 
 
 def _group_results(nodes: Sequence[Node], guarded: bool) -> list[_Step]:
@@ -91,12 +95,12 @@ def _group_results(nodes: Sequence[Node], guarded: bool) -> list[_Step]:
     steps: list[_Step] = []
     known: dict[tuple[object, int], _Step] = {}
     for node in nodes:
-        key = node.operation, id(node.region)
+        key = node.operation, id(node.block)
         if node.name in OPERATIONS_OF_SEVERAL_RESULTS and key in known:
             known[key].results[node.output] = node
             continue
-        region = node.region if guarded else None
-        known[key] = _Step(node, {node.output: node}, region, list_operands(node, guarded))
+        block = node.block if guarded else None
+        known[key] = _Step(node, {node.output: node}, block, list_operands(node, guarded))
         steps.append(known[key])
     return steps
 
@@ -129,7 +133,7 @@ class _Writer:
         self.free: list[int] = []
         self.row_of: dict[int, int] = {}
         self.guards: list[int] = []
-        self.refusals: dict[int, int] = {}
+        self.errors: dict[int, int] = {}
 
     def take_row(self, node: Node) -> int:
         """A row for a node."""
@@ -145,9 +149,9 @@ class _Writer:
             self.free.append(self.row_of.pop(node.index))
 
     def write(
-        self, name: str, results: Sequence[int], operands: Sequence[int], numbers: object, region: Region | None = None
+        self, name: str, results: Sequence[int], operands: Sequence[int], numbers: object, mask_row: int = -1
     ) -> None:
-        """Append an operation with its parameters, needed in a region only if one is given."""
+        """Append an operation with its parameters, and the row of the mask of the columns that need it, -1 for all."""
         place = 0
         array = np.atleast_1d(np.asarray(numbers, float))
         if len(array):
@@ -155,7 +159,7 @@ class _Writer:
             self.parameters.append(array)
             self.n_parameters += len(array)
         padded = [*results, *[-1] * (MAX_OUTPUTS - len(results)), *operands, *[-1] * (MAX_OPERANDS - len(operands))]
-        self.code.append([CODES[name], *padded, place, -1 if region is None else self.mask_row(region)])
+        self.code.append([CODES[name], *padded, place, mask_row])
 
     def write_step(self, step: _Step, loads: Mapping[int, Source]) -> None:
         """Append a step."""
@@ -171,10 +175,11 @@ class _Writer:
             results[k] = self.n_rows
             self.n_rows += 1
         numbers = self.lay_out_spline(node) if isinstance(node.numbers, SplineNumbers) else node.numbers
-        self.write(node.name, results, operands, numbers, step.region)
+        mask_row = -1 if step.block is None else self.mask_row(step.block)
+        self.write(node.name, results, operands, numbers, mask_row)
         self.free += [results[k] for k in spare]
         if node.name == "check":
-            self.refusals[self.code[-1][PLACE]] = int(node.numbers[2])
+            self.errors[self.code[-1][PLACE]] = int(node.numbers[2])
 
     def lay_out_spline(self, node: Node) -> Array:
         """The parameters of a spline, whose table is appended to those of the program."""
@@ -187,20 +192,16 @@ class _Writer:
         self.tables.append(table.reshape(-1))
         return np.concatenate([[place], head])
 
-    def mask_row(self, region: Region) -> int:
-        """The row of a region's mask."""
-        return self.row_of[resolve_alias(region.mask).index]
+    def mask_row(self, block: MaskedBlock) -> int:
+        """The row of a masked block's mask."""
+        return self.row_of[resolve_alias(block.mask).index]
 
-    def guard(self, region: Region | None) -> None:
-        """End the guards that are open, and open those of a region, the outermost first."""
+    def guard(self, block: MaskedBlock | None) -> None:
+        """End the guards that are open, and open those of a masked block, the outermost first."""
         for at in self.guards:
             self.code[at][6] = len(self.code)
         self.guards = []
-        chain = []
-        while region is not None:
-            chain.append(region)
-            region = region.parent
-        for each in reversed(chain):
+        for each in reversed(list_enclosing(block)):
             self.guards.append(len(self.code))
             self.write("guard", [], [self.mask_row(each), 0], ())
 
@@ -209,4 +210,4 @@ class _Writer:
         code = np.array(self.code, np.int64).reshape(-1, PLACE + 2)
         tables = self.tables[0] if len(self.tables) == 1 else np.concatenate([np.zeros(0), *self.tables])
         writable = tables if tables.flags.writeable else tables.copy()  # compiled loops tell arrays apart by it
-        return Program(code, np.concatenate(self.parameters), writable, self.n_rows, self.refusals)
+        return Program(code, np.concatenate(self.parameters), writable, self.n_rows, self.errors)

@@ -17,6 +17,7 @@ from tpmscad._typing import Array
 from tpmscad.errors import UntracedCurve
 from tpmscad.splines.basis import design_matrix
 from tpmscad.splines.bspline import BSplineCurve, BSplineSurface
+from tpmscad.splines.knots import greville_abscissae
 from tpmscad.trimming.intersect.arrangement import FittedArc
 from tpmscad.trimming.intersect.curve_parametrisation import PatchSurfacePairs, map_foci_to_space
 from tpmscad.trimming.operands.quadric_table import QuadricTable
@@ -156,5 +157,5 @@ def _measure_deviation(pairs: PatchSurfacePairs, pcurve: Array, curve: Array, sp
 def build_interpolation(spans: int) -> tuple[Array, Array, Array]:
     """Uniform knots, their Greville sites, and the inverse of the collocation matrix there."""
     knots = np.concatenate([np.zeros(CURVE_DEGREE), np.arange(spans + 1) / spans, np.ones(CURVE_DEGREE)])
-    sites = np.array([knots[i + 1 : i + CURVE_DEGREE + 1].mean() for i in range(spans + CURVE_DEGREE)])
+    sites = greville_abscissae(knots, CURVE_DEGREE)
     return knots, sites, np.asarray(np.linalg.inv(design_matrix(knots, CURVE_DEGREE, sites)))

@@ -11,7 +11,8 @@ lattice edges that lie in a surface.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
@@ -79,11 +80,6 @@ class CurveSegments:
     def __len__(self) -> int:
         return len(self.curve)
 
-    @classmethod
-    def empty(cls) -> CurveSegments:
-        """No segments."""
-        return cls(_NONE, Motion.identity(0), np.zeros((0, 2)), _NONE, _NONE)
-
 
 @dataclass(frozen=True, slots=True, eq=False)
 class CurveSurfaceIntersections:
@@ -92,7 +88,6 @@ class CurveSurfaceIntersections:
     `initial_sign` (n, K): -1 or +1 at the start of the segment, 0 if the segment lies in the surface. `row_of_pair` (n, K): -1
     without roots, else p with the ascending parameters root_parameter[root_start[p]:root_start[p + 1]]. `root_segment`,
     `root_surface`: of each root. `coincident_deviation` (n,): largest distance of a segment from the surface it lies in.
-    `n_classes`: number of congruence classes of pairs.
     """
 
     initial_sign: IntArray
@@ -102,19 +97,11 @@ class CurveSurfaceIntersections:
     root_segment: IntArray
     root_surface: IntArray
     coincident_deviation: Array
-    n_classes: int
 
     def roots_of(self, segment: int, surface: int) -> Array:
         """The ascending parameters at which a segment crosses a surface."""
         p = self.row_of_pair[segment, surface]
         return self.root_parameter[self.root_start[p] : self.root_start[p + 1]] if p >= 0 else np.zeros(0)
-
-    @classmethod
-    def empty(cls) -> CurveSurfaceIntersections:
-        """The intersections of no segments."""
-        table = np.zeros((0, 0), np.int64)
-        real = np.zeros(0)
-        return cls(table, table, np.zeros(1, np.int64), real, _NONE, _NONE, real, 0)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -126,11 +113,6 @@ class SubSegments:
     start: IntArray
     end: IntArray
     first: IntArray
-
-    @classmethod
-    def empty(cls) -> SubSegments:
-        """No sub-segments."""
-        return cls(_NONE, np.zeros((0, 2)), _NONE, _NONE, np.zeros(1, np.int64))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -161,11 +143,6 @@ class PatchArcs:
     sign_beside_sides: Mapping[tuple[int, int], IntArray]
     n_classes: int
 
-    @classmethod
-    def empty(cls) -> PatchArcs:
-        """No arcs."""
-        return cls((), _NONE, _NONE, _NONE, _NONE, _NONE, _NONE, {}, 0)
-
 
 @dataclass(frozen=True, slots=True, eq=False)
 class IntersectionCurves:
@@ -184,11 +161,6 @@ class IntersectionCurves:
     def __len__(self) -> int:
         return len(self.surface)
 
-    @classmethod
-    def empty(cls) -> IntersectionCurves:
-        """No imprints."""
-        return cls(CurveSegments.empty(), _NONE, _NONE, _NONE, _NONE)
-
 
 @dataclass(frozen=True, slots=True, eq=False)
 class BodyEdgeIntersections:
@@ -206,13 +178,9 @@ class BodyEdgeIntersections:
     curve_parameter: Array
     curve_vertex: IntArray
 
-    @classmethod
-    def empty(cls) -> BodyEdgeIntersections:
-        """No points."""
-        return cls(_NONE, np.zeros(0), _NONE, {}, _NONE, np.zeros(0), _NONE)
 
-
-_NONE = np.zeros(0, np.int64)
+NOT_YET: Any = None
+"""The value of a field of an arrangement that a later stage fills."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -236,27 +204,26 @@ class Arrangement:
     on_surface: BoolArray
     curves: tuple[BSplineCurve, ...]
     edges: CurveSegments
-    edge_roots: CurveSurfaceIntersections = field(default_factory=CurveSurfaceIntersections.empty)
-    edge_root_vertex: IntArray = field(default_factory=lambda: _NONE)
-    arcs: PatchArcs = field(default_factory=PatchArcs.empty)
-    imprints: IntersectionCurves = field(default_factory=IntersectionCurves.empty)
-    body_edge_points: BodyEdgeIntersections = field(default_factory=BodyEdgeIntersections.empty)
-    imprint_pieces: SubSegments = field(default_factory=SubSegments.empty)
-    piece_face: IntArray = field(default_factory=lambda: _NONE)
-    vertex_face: Mapping[tuple[int, int], int] = field(default_factory=dict)
-    keys_on_body: IntArray = field(default_factory=lambda: _NONE)
-    edge_pieces: SubSegments = field(default_factory=SubSegments.empty)
-    edge_piece_face: IntArray = field(default_factory=lambda: _NONE)
-    edge_piece_inside: BoolArray = field(default_factory=lambda: np.zeros(0, bool))
-    inside_on_side: Mapping[int, bool] = field(default_factory=dict)
+    edge_roots: CurveSurfaceIntersections = NOT_YET
+    edge_root_vertex: IntArray = NOT_YET
+    arcs: PatchArcs = NOT_YET
+    imprints: IntersectionCurves = NOT_YET
+    body_edge_points: BodyEdgeIntersections = NOT_YET
+    imprint_pieces: SubSegments = NOT_YET
+    piece_face: IntArray = NOT_YET
+    vertex_face: Mapping[tuple[int, int], int] = NOT_YET
+    keys_on_body: IntArray = NOT_YET
+    edge_pieces: SubSegments = NOT_YET
+    edge_piece_face: IntArray = NOT_YET
+    edge_piece_inside: BoolArray = NOT_YET
+    inside_on_side: Mapping[int, bool] = NOT_YET
 
     @classmethod
     def of_lattice(cls, operands: Operands) -> Arrangement:
         """The arrangement before any intersection: the lattice's own vertices, curves and edges."""
         e = operands.lattice.edges
         edges = CurveSegments(e.curve, e.motion, e.span, e.start, e.end)
-        start = cls(operands, operands.lattice.vertices, np.zeros((0, 0), bool), operands.curves, edges)
-        return start.snap_vertices()
+        return cls(operands, operands.lattice.vertices, NOT_YET, operands.curves, edges).snap_vertices()
 
     def snap_vertices(self) -> Arrangement:
         """A copy whose `on_surface` covers all vertices made so far."""

@@ -60,12 +60,7 @@ class PatchSurfacePairs:
 
     def take(self, rows: IntArray) -> PatchSurfacePairs:
         """The pairs of the given rows."""
-        return replace(
-            self,
-            poles=self.poles[rows],
-            surfaces=self.surfaces.take(rows),
-            foci=self.foci[rows],
-        )
+        return replace(self, poles=self.poles[rows], surfaces=self.surfaces.take(rows), foci=self.foci[rows])
 
     def without_foci(self) -> PatchSurfacePairs:
         """The pairs without foci: their parameters follow arc length and turning only."""

@@ -21,12 +21,7 @@ from tpmscad.brep.carriers import EdgeCurve
 from tpmscad.errors import TrimmingError
 from tpmscad.splines.basis import design_matrix
 from tpmscad.splines.bspline import BSplineCurve
-from tpmscad.trimming.intersect.arrangement import (
-    Arrangement,
-    CurveSegments,
-    CurveSurfaceIntersections,
-    SubSegments,
-)
+from tpmscad.trimming.intersect.arrangement import Arrangement, CurveSegments, CurveSurfaceIntersections, SubSegments
 from tpmscad.trimming.operands.quadric_table import QuadricTable, group_rows
 
 SAMPLES_PER_SEGMENT = 34
@@ -126,7 +121,6 @@ def intersect_segments(
         root_segment=np.repeat(s[rooted], count[rooted]),
         root_surface=np.repeat(surface[rooted], count[rooted]),
         coincident_deviation=deviation,
-        n_classes=len(first),
     )
 
 

@@ -15,14 +15,7 @@ from tpmscad._typing import Array, BoolArray, IntArray
 from tpmscad.splines.basis import design_matrix
 from tpmscad.splines.bspline import BSplineSurface
 from tpmscad.trimming.intersect.critical_points import detect_critical_points
-from tpmscad.trimming.intersect.marching import (
-    EMPTY_TRACE,
-    Arc,
-    Trace,
-    interpolate_crossings,
-    link_cells,
-    march_patch,
-)
+from tpmscad.trimming.intersect.marching import EMPTY_TRACE, Arc, Trace, interpolate_crossings, link_cells, march_patch
 from tpmscad.trimming.intersect.patch_borders import CELLS_U, CELLS_V, BorderSide, grid_corners, side_fractions
 from tpmscad.trimming.operands.quadric_table import QuadricTable
 

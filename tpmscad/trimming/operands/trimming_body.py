@@ -79,7 +79,8 @@ def prepare_trimming_body(brep: Brep) -> TrimmingBody:
     """
     faces, edges = brep.faces, brep.edges
     carriers = tuple(_place_carrier(brep.carriers[c], faces.motion[i]) for i, c in enumerate(faces.carrier))
-    curves = tuple(_place_curve(brep.curves[c], edges.motion[i]) for i, c in enumerate(edges.curve))
+    placed = ((brep.curves[c], edges.motion[i]) for i, c in enumerate(edges.curve))
+    curves = tuple(curve if motion.is_identity() else curve.moved(motion) for curve, motion in placed)
     order = np.argsort(brep.uses.edge, kind="stable")
     face = brep.face_of_use
     outward = brep.uses.sense * faces.sense[face]
@@ -122,10 +123,6 @@ def _place_carrier(carrier: Carrier, motion: Motion) -> Plane | Quadric:
     if motion.handedness < 0:
         raise TrimmingError("a face of the body is a mirrored copy")
     return carrier.moved(motion)
-
-
-def _place_curve(curve: EdgeCurve, motion: Motion) -> EdgeCurve:
-    return curve if motion.is_identity() else curve.moved(motion)
 
 
 def _choose_separating_surfaces(

@@ -7,6 +7,7 @@ solid lies before or behind that point. So in and out alternate along the body's
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Callable
 from dataclasses import dataclass
 
@@ -75,10 +76,8 @@ def select_body_edges(a: Arrangement, boundary: CapBoundary, in_lattice: InLatti
                 order = (p, p + 1) if direction[k] > 0 else (p + 1, p)
                 pass_vertex(int(body.face_of_use[k]), int(pieces.end[p]), *order)
     for f, before, after, w in list_face_corners(body):
-        i, j = (
-            _find_end_piece(first, int(brep.uses.edge[use]), bool(brep.uses.sense[use] > 0) == at_end)
-            for use, at_end in ((before, True), (after, False))
-        )
+        i = _find_end_piece(first, int(brep.uses.edge[before]), bool(brep.uses.sense[before] > 0))
+        j = _find_end_piece(first, int(brep.uses.edge[after]), bool(brep.uses.sense[after] < 0))
         order = (i, j) if brep.faces.sense[f] > 0 else (j, i)
         pass_vertex(f, points.vertex_of_body_vertex.get(w), *order)
     if balance.keys() - visited:
@@ -106,10 +105,9 @@ def select_body_edges(a: Arrangement, boundary: CapBoundary, in_lattice: InLatti
 
 def _balance_runs(boundary: CapBoundary) -> dict[tuple[int, int], int]:
     """By (face, vertex): runs of the cap boundary that start there less runs that end there, where these differ."""
-    balance: dict[tuple[int, int], int] = {}
-    for f, start, end in zip(boundary.face.tolist(), boundary.start.tolist(), boundary.end.tolist(), strict=True):
-        balance[f, start] = balance.get((f, start), 0) + 1
-        balance[f, end] = balance.get((f, end), 0) - 1
+    face = boundary.face.tolist()
+    balance = Counter(zip(face, boundary.start.tolist(), strict=True))
+    balance.subtract(zip(face, boundary.end.tolist(), strict=True))
     return {key: b for key, b in balance.items() if b}
 
 

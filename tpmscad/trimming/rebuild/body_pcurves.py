@@ -21,6 +21,7 @@ from tpmscad.rigid_motion import Motion
 from tpmscad.splines.basis import design_matrix
 from tpmscad.splines.bspline import BSplineCurve
 from tpmscad.splines.curve_batch import evaluate_curves
+from tpmscad.splines.knots import greville_abscissae
 from tpmscad.trimming.intersect.arc_fitting import CURVE_DEGREE, SPAN_COUNTS, build_interpolation
 from tpmscad.trimming.operands.face_regions import FaceRegion, shift_to_period
 
@@ -123,10 +124,9 @@ def fit_pcurve(
     close = _find_closest_to_axis(lambda x: curve(low + (high - low) * x), region.carrier, tol)
     error = np.inf
     for spans in [s for s in SPAN_COUNTS if s >= least] or SPAN_COUNTS[-1:]:
-        graded = close is not None and _needs_grading(close[1], spans)
-        knots, sites, inverse, checks, rows = (
-            _build_graded_space(spans, *close) if graded and close else _build_uniform_space(spans)
-        )
+        is_graded = close is not None and close[1] * spans < GRADING_SPANS
+        space = _build_graded_space(spans, *close) if close and is_graded else _build_uniform_space(spans)
+        knots, sites, inverse, checks, rows = space
         uv = _unwrap_parameters(region.carrier, curve(low + (high - low) * sites))
         uv = uv + (shift_to_period(uv[len(uv) // 2], region.carrier, region.reference_parameters) - uv[len(uv) // 2])
         poles = inverse @ uv
@@ -165,10 +165,6 @@ def _find_closest_to_axis(
     return float(x[i]), max(float(r[i]), MIN_POLE_DISTANCE_TOLS * tol) / max(speed, MIN_SPEED)
 
 
-def _needs_grading(width: float, spans: int) -> bool:
-    return width * spans < GRADING_SPANS
-
-
 def _build_graded_space(spans: int, at: float, width: float) -> _PcurveSpace:
     """A space with knots graded towards `at`, where their spacing is a fraction of `width`."""
     low, high = float(np.arcsinh(-at / width)), float(np.arcsinh((1.0 - at) / width))
@@ -178,7 +174,7 @@ def _build_graded_space(spans: int, at: float, width: float) -> _PcurveSpace:
     even = s + (high - low) * x  # half of the knots are uniform
     inner = np.interp(np.linspace(even[0], even[-1], spans + 1), even, x)[1:-1]
     knots = np.concatenate([np.zeros(CURVE_DEGREE + 1), inner, np.ones(CURVE_DEGREE + 1)])
-    sites = np.array([knots[i + 1 : i + CURVE_DEGREE + 1].mean() for i in range(spans + CURVE_DEGREE)])
+    sites = greville_abscissae(knots, CURVE_DEGREE)
     ends = knots[CURVE_DEGREE:-CURVE_DEGREE]
     checks = np.unique(ends[:-1, None] + np.diff(ends)[:, None] * np.linspace(0.0, 1.0, CHECKS_PER_SPAN + 1))
     inverse = np.asarray(np.linalg.inv(design_matrix(knots, CURVE_DEGREE, sites)))
