@@ -14,7 +14,7 @@ from tpmscad.meshing.facet_search import boundary_facets
 from tpmscad.meshing.hexahedra import mesh_hexahedra, place_nodes, space_parameters
 from tpmscad.sources.catalogue_sources import lattice_source
 from tpmscad.splines.jacobian_bounds import bound_jacobian
-from tpmscad.studies.volume_meshing import fill_with_splines, mesh_by_splines
+from tpmscad.studies.hexahedral_meshing import fill_with_splines, mesh_by_splines
 from tpmscad.trimming.operands.polyhedra import box
 from tpmscad.trimming.trim_pipeline import trim
 

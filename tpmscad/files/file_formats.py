@@ -8,9 +8,11 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import fields
 from pathlib import Path
+from typing import Any, Protocol
 
 import numpy as np
 
+from tpmscad._typing import BoxCorners
 from tpmscad.atomic_file import validate_output_path
 from tpmscad.errors import InvalidRequest, KernelError
 from tpmscad.kernel.export.brep_file import write_brep_file
@@ -20,9 +22,9 @@ from tpmscad.kernel.export.solid_mesh import mesh_solids
 from tpmscad.kernel.export.stl_file import write_stl
 from tpmscad.kernel.export.threemf_file import write_3mf
 from tpmscad.kernel.occt.construction import make_compound
+from tpmscad.kernel.step.face_labels import NamedSolid
 from tpmscad.requests.study_options import ExportOptions
-from tpmscad.results.domain_results import FluidDomains
-from tpmscad.results.model import Model
+from tpmscad.results.certificate import Certificate
 from tpmscad.results.result_summary import measure_diagonal
 
 STEP_SUFFIXES = (".step", ".stp")
@@ -62,7 +64,34 @@ def check_export(options: ExportOptions) -> str:
     return suffix
 
 
-def write_mesh_or_brep_file(result: Model | FluidDomains, options: ExportOptions) -> None:
+class SolidResult(Protocol):
+    """What a result offers to be written to a file: a model, or the domains of an exchanger."""
+
+    @property
+    def name(self) -> str:
+        """Name of the whole."""
+
+    @property
+    def volume(self) -> float:
+        """Volume of all solids."""
+
+    @property
+    def bounding_box(self) -> BoxCorners:
+        """Corners of the box around the solids."""
+
+    @property
+    def certificate(self) -> Certificate:
+        """The certificate, whose tolerance meshes keep to by default."""
+
+    @property
+    def wrapped(self) -> Any:
+        """The TopoDS shape of all solids."""
+
+    def named_solids(self) -> tuple[NamedSolid, ...]:
+        """The solids with their names and the labels of their faces."""
+
+
+def write_mesh_or_brep_file(result: SolidResult, options: ExportOptions) -> None:
     """Write a result as a mesh (STL, 3MF, GLB) or as OCCT's own BREP, by the suffix of the path."""
     path, deviation = options.path, options.deviation
     suffix = find_suffix(path, (*MESH_SUFFIXES, BREP_SUFFIX))

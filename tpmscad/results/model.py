@@ -299,7 +299,7 @@ class Model:
         >>> mesh = model.hexahedra(refine=1)  # doctest: +SKIP
         >>> mesh.write("gyroid.msh")  # doctest: +SKIP
         """
-        from tpmscad.studies.volume_meshing import mesh_by_splines
+        from tpmscad.studies.hexahedral_meshing import mesh_by_splines
 
         along, through = refine if isinstance(refine, tuple) else (refine, refine)
         return mesh_by_splines(self.make_spline_volumes, self.name, order, (along, through), serendipity)
@@ -327,7 +327,7 @@ class Model:
         >>> model = tpmscad.lattice("gyroid", cell=10, thickness=1, boundary="natural")  # doctest: +SKIP
         >>> model.export_splines("gyroid.xml")  # doctest: +SKIP
         """
-        from tpmscad.studies.volume_meshing import write_splines
+        from tpmscad.studies.hexahedral_meshing import write_splines
 
         write_splines(self.make_spline_volumes, self.name, path)
 
