@@ -1,13 +1,12 @@
 """The check of a part before printing: smallest wall, smallest gap, overhang and closed cavities, measured on the exact solid.
 
-Walls and gaps are found on samples of the surface and refined on the exact faces (`tpmscad.kernel`, opposite sides), overhang is
+Walls and gaps are bounded from below by a search that misses none (`tpmscad.kernel.printability.least_widths`), overhang is
 integrated over the exact faces, and cavities are closed surfaces inside the solids. None of it uses how the part was made, so
 that a file of any program is checked like a model.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
@@ -16,26 +15,23 @@ import numpy as np
 
 from tpmscad._typing import Array
 from tpmscad.api.public_calls import validate_options
+from tpmscad.brep.least_width import RESOLUTION, LeastWidth
 from tpmscad.errors import InvalidRequest
 from tpmscad.fields.periods_and_directions import as_unit_vector
 from tpmscad.kernel.body_import.isolated_reader import read_foreign_step
 from tpmscad.kernel.measure.shape_report import ShapeReport, check_shape
-from tpmscad.kernel.measure.shape_sampling import find_creases, have_touching_solids, sample_faces
-from tpmscad.kernel.occt.exploration import faces_of, require_shape, solids_of
+from tpmscad.kernel.measure.shape_sampling import have_touching_solids, sample_faces
+from tpmscad.kernel.occt.exploration import faces_of, require_shape
 from tpmscad.kernel.printability.cavities import find_cavities
-from tpmscad.kernel.printability.opposite_sides import SampledSurface, Width, find_least_solid_gap, find_least_width
+from tpmscad.kernel.printability.least_widths import measure_least_widths
 from tpmscad.kernel.printability.overhang import measure_overhang
 from tpmscad.requests.study_options import CheckPrintOptions
 
-SAMPLE_SPACING_FRACTION = 0.4
-"""Without limits: greatest distance of neighbouring samples, in units of volume / area, which is half the wall of a sheet."""
-
-SAMPLE_SPACING_LIMITS = 0.5
-"""Greatest distance of neighbouring samples in units of the smaller limit: a ball of 1.2 limits then meets a sample of any
-opposite side within the limit, as far as the side is flat over this distance."""
+CONTACT_SPACING_FRACTION = 0.4
+"""Greatest distance of the samples by which touching solids are found, in units of volume / area, half the wall of a sheet."""
 
 MAX_SAMPLES = 2_000_000
-"""Greatest number of samples, about half a gigabyte with their search tree."""
+"""Greatest number of these samples, about half a gigabyte with their search tree."""
 
 CONTACT_DIAGONALS = 1e-6
 """In diagonals of the part: distance within which faces of two solids touch."""
@@ -56,6 +52,9 @@ class PrintFinding:
     value : float or None
         Smallest wall or gap in mm, greatest overhang in degrees, or number of closed cavities; None for a wall or gap if no two
         sides are opposite.
+    bound : float or None
+        No wall or gap is smaller than this, mm; the value is attained by two places. At most 2 % below the value, or else what
+        could not be ruled out.
     limit : float or None
         The least wall or gap, the greatest overhang, or 0 cavities; None if it was not given.
     place : (float, float, float) or None
@@ -64,6 +63,8 @@ class PrintFinding:
         Of the faces beyond the limit of overhang, mm2.
     volume : float or None
         Of all cavities, mm3.
+    ends : pair of (float, float, float) or None
+        The two places between which the wall or gap has its value.
     """
 
     check: str
@@ -73,6 +74,8 @@ class PrintFinding:
     place: Place | None
     area: float | None = None
     volume: float | None = None
+    bound: float | None = None
+    ends: tuple[Place, Place] | None = None
 
     def __str__(self) -> str:
         at = "" if self.place is None else " at (" + ", ".join(f"{x:.4g}" for x in self.place) + ")"
@@ -84,7 +87,7 @@ class PrintFinding:
             beyond = "" if self.area is None else f", {self.area:.6g} mm2 beyond the limit"
             found = f"{self.value:.4g} degrees{at}{beyond}"
         else:
-            found = f"{self.value:.4g} mm{at}"
+            found = f"{self.value:.4g} mm{at}" + ("" if self.bound is None else f", none below {self.bound:.4g}")
         limit = "" if self.limit is None or self.check == "cavities" else f", limit {self.limit:g}"
         return f"{'ok   ' if self.met else 'FAULT'} {TITLES[self.check]:15} {found}{limit}"
 
@@ -107,10 +110,7 @@ class PrintReport:
     plate_area : float
         Area of the faces that stand on the build plate and do not count as overhang, mm2.
     resolution : float
-        Greatest distance of neighbouring samples on the surface, mm. Opposite sides that are smaller than this in both
-        directions may be missed; the widths found are exact to the faces.
-    notes : tuple of str
-        What limits the check.
+        By how much of its value the bound of a wall or gap may stay below it.
     """
 
     met: bool
@@ -118,7 +118,6 @@ class PrintReport:
     build_direction: Place
     plate_area: float
     resolution: float
-    notes: tuple[str, ...] = ()
 
     @property
     def faults(self) -> tuple[PrintFinding, ...]:
@@ -141,8 +140,7 @@ class PrintReport:
             [
                 f"{'printable' if self.met else 'NOT printable'} within the limits, built along ({direction})",
                 *map(str, self.findings),
-                f"sampled every {self.resolution:.3g} mm, {self.plate_area:.6g} mm2 on the build plate",
-                *(f"note: {note}" for note in self.notes),
+                f"walls and gaps to {100 * self.resolution:g} %, {self.plate_area:.6g} mm2 on the build plate",
             ]
         )
 
@@ -165,8 +163,10 @@ def check_print(options: CheckPrintOptions) -> PrintReport:
 
     Notes
     -----
-    A wall is the distance between two sides of the material whose normals are opposite within 20 degrees, a gap that of two sides
-    of the void. Sides that meet in a sharp edge nearby form a wedge, whose width goes to zero at every cut, and do not count.
+    A wall is the distance between two sides of the material along their common normal, or along the normal of one of them where
+    a sharp edge ends the other, which may taper by 20 degrees; a gap is that of two sides of the void, or of two solids. Sides
+    that meet in a sharp edge nearby form a wedge, whose width goes to zero at every cut, and do not count. A limit is kept if
+    the value keeps it and no wall or gap is more than 2 % below it.
     Faces within 1e-5 of the part's size of its lowest point stand on the build plate and are no overhang.
 
     Examples
@@ -178,13 +178,8 @@ def check_print(options: CheckPrintOptions) -> PrintReport:
     min_wall, min_gap, max_overhang = options.min_wall, options.min_gap, options.max_overhang
     shape, report = read_closed_solids(options.source, "checked before printing")
     upwards = as_unit_vector(options.build_direction)
-    surface, notes = _sample(shape, report, [limit for limit in (min_wall, min_gap) if limit is not None])
-    reach = 2.0 * report.volume / report.area
-    wall = find_least_width(surface, 1.0, min_wall, reach)
-    solids = solids_of(shape)
-    owner = np.repeat(np.arange(len(solids)), [len(faces_of(solid)) for solid in solids])
-    gaps = [find_least_width(surface, -1.0, min_gap, reach), find_least_solid_gap(surface, owner)]
-    gap = min((found for found in gaps if found is not None), key=lambda found: found.value, default=None)
+    refuse_touching_solids(shape, report, "are printed as one: unite them first, or check one of them")
+    wall, gap = measure_least_widths(shape, report)
     overhang = measure_overhang(shape, np.array(upwards), 90.0 if max_overhang is None else max_overhang)
     cavities = find_cavities(shape)
     findings = (
@@ -208,7 +203,7 @@ def check_print(options: CheckPrintOptions) -> PrintReport:
         ),
     )
     met = all(finding.met for finding in findings)
-    return PrintReport(met, findings, upwards, overhang.plate_area, surface.spacing, notes)
+    return PrintReport(met, findings, upwards, overhang.plate_area, RESOLUTION)
 
 
 def read_closed_solids(source: Any, purpose: str) -> tuple[Any, ShapeReport]:
@@ -223,31 +218,31 @@ def read_closed_solids(source: Any, purpose: str) -> tuple[Any, ShapeReport]:
     return shape, report
 
 
-def _sample(shape: Any, report: ShapeReport, limits: Sequence[float]) -> tuple[SampledSurface, tuple[str, ...]]:
-    """Samples of the surface as dense as the limits ask for, and a note if that would be too many."""
+def refuse_touching_solids(shape: Any, report: ShapeReport, why: str) -> None:
+    """InvalidRequest if faces of different solids lie on each other."""
     size = float(np.linalg.norm(np.subtract(*report.bounds)))
-    wanted = SAMPLE_SPACING_LIMITS * min(limits) if limits else SAMPLE_SPACING_FRACTION * report.volume / report.area
-    spacing = max(wanted, (report.area / MAX_SAMPLES) ** 0.5)
-    notes = (
-        ()
-        if spacing <= wanted
-        else (
-            f"the surface is sampled every {spacing:.3g} mm instead of {wanted:.3g}: walls and gaps may be missed where "
-            "they are smaller than that in both directions",
-        )
-    )
-    faces = faces_of(shape)
-    samples = sample_faces(faces, spacing)
-    if have_touching_solids(shape, samples, CONTACT_DIAGONALS * size, spacing):
-        raise InvalidRequest("solids that touch are printed as one: unite them first, or check one of them")
-    return SampledSurface.join(faces, samples, find_creases(faces, spacing), spacing, size), notes
+    spacing = max(CONTACT_SPACING_FRACTION * report.volume / report.area, (report.area / MAX_SAMPLES) ** 0.5)
+    if report.solids > 1 and have_touching_solids(
+        shape, sample_faces(faces_of(shape), spacing), CONTACT_DIAGONALS * size, spacing
+    ):
+        raise InvalidRequest(f"solids that touch {why}")
 
 
-def _judge_width(check: str, found: Width | None, limit: float | None) -> PrintFinding:
+def _judge_width(check: str, found: LeastWidth | None, limit: float | None) -> PrintFinding:
     """The finding of a smallest wall or gap."""
     if found is None:
         return PrintFinding(check, True, None, limit, None)
-    return PrintFinding(check, limit is None or found.value >= limit, found.value, limit, _place(found.place))
+    met = limit is None or (found.value >= limit and found.bound >= limit * (1.0 - RESOLUTION))
+    first, second = found.places
+    return PrintFinding(
+        check,
+        met,
+        found.value,
+        limit,
+        _place(found.places.mean(axis=0)),
+        bound=found.bound,
+        ends=(_place(first), _place(second)),
+    )
 
 
 def _place(point: Array) -> Place:

@@ -1,9 +1,9 @@
 """The figures that parts and channels are designed by, measured on the finished solid.
 
 Volume fraction, wetted surface and hydraulic diameter follow from the exact volumes and areas of the kernel's solids and from the
-envelope, the box or body in which void counts. The smallest wall and the smallest pore are found on samples of the surface: the
-smallest ball in the solid (in the void) that touches two opposite sides. A shape is taken as material with void around it, or as
-the fluid itself.
+envelope, the box or body in which void counts. The smallest wall and the smallest pore are the least distances of opposite sides,
+through the solid and through the void, bounded from below by a search that misses none. A shape is taken as material with void
+around it, or as the fluid itself.
 """
 
 from __future__ import annotations
@@ -16,28 +16,16 @@ import numpy as np
 from tpmscad._typing import BoolArray
 from tpmscad.api.public_calls import validate_call
 from tpmscad.api.shared_kinds import ANYTHING, FLAG, POSITIVE
-from tpmscad.brep.local_thickness import SharpEdgePoints, find_smallest_width
+from tpmscad.brep.least_width import LeastWidth
 from tpmscad.errors import InvalidRequest
 from tpmscad.kernel.body_import.cad_body import read_body
 from tpmscad.kernel.measure.mass_properties import face_moments
 from tpmscad.kernel.measure.shape_report import ShapeReport
-from tpmscad.kernel.measure.shape_sampling import (
-    Creases,
-    FaceSamples,
-    find_creases,
-    have_touching_solids,
-    lie_on_surface,
-    sample_faces,
-)
+from tpmscad.kernel.measure.shape_sampling import FaceSamples, lie_on_surface, sample_faces
 from tpmscad.kernel.occt.exploration import faces_of
+from tpmscad.kernel.printability.least_widths import measure_least_widths
 from tpmscad.results.model import Model
-from tpmscad.studies._check_print import read_closed_solids
-
-SAMPLE_SPACING_FRACTION = 0.4
-"""Greatest distance of neighbouring samples, in units of volume / area, which is half the wall of a sheet."""
-
-MAX_SAMPLES = 2_000_000
-"""Greatest number of samples, about half a gigabyte with their search tree; `Metrics.spacing` reports a larger spacing."""
+from tpmscad.studies._check_print import read_closed_solids, refuse_touching_solids
 
 N_ENVELOPE_SAMPLES = 20_000
 """Samples by which faces on the envelope are found."""
@@ -48,13 +36,15 @@ ENVELOPE_TOL_DIAGONALS = 1e-6
 
 @dataclass(frozen=True, slots=True)
 class LocatedWidth:
-    """The diameter of a ball, and its center."""
+    """A least distance of opposite sides, the middle between the two places that attain it, and a bound that none is below."""
 
     width: float
     at: tuple[float, float, float]
+    bound: float
 
     def __str__(self) -> str:
-        return f"{self.width:.4g} mm at (" + ", ".join(f"{round(x, 9) + 0.0:.4g}" for x in self.at) + ")"
+        at = ", ".join(f"{round(x, 9) + 0.0:.4g}" for x in self.at)
+        return f"{self.width:.4g} mm at ({at}), none below {self.bound:.4g}"
 
 
 @dataclass(frozen=True, slots=True, repr=False)
@@ -77,13 +67,12 @@ class Metrics:
         4 x fluid volume / `wetted_area`; None if no face is wetted. The fluid is the shape itself if `is_fluid`, otherwise the
         void that the shape leaves in the envelope.
     smallest_wall, smallest_pore : LocatedWidth or None
-        Diameter and center of the smallest ball in the material, or in the fluid, that touches two opposite sides (which may
-        taper by 5 degrees); None if no sides are opposite. Sides that meet in a sharp edge nearby are left out, because their
-        distance goes to zero at every cut.
+        Least distance of opposite sides of the material, or of the fluid, as in `check_print`; None if no sides are opposite. Its
+        bound is at most 2 % below it, or else what could not be ruled out.
     pieces : int
         Number of solids.
     spacing : float
-        Greatest distance of neighbouring samples. Widths are accurate to about spacing^2 / (8 x radius of curvature).
+        Greatest distance of the samples by which faces on the envelope are found.
     is_fluid : bool
         Whether the shape was measured as fluid with walls around it.
     """
@@ -138,7 +127,9 @@ def measure(
         Any, ANYTHING, "The envelope in which void counts: a box or a body. By default the bounding box of the shape."
     ] = None,
     spacing: Annotated[
-        float | None, POSITIVE, "Greatest distance of the samples on the surface; by default 0.4 x volume / area."
+        float | None,
+        POSITIVE,
+        "Greatest distance of the samples by which faces on the envelope are found; by default 20,000 of them.",
     ] = None,
     is_fluid: Annotated[
         bool | None,
@@ -176,18 +167,15 @@ def measure(
     shape, report = read_closed_solids(source, "measured")
     faces = faces_of(shape)
     size = float(np.linalg.norm(np.subtract(*report.bounds)))
+    refuse_touching_solids(
+        shape, report, "have no surface of their own there: measure one of them, or unite them first"
+    )
+    spacing = spacing or (report.area / N_ENVELOPE_SAMPLES) ** 0.5
     envelope_volume, wetted = _measure_envelope(
         report, faces, report.bounds if within is None else within, size, spacing
     )
-    spacing = spacing or max(SAMPLE_SPACING_FRACTION * report.volume / report.area, (report.area / MAX_SAMPLES) ** 0.5)
-    samples, creases = sample_faces(faces, spacing), find_creases(faces, spacing)
-    if have_touching_solids(shape, samples, ENVELOPE_TOL_DIAGONALS * size, spacing):
-        raise InvalidRequest(
-            "solids that touch have no surface of their own there: measure one of them, or unite them first"
-        )
     fluid_volume = report.volume if is_fluid else max(0.0, envelope_volume - report.volume)
-    reach = 2.0 * report.volume / report.area
-    inner, outer = (_measure_smallest_width(samples, creases, sign, reach, size, spacing) for sign in (1.0, -1.0))
+    inner, outer = (None if found is None else _locate(found) for found in measure_least_widths(shape, report))
     return Metrics(
         volume=report.volume,
         area=report.area,
@@ -204,11 +192,9 @@ def measure(
     )
 
 
-def _measure_envelope(
-    report: ShapeReport, faces: Any, within: Any, size: float, spacing: float | None
-) -> tuple[float, float]:
+def _measure_envelope(report: ShapeReport, faces: Any, within: Any, size: float, spacing: float) -> tuple[float, float]:
     """The volume of the envelope, and the area of the faces that do not lie on it."""
-    samples = sample_faces(faces, spacing or (report.area / N_ENVELOPE_SAMPLES) ** 0.5)
+    samples = sample_faces(faces, spacing)
     volume, on_envelope = _locate_envelope(within, samples, ENVELOPE_TOL_DIAGONALS * size)
     if volume < report.volume * (1.0 - ENVELOPE_TOL_DIAGONALS):
         raise InvalidRequest(
@@ -237,20 +223,6 @@ def _locate_envelope(within: Any, samples: FaceSamples, tol: float) -> tuple[flo
     return float((high - low).prod()), on_planes.any(axis=1)
 
 
-def _measure_smallest_width(
-    samples: FaceSamples, creases: Creases, sign: float, reach: float, size: float, spacing: float
-) -> LocatedWidth | None:
-    """The least width between opposite sides, in the solid (sign = 1) or in the void (-1)."""
-    found = find_smallest_width(
-        np.concatenate([samples.points, creases.points, creases.points]),
-        sign * np.concatenate([samples.normals, creases.normals[:, 0], creases.normals[:, 1]]),
-        creases.smooth_group[np.concatenate([samples.face, creases.faces[:, 0], creases.faces[:, 1]])],
-        SharpEdgePoints(creases.points, np.sort(creases.smooth_group[creases.faces], axis=1)),
-        reach,
-        size,
-        spacing,
-    )
-    if found is None:
-        return None
-    x, y, z = found[1].tolist()
-    return LocatedWidth(found[0], (x, y, z))
+def _locate(found: LeastWidth) -> LocatedWidth:
+    x, y, z = found.places.mean(axis=0).tolist()
+    return LocatedWidth(found.value, (x, y, z), found.bound)

@@ -1,0 +1,92 @@
+"""Smallest walls and gaps are bounded from below and attained, on bodies whose widths are known: none is overlooked."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import build123d as bd
+import numpy as np
+import pytest
+
+import tpmscad
+from tpmscad import fields
+from tpmscad.brep.least_width import RESOLUTION, LeastWidth
+from tpmscad.kernel.measure.shape_report import check_shape
+from tpmscad.kernel.occt.exploration import require_shape
+from tpmscad.kernel.printability.least_widths import measure_least_widths
+
+pytestmark = pytest.mark.kernel
+
+TILT = bd.Rot(20, 30, 40)
+FIELD_TOL = 0.002
+
+
+def widths(shape: Any) -> tuple[LeastWidth | None, LeastWidth | None]:
+    topods = require_shape(shape)
+    return measure_least_widths(topods, check_shape(topods))
+
+
+def assert_is(found: LeastWidth | None, truth: float, tol: float = 1e-6) -> None:
+    assert found is not None
+    assert found.bound <= truth + tol
+    assert found.bound >= (1.0 - 1.5 * RESOLUTION) * truth - tol
+    assert found.value == pytest.approx(truth, abs=tol)
+    assert np.linalg.norm(found.places[1] - found.places[0]) == pytest.approx(found.value)
+
+
+def field_with_voids(*voids: fields.Field) -> Any:
+    return tpmscad.solidify(fields.complement(fields.union(*voids)), ((0, 0, 0), (12, 8, 8)), tol=FIELD_TOL).wrapped
+
+
+@pytest.mark.parametrize("wall", [0.05, 0.1, 0.2])
+def test_the_wall_between_two_voids_of_a_field_is_found(wall: float) -> None:
+    """The voids come nearest at a corner where several patches of each meet."""
+    found, _ = widths(field_with_voids(fields.sphere((4, 4, 4), 2.0), fields.sphere((8 + wall, 4, 4), 2.0)))
+    assert_is(found, wall, 2 * FIELD_TOL)
+
+
+@pytest.mark.parametrize("wall", [0.1, 0.8])
+@pytest.mark.parametrize("placement", [bd.Pos(0, 0, 0), TILT], ids=["straight", "rotated"])
+def test_the_wall_over_a_void_below_a_flat_side_is_found(wall: float, placement: bd.Location) -> None:
+    found, gap = widths(placement * (bd.Box(10, 10, 10) - bd.Pos(0, 0, 4 - wall) * bd.Sphere(1)))
+    assert_is(found, wall)
+    assert_is(gap, 2.0)
+
+
+def test_print_check_faults_the_wall_that_samples_overlook() -> None:
+    part = field_with_voids(fields.sphere((4, 4, 4), 2.0), fields.sphere((8.1, 4, 4), 2.0))
+    report = tpmscad.check_print(part, min_wall=0.5)
+    assert not report["wall"].met
+    assert report["wall"].value == pytest.approx(0.1, abs=2 * FIELD_TOL)
+    assert report["wall"].bound is not None
+    assert report["wall"].ends is not None
+    assert tpmscad.measure(part).smallest_wall.width == pytest.approx(0.1, abs=2 * FIELD_TOL)  # type: ignore[union-attr]
+
+
+def test_a_tube_has_its_wall_and_its_bore() -> None:
+    wall, gap = widths(TILT * (bd.Cylinder(3, 10) - bd.Cylinder(2.5, 10)))
+    assert_is(wall, 0.5)
+    assert_is(gap, 5.0)
+
+
+def test_the_least_width_of_a_tapered_wall_is_at_its_end() -> None:
+    wall, _ = widths(bd.extrude(bd.Polygon((0, 0), (20, 0), (20, 1.3), (0, 0.3), align=None), 10))
+    assert_is(wall, 0.3, 0.001)
+
+
+def test_a_sharp_wedge_has_no_wall() -> None:
+    wall, gap = widths(bd.extrude(bd.Polygon((0, 0), (30, 0), (30, 3), align=None), 10))
+    assert wall is None
+    assert gap is None
+
+
+@pytest.mark.slow
+def test_a_sheet_that_ends_in_whole_patches_is_as_thick_as_asked() -> None:
+    wall, _ = widths(tpmscad.lattice("gyroid", cell=10, thickness=0.4, boundary="natural", tol=FIELD_TOL).wrapped)
+    assert_is(wall, 0.4, FIELD_TOL)
+
+
+def test_a_skin_is_as_thick_as_asked() -> None:
+    part = tpmscad.infill(bd.Box(16, 16, 16), "schwarz_p", cell=8, thickness=1.5, skin=0.4, tol=0.01)
+    wall, _ = widths(part.wrapped)
+    assert_is(wall, 0.4)

@@ -1,0 +1,106 @@
+"""Cells of the faces of OCCT shapes (`tpmscad.brep.surface_cells`): surfaces of any kind as bicubic patches in their parameters.
+
+A face's rectangle is bisected until a bicubic patch through 16 of its points is as near as asked to the surface between them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from OCP.BRepAdaptor import BRepAdaptor_Curve2d
+from OCP.GeomAbs import GeomAbs_BSplineCurve, GeomAbs_Line
+from OCP.TopoDS import TopoDS_Face
+
+from tpmscad._typing import Array, IntArray
+from tpmscad.brep.surface_cells import DEGREE, CellFit, SurfaceCells, trim_cells
+from tpmscad.kernel.occt.exploration import edges_of, orientation_sign
+from tpmscad.kernel.slicing.geometry_evaluators import face_evaluator
+from tpmscad.splines.basis import bernstein_basis, bezier_interpolation
+
+CHECKED = np.array([0.125, 0.375, 0.625, 0.875])
+"""Grid lines between the nodes on which the distance between patch and surface is measured."""
+
+PAD_FACTOR = 2.0
+"""The bound of this distance over the greatest one measured."""
+
+MAX_BISECTIONS = 24
+"""Of a face before its patches count as near enough, with the distance measured."""
+
+MIN_CHORDS_PER_PCURVE = 16
+"""Chords of a curve that trims a face, and at least 4 in each of its knot spans."""
+
+SLACK_FACTOR = 1.5
+"""The bound of the distance between a loop and its chord over the one measured at the middle of the chord."""
+
+_NODES, _TO_POLES = bezier_interpolation(DEGREE)
+
+
+def face_cells(faces: Sequence[TopoDS_Face], tol: float) -> SurfaceCells:
+    """Cells of faces whose patches are within `tol` of the surfaces."""
+    fit = cell_fitter(faces)
+    chords, slacks = zip(*map(_trimming_chords, faces), strict=True)
+    box = np.array([np.sort([chord.min(axis=(0, 1)), chord.max(axis=(0, 1))], axis=0).T for chord in chords])
+    face, done = np.arange(len(faces)), []
+    for bisections in range(MAX_BISECTIONS + 1):
+        nets, pad = fit(face, box)
+        near = (pad <= tol) | (bisections == MAX_BISECTIONS)
+        done.append((nets[near], pad[near], box[near], face[near]))
+        nets, box, face = nets[~near], box[~near], face[~near]
+        if not len(face):
+            break
+        bend = [np.linalg.norm(np.diff(nets, 2, axis=axis), axis=-1).max(axis=(1, 2)) for axis in (1, 2)]
+        at, axis = np.arange(len(face)), (bend[1] > bend[0]).astype(np.int64)
+        low, high = box.copy(), box.copy()
+        low[at, axis, 1] = high[at, axis, 0] = box[at, axis].mean(axis=1)
+        box, face = np.concatenate([low, high]), np.concatenate([face, face])
+    nets, pad, box, face = (np.concatenate(parts) for parts in zip(*done, strict=True))
+    order = np.argsort(face, kind="stable")
+    sign = np.array([float(orientation_sign(each)) for each in faces])
+    return trim_cells(nets[order], pad[order], box[order], face[order], sign, chords, slacks, fit)
+
+
+def cell_fitter(faces: Sequence[TopoDS_Face]) -> CellFit:
+    """The function that fits cells of these faces."""
+    surfaces = [face_evaluator(face) for face in faces]
+    between = bernstein_basis(DEGREE, CHECKED)
+
+    def fit(face: IntArray, box: Array) -> tuple[Array, Array]:
+        parameters = np.concatenate([_grid(box, _NODES), _grid(box, CHECKED)], axis=1)
+        points = np.empty((*parameters.shape[:2], 3))
+        order = np.argsort(face, kind="stable")
+        numbers, first = np.unique(face[order], return_index=True)
+        for number, own in zip(numbers.tolist(), np.split(order, first[1:]), strict=True):
+            points[own] = surfaces[number](parameters[own].reshape(-1, 2))[0].reshape(len(own), -1, 3)
+        n = (DEGREE + 1) ** 2
+        nodes = points[:, :n].reshape(-1, DEGREE + 1, DEGREE + 1, 3)
+        nets = np.einsum("ia,jb,nabc->nijc", _TO_POLES, _TO_POLES, nodes, optimize=True)
+        fitted = np.einsum("ka,lb,nabc->nklc", between, between, nets, optimize=True).reshape(len(box), -1, 3)
+        return nets, PAD_FACTOR * np.linalg.norm(fitted - points[:, n:], axis=2).max(axis=1)
+
+    return fit
+
+
+def _grid(boxes: Array, t: Array) -> Array:
+    """Parameters (n, k^2, 2) of the grids t x t (k,) in rectangles (n, 2, 2)."""
+    at = boxes[:, :, :1] + t * (boxes[:, :, 1:] - boxes[:, :, :1])
+    uv = np.empty((len(boxes), len(t), len(t), 2))
+    uv[..., 0], uv[..., 1] = at[:, 0, :, None], at[:, 1, None, :]
+    return uv.reshape(len(boxes), -1, 2)
+
+
+def _trimming_chords(face: TopoDS_Face) -> tuple[Array, Array]:
+    """Chords (c, 2, 2) of the loops of a face in its parameters, and how far the loops are from them in u and v, (c, 2)."""
+    chords, slacks = [], []
+    for edge in edges_of(face):
+        curve = BRepAdaptor_Curve2d(edge, face)
+        kind = curve.GetType()
+        n = 1 if kind == GeomAbs_Line else MIN_CHORDS_PER_PCURVE
+        if kind == GeomAbs_BSplineCurve:
+            n = max(n, 4 * (curve.BSpline().NbKnots() - 1))
+        t = np.linspace(curve.FirstParameter(), curve.LastParameter(), 2 * n + 1)
+        line = np.array([curve.Value(s).Coord() for s in t.tolist()])
+        ends = line[::2]
+        chords.append(np.stack([ends[:-1], ends[1:]], axis=1))
+        slacks.append(SLACK_FACTOR * np.abs(line[1::2] - 0.5 * (ends[:-1] + ends[1:])) * (n > 1))
+    return np.concatenate(chords), np.concatenate(slacks)
