@@ -25,7 +25,7 @@ from OCP.GeomAbs import GeomAbs_Arc
 from OCP.gp import gp_Ax2, gp_Dir, gp_Pnt, gp_Trsf
 from OCP.GProp import GProp_GProps
 from OCP.ShapeFix import ShapeFix_Edge
-from OCP.STEPControl import STEPControl_AsIs, STEPControl_Writer
+from OCP.STEPControl import STEPControl_AsIs, STEPControl_Reader, STEPControl_Writer
 from OCP.TopAbs import TopAbs_FACE, TopAbs_SHELL
 from OCP.TopLoc import TopLoc_Location
 
@@ -230,3 +230,39 @@ def test_a_damaged_step_file_is_refused_by_the_reader(tmp_path: Path) -> None:
     text = (tmp_path / "box.step").read_text()
     (tmp_path / "box.step").write_text(text.replace("DIRECTION('',", "DIRECTION(('',", 1))
     call_in_child(read_step, tmp_path / "box.step", seconds=20)
+
+
+MARKER = "#900001=PRE_DEFINED_POINT_MARKER_SYMBOL('asterisk');"
+"""An entity of supplemental geometry, as NX writes it."""
+
+
+def add_marker(path: Path) -> Path:
+    """A box in a file with an entity that OCCT does not know."""
+    write_shape(BRepPrimAPI_MakeBox(1.0, 2.0, 3.0).Shape(), path)
+    path.write_text(path.read_text().replace("ENDSEC;\nEND-ISO", f"{MARKER}\nENDSEC;\nEND-ISO"))
+    assert MARKER in path.read_text()
+    return path
+
+
+def query_products(path: Path) -> int:
+    reader = STEPControl_Reader()
+    reader.ReadFile(str(path))
+    return int(reader.GiveList("step-type(PRODUCT)").Length())
+
+
+@pytest.mark.xfail(
+    strict=True,
+    raises=ChildFailure,
+    reason=f"OCCT {VERSION}: a query by type crashes on an entity that it does not know",
+)
+def test_products_are_queried_in_a_file_with_a_point_marker(tmp_path: Path) -> None:
+    assert call_in_child(query_products, add_marker(tmp_path / "marker.step"), seconds=20) == 1
+
+
+def test_a_file_with_a_point_marker_is_read_with_its_names(tmp_path: Path) -> None:
+    content = call_in_child(read_names, add_marker(tmp_path / "marker.step"), seconds=20)
+    assert len(content) == 1
+
+
+def read_names(path: Path) -> tuple[str, ...]:
+    return read_step(path).products
