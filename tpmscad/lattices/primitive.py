@@ -116,10 +116,8 @@ def _rigorous_bounds(name: str, reference: str, offset: float, fitted: BSplineSu
     uu, uv, vv = (float(np.linalg.norm(d, axis=-1).max()) for d in (jet.duu, jet.duv, jet.dvv))
     mixed = error_bounds.second_derivative_bounds(fitted, 2)[1]
     return {
-        "Filip's, from the exact surface by a mesh to the fitted one": error_bounds.fit_error_bound(
-            jet.position, t, t, (uu, uv, vv), fitted
-        ),
-        "Zheng-Sederberg's, from the mesh to the fitted surface's bilinear facets": float(
+        "of the deviation, by a mesh (Filip)": error_bounds.fit_error_bound(jet.position, t, t, (uu, uv, vv), fitted),
+        "of facets on the fitted surface, not of its deviation (Zheng, Sederberg)": float(
             error_bounds.zheng_sederberg_bound(mixed, t[1], t[1])
         ),
     }

@@ -106,7 +106,8 @@ class Certificate:
     n_faces, n_primitives, n_poles : int
         Numbers of faces, of different B-spline surfaces among them, and of their control points.
     bounds : mapping of str to float
-        A-priori upper bounds on the deviation by name; they lie far above the measured values.
+        A-priori upper bounds, each of what its name says. That of the deviation holds for the fitted surfaces and lies above the
+        measured one; that of facets is the step of TPMS2STEP's eq. 4 alone, which says nothing of the deviation.
     figures : mapping of str to float
         Further measured values by name.
     notes : tuple of str
