@@ -1,8 +1,47 @@
-"""The decorator of compiled loops, for every room that has some."""
+"""The decorator of compiled loops, for every room that has some, and the folder where they are kept."""
 
 from __future__ import annotations
 
+import getpass
+import os
+import tempfile
+import warnings
+from pathlib import Path
+
 import numba
+
+
+def keep_in_temporary_folder() -> Path:
+    """Keep compiled functions in a temporary folder that only this user can write to, and return it."""
+    try:
+        folder = Path(tempfile.gettempdir()) / f"tpmscad-compiled-{getpass.getuser()}"
+    except (KeyError, OSError):  # a user without a name, as in some containers
+        folder = Path(tempfile.gettempdir()) / "tpmscad-compiled"
+    try:
+        folder.mkdir(mode=0o700, exist_ok=True)
+        state = folder.lstat()
+        owned = not hasattr(os, "getuid") or (state.st_uid == os.getuid() and not state.st_mode & 0o022)
+        if folder.is_symlink() or not owned or not os.access(folder, os.W_OK):
+            raise PermissionError(folder)
+    except OSError:  # another user's
+        folder = Path(tempfile.mkdtemp(prefix="tpmscad-compiled-"))
+    numba.config.CACHE_DIR = str(folder)
+    warnings.warn(
+        f"neither the package's folder nor a home folder can be written to: compiled functions are kept in {folder}; "
+        "set NUMBA_CACHE_DIR to a folder of your own to keep them longer",
+        stacklevel=2,
+    )
+    return folder
+
+
+def _probe() -> None:
+    """A function of this package, to see whether it can be kept."""
+
+
+try:
+    numba.njit(cache=True)(_probe)
+except RuntimeError:  # numba finds no folder that it can write to
+    keep_in_temporary_folder()
 
 njit_cached = numba.njit(cache=True, error_model="numpy")
 """Decorator of compiled loops: compiled on first use and cached on disk; a division by zero gives inf or nan, as in NumPy."""

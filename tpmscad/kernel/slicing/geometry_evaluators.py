@@ -10,12 +10,12 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
 
-import numba
 import numpy as np
 from OCP.BRepAdaptor import BRepAdaptor_Curve, BRepAdaptor_Surface
 from OCP.GeomAbs import GeomAbs_BSplineCurve, GeomAbs_BSplineSurface, GeomAbs_Line, GeomAbs_Plane
 from OCP.TopoDS import TopoDS_Edge, TopoDS_Face
 
+from tpmscad._compiled_loops import njit_cached
 from tpmscad._typing import Array
 from tpmscad.kernel.occt import convert
 from tpmscad.kernel.occt.exploration import evaluate_pointwise
@@ -110,7 +110,7 @@ class LineEvaluator:
         return self.origin + t[:, None] * self.along, np.broadcast_to(self.along, (len(t), 3))
 
 
-@numba.njit(cache=True)
+@njit_cached
 def _evaluate_surface(
     knots_u: Array, degree_u: int, knots_v: Array, degree_v: int, poles: Array, uv: Array, found: Array
 ) -> None:  # pragma: no cover - compiled
@@ -134,7 +134,7 @@ def _evaluate_surface(
             found[0, i, axis], found[1, i, axis], found[2, i, axis] = x, xu, xv
 
 
-@numba.njit(cache=True)
+@njit_cached
 def _evaluate_basis(
     knots: Array, degree: int, t: float, basis: Array, slope: Array
 ) -> int:  # pragma: no cover - compiled

@@ -13,9 +13,9 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-import numba
 import numpy as np
 
+from tpmscad._compiled_loops import njit_cached
 from tpmscad._typing import Array, BoolArray, IntArray
 from tpmscad.errors import KernelError
 
@@ -186,7 +186,7 @@ def make_template(body: str) -> str:
     return _NUMBER.sub(mark, body)
 
 
-@numba.njit(cache=True)
+@njit_cached
 def _scan(
     text: Any, powers: Any, number: Any, code: Any, count: Any, values: Any, slow: Any, place: Any
 ) -> tuple[int, int, int, int]:
@@ -237,7 +237,7 @@ def _scan(
     return n, m, k, at
 
 
-@numba.njit(cache=True)
+@njit_cached
 def _scan_number(text: Any, powers: Any, at: int) -> tuple[int, int, bool, float]:
     """End, mark (0: no number), whether the value is exact, and value of the number or reference that begins at `at`."""
     size, mark = len(text), 64  # '@'

@@ -8,9 +8,9 @@ from __future__ import annotations
 
 from typing import Any
 
-import numba
 import numpy as np
 
+from tpmscad._compiled_loops import njit_cached
 from tpmscad._typing import IntArray
 
 HEAD, TAIL = np.frombuffer(b"=CARTESIAN_POINT('',(", np.uint8), np.frombuffer(b"));\n", np.uint8)
@@ -36,7 +36,7 @@ def format_points(grid: IntArray, decimals: int, first: int) -> list[str]:
     return pieces
 
 
-@numba.njit(cache=True)
+@njit_cached
 def _write_points(grid: Any, decimals: int, first: int, head: Any, tail: Any, out: Any) -> int:
     """Write the entities to `out` and return their length."""
     at = 0
@@ -57,7 +57,7 @@ def _write_points(grid: Any, decimals: int, first: int, head: Any, tail: Any, ou
     return at
 
 
-@numba.njit(cache=True)
+@njit_cached
 def _write_integer(value: int, least: int, out: Any, at: int) -> int:
     """Write the digits of a non-negative integer, with zeros in front up to `least` digits; the end of them."""
     count, rest = 1, value // 10
@@ -71,7 +71,7 @@ def _write_integer(value: int, least: int, out: Any, at: int) -> int:
     return at + count
 
 
-@numba.njit(cache=True)
+@njit_cached
 def _write_decimal(value: int, decimals: int, out: Any, at: int) -> int:
     """Write value times 10^-decimals as a Part 21 real and return its end."""
     if value == 0:
