@@ -251,9 +251,10 @@ def query_products(path: Path) -> int:
 
 
 @pytest.mark.xfail(
+    convert.OCCT_VERSION >= (8,),
     strict=True,
     raises=ChildFailure,
-    reason=f"OCCT {VERSION}: a query by type crashes on an entity that it does not know",
+    reason=f"OCCT {VERSION}: a query by type crashes on an entity that it does not know; 7.9 answers",
 )
 def test_products_are_queried_in_a_file_with_a_point_marker(tmp_path: Path) -> None:
     assert call_in_child(query_products, add_marker(tmp_path / "marker.step"), seconds=20) > 0
