@@ -59,7 +59,9 @@ def test_print_check_faults_the_wall_that_samples_overlook() -> None:
     assert not report["wall"].met
     assert report["wall"].value == pytest.approx(0.1, abs=2 * FIELD_TOL)
     assert report["wall"].bound is not None
-    assert report["wall"].ends is not None
+    assert report["wall"].places is not None
+    assert report.smallest_wall is report["wall"]
+    assert report.smallest_gap is report["gap"]
     assert tpmscad.measure(part).smallest_wall.width == pytest.approx(0.1, abs=2 * FIELD_TOL)  # type: ignore[union-attr]
 
 

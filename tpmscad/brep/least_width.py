@@ -91,21 +91,39 @@ class LeastWidth:
     parameters: Array
 
 
-def find_least_width(
-    cells: SurfaceCells, through: int, group: IntArray, solid: IntArray, edges: SharpEdges
-) -> LeastWidth | None:
-    """The least distance of sides that face each other, through the material (through = -1) or the void (1); None if none do.
+def find_least_widths(
+    cells: SurfaceCells, group: IntArray, solid: IntArray, edges: SharpEdges
+) -> tuple[LeastWidth | None, LeastWidth | None]:
+    """The least distances of sides that face each other, through the material and through the void; None where none do.
 
     group, solid (F,): smooth group and solid of each face.
     """
-    return _Search(cells, through, group, solid, edges).run()
+    samples = cKDTree(np.concatenate([_sample_surface(cells, SAMPLE_SPACINGS * edges.spacing), edges.points]))
+    wall, gap = (_Search(cells, through, group, solid, edges, samples).run() for through in (-1.0, 1.0))
+    return wall, gap
+
+
+def _sample_surface(cells: SurfaceCells, radius: float) -> Array:
+    """The middles (n, 3) of parts of the cells of this radius at most, about as dense as half a mean wall."""
+    while (large := cells.balls()[1] > radius).any():
+        cells, _ = cells.bisect(large)
+    return np.asarray(cells.middles()[cells.inside])
 
 
 class _Search:
     """The cells under search, the least width so far, and the bound of the pairs dropped."""
 
-    def __init__(self, cells: SurfaceCells, through: int, group: IntArray, solid: IntArray, edges: SharpEdges) -> None:
-        self.through, self.group, self.solid, self.edges = float(through), group, solid, edges
+    def __init__(
+        self,
+        cells: SurfaceCells,
+        through: float,
+        group: IntArray,
+        solid: IntArray,
+        edges: SharpEdges,
+        samples: cKDTree,
+    ) -> None:
+        """through: -1 for the material, 1 for the void. samples: points of the surface, which tell whether balls are empty."""
+        self.through, self.group, self.solid, self.edges = through, group, solid, edges
         self.n_groups = 1 + int(group.max())
         self.edge_key = edges.groups @ np.array([self.n_groups, 1])
         self.edge_tree = cKDTree(edges.points) if len(edges.points) else None
@@ -113,7 +131,7 @@ class _Search:
         self._take(cells)
         low, high = (self.center - self.radius[:, None]).min(axis=0), (self.center + self.radius[:, None]).max(axis=0)
         self.size = float(np.linalg.norm(high - low))
-        self.samples = cKDTree(self._sample_surface())
+        self.samples = samples
         self.found: LeastWidth | None = None
 
     def run(self) -> LeastWidth | None:
@@ -141,7 +159,7 @@ class _Search:
             pairs, low = self._select_pairs(pairs)
             self._attain(pairs, low)
             near = low < self.value * (1.0 - RESOLUTION)
-            small = self.radius[pairs].max(axis=1) < LEAST_CELL * min(self.edges.spacing, self.value)
+            small = self.radius[pairs].max(axis=1) < self._least_cell
             self.bound = min(self.bound, float(low[~near | small].min(initial=np.inf)))
             pairs = self._bisect(pairs[near & ~small])
 
@@ -161,19 +179,6 @@ class _Search:
             meets = away <= (self.radius + self.edges.spacing)[:, None]
             self.edge_keys_near = np.where(meets, self.edge_key[np.minimum(at, len(self.edge_key) - 1)], -1)
             self.more_edges_near = meets[:, -1] & (k < len(self.edge_key))
-
-    def _sample_surface(self) -> Array:
-        """Points (n, 3) of the surface, about as dense as half a mean wall."""
-        cells = self.cells
-        while (large := cells.balls()[1] > SAMPLE_SPACINGS * self.edges.spacing).any():
-            cells = cells.bisect(large)[0]
-        return np.concatenate(
-            [evaluate_cells(cells.nets, np.full((len(cells), 2), 0.5))[0][cells.inside], self.edges.points]
-        )
-
-    def _middles(self) -> Array:
-        """The middles (n, 3) of the cells."""
-        return evaluate_cells(self.cells.nets, np.full((len(self.cells), 2), 0.5))[0]
 
     def _bisect(self, pairs: IntArray) -> IntArray:
         """Bisect the larger ones of the cells in pairs, drop the other cells, and return the pairs of their parts."""
@@ -229,7 +234,13 @@ class _Search:
         keep = ~self._in_wedge(pairs, low) & ~self._is_blocked(pairs, low)
         return pairs[keep], low[keep]
 
+    @property
+    def _least_cell(self) -> float:
+        """Radius of cells that are not bisected any further."""
+        return LEAST_CELL * min(self.edges.spacing, self.value)
+
     def _of_one_solid(self, pairs: IntArray) -> BoolArray:
+        """Whether both cells of each pair belong to the same solid: (n,)."""
         solid = self.solid[self.cells.face[pairs]]
         return np.asarray(solid[:, 0] == solid[:, 1])
 
@@ -275,9 +286,7 @@ class _Search:
             away, _ = self.trees_by_key[k].query(middle[own])
             farthest = away + radius[own]
             touching = away <= radius[own] + self.edges.spacing
-            settled = (open_angle[own] > MIN_WEDGE_ANGLE) | (
-                radius[own] < LEAST_CELL * min(self.edges.spacing, self.value)
-            )
+            settled = (open_angle[own] > MIN_WEDGE_ANGLE) | (radius[own] < self._least_cell)
             result[own] = (
                 (low[own] > farthest / WEDGE_REACH)
                 | (farthest < WEDGE_SPACINGS * self.edges.spacing)
@@ -294,7 +303,7 @@ class _Search:
 
     def _attain_by_balls(self) -> None:
         """Attain a first width between cells whose middles touch an empty ball on opposite sides."""
-        middles = self._middles()
+        middles = self.cells.middles()
         everyone = np.arange(len(middles))
         _, contact = shrink_tangent_balls(
             middles, -self.through * self.axis, 0.5 * self.value, everyone, cKDTree(middles)

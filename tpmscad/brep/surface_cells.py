@@ -14,7 +14,7 @@ import numpy as np
 
 from tpmscad._typing import Array, BoolArray, IntArray
 from tpmscad.brep.loops import points_in_polygons
-from tpmscad.splines.basis import bernstein_basis
+from tpmscad.splines.basis import bernstein_basis, halving_matrix
 
 DEGREE = 3
 """Of the cells' patches in both directions."""
@@ -25,6 +25,12 @@ REFERENCE = np.array([0.4871, 0.5317])
 SIDE_TOL = 1e-9
 """Of the parameters of a face: within this a chord runs along a side of a cell, which it leaves whole."""
 
+REGULAR_RATIO = 1e-9
+"""Of the longest sampled normal of a cell: shorter ones, at poles of the surface, have no direction."""
+
+LEAST_MEAN = 1e-3
+"""Length of the sum of a cell's sampled unit normals below which they have no mean direction."""
+
 CONE_MARGIN = 1.3
 """Widening of the cone of a cell's sampled normals, of which a bicubic patch has more extreme ones between the samples."""
 
@@ -32,18 +38,7 @@ CONE_SAMPLES = np.linspace(0.0, 1.0, 5)
 """Grid lines in both directions on which a cell's normals are sampled."""
 
 
-def _halving_matrices() -> Array:
-    """Matrices (2, 4, 4) from the poles of a cubic to those of its halves."""
-    rows, halves = np.eye(DEGREE + 1), np.zeros((2, DEGREE + 1, DEGREE + 1))
-    for i in range(DEGREE + 1):
-        halves[0, i], halves[1, DEGREE - i] = rows[0], rows[-1]
-        rows = 0.5 * (rows[:-1] + rows[1:])
-    return halves
-
-
-HALVES = _halving_matrices()
 _CONE_ROWS = [bernstein_basis(DEGREE, CONE_SAMPLES, order) for order in (0, 1)]
-
 
 CellFit = Callable[[IntArray, Array], tuple[Array, Array]]
 """Takes faces (n,) and rectangles of their parameters (n, 2, 2) to nets (n, 4, 4, 3) and pads (n,)."""
@@ -68,7 +63,7 @@ class SurfaceCells:
     inside : (n,)
         Whether the reference point lies inside the loops.
     chord_cell, chord : (m,), (m,)
-        Cells that a loop crosses and the chords in them.
+        Cells that a loop crosses, ascending, and the chords in them.
     chords : (c, 2, 2)
         Starts and ends of all chords of the loops, in parameters.
     slack : (c, 2)
@@ -105,13 +100,13 @@ class SurfaceCells:
         along_v = np.einsum("ka,lb,nabc->nklc", rows, slopes, nets, optimize=True)
         normals = np.cross(along_u, along_v).reshape(len(nets), -1, 3)
         length = np.linalg.norm(normals, axis=2, keepdims=True)
-        regular = length > 1e-9 * np.maximum(length.max(axis=1, keepdims=True), 1e-300)
+        regular = length > REGULAR_RATIO * np.maximum(length.max(axis=1, keepdims=True), 1e-300)
         normals = np.divide(normals, length, out=np.zeros_like(normals), where=regular) * self.sign[:, None, None]
         axis = normals.sum(axis=1)
         size = np.linalg.norm(axis, axis=1, keepdims=True)
-        axis = np.divide(axis, size, out=np.zeros_like(axis), where=size > 1e-3)
+        axis = np.divide(axis, size, out=np.zeros_like(axis), where=size > LEAST_MEAN)
         cosine = np.where(regular[..., 0], (normals * axis[:, None]).sum(axis=2), 1.0).min(axis=1)
-        angle = np.where(size[:, 0] > 1e-3, CONE_MARGIN * np.arccos(np.clip(cosine, -1.0, 1.0)), np.pi)
+        angle = np.where(size[:, 0] > LEAST_MEAN, CONE_MARGIN * np.arccos(np.clip(cosine, -1.0, 1.0)), np.pi)
         return axis, np.minimum(angle, np.pi)
 
     def reference_points(self) -> Array:
@@ -127,19 +122,8 @@ class SurfaceCells:
         number = np.full(len(self), -1)
         number[kept] = np.arange(len(kept))
         own = number[self.chord_cell] >= 0
-        return SurfaceCells(
-            self.nets[kept],
-            self.pad[kept],
-            self.box[kept],
-            self.face[kept],
-            self.sign[kept],
-            self.inside[kept],
-            number[self.chord_cell[own]],
-            self.chord[own],
-            self.chords,
-            self.slack,
-            self.fit,
-        )
+        rows = {name: getattr(self, name)[kept] for name in ("nets", "pad", "box", "face", "sign", "inside")}
+        return replace(self, **rows, chord_cell=number[self.chord_cell[own]], chord=self.chord[own])
 
     def tighten(self, tol: float) -> SurfaceCells:
         """The cells, those that are farther than `tol` from the surface fitted anew."""
@@ -162,70 +146,56 @@ class SurfaceCells:
             for h in (0, 1):
                 own = np.flatnonzero(split & (axis[parent] == a) & (half == h))
                 equation = "ij,njbc->nibc" if a == 0 else "ij,najc->naic"
-                nets[own] = np.einsum(equation, HALVES[h], nets[own])
+                nets[own] = np.einsum(equation, halving_matrix(DEGREE, h + 1), nets[own])
                 box[own, a, 1 - h] = self.box[parent[own], a].mean(axis=1)
-        cells = SurfaceCells(
-            nets,
-            self.pad[parent],
-            box,
-            self.face[parent],
-            self.sign[parent],
-            self.inside[parent],
-            *self._chords_of_children(parent),
-            self.chords,
-            self.slack,
-            self.fit,
+        child, chord = self._chords_of_children(parent)
+        inside = self.inside[parent]
+        cells = replace(
+            self,
+            nets=nets,
+            pad=self.pad[parent],
+            box=box,
+            face=self.face[parent],
+            sign=self.sign[parent],
+            inside=inside,
+            chord_cell=child,
+            chord=chord,
         )
-        return cells._drop_outside(self.reference_points()[parent], parent)
+        # from the parent's reference point, whose side is known, to the child's
+        crossed = _segments_cross(
+            self.reference_points()[parent[child]], cells.reference_points()[child], self.chords[chord]
+        )
+        odd = np.bincount(child[crossed], minlength=len(cells)) % 2 == 1
+        meets = _chords_meet_boxes(self.chords[chord], self.slack[chord], box[child])
+        cells, kept = replace(cells, inside=inside ^ odd, chord_cell=child[meets], chord=chord[meets]).drop_outside()
+        return cells, parent[kept]
+
+    def drop_outside(self) -> tuple[SurfaceCells, IntArray]:
+        """The cells with a part inside the loops, and their numbers."""
+        kept = np.flatnonzero(self.inside | ~self.whole())
+        return self.select(kept), kept
 
     def _chords_of_children(self, parent: IntArray) -> tuple[IntArray, IntArray]:
-        """The chords of its parent for each child: numbers of children and of chords."""
-        order = np.argsort(self.chord_cell, kind="stable")
+        """The chords of its parent for each child: numbers of children, ascending, and of chords."""
         count = np.bincount(self.chord_cell, minlength=len(self))
-        first = np.cumsum(count) - count
-        repeats = count[parent]
+        first, repeats = np.cumsum(count) - count, count[parent]
         child = np.repeat(np.arange(len(parent)), repeats)
         within = np.arange(len(child)) - np.repeat(np.cumsum(repeats) - repeats, repeats)
-        return child, self.chord[order[first[parent[child]] + within]]
-
-    def _drop_outside(self, known: Array, parent: IntArray) -> tuple[SurfaceCells, IntArray]:
-        """The cells with their own chords only, without those outside the loops.
-
-        `inside` is that of the points `known` (n, 2), from which the loops are counted to the reference points.
-        """
-        child, chord = self.chord_cell, self.chord
-        crossed = _segments_cross(known[child], self.reference_points()[child], self.chords[chord])
-        odd = np.bincount(child[crossed], minlength=len(self)) % 2 == 1
-        inside = self.inside ^ odd
-        touching = _chords_meet_boxes(self.chords[chord], self.slack[chord], self.box[child])
-        cells = SurfaceCells(
-            self.nets,
-            self.pad,
-            self.box,
-            self.face,
-            self.sign,
-            inside,
-            child[touching],
-            chord[touching],
-            self.chords,
-            self.slack,
-            self.fit,
-        )
-        kept = np.flatnonzero(inside | ~cells.whole())
-        return cells.select(kept), parent[kept]
+        return child, self.chord[first[parent[child]] + within]
 
     def contain(self, cell: IntArray, uv: Array) -> BoolArray:
         """Whether parameters (k, 2) in some of the cells (k,) lie inside the loops: (k,)."""
         inside = self.inside[cell].copy()
         start = self.reference_points()[cell]
-        order = np.argsort(self.chord_cell, kind="stable")
-        ends = np.searchsorted(self.chord_cell[order], np.stack([cell, cell + 1]))
+        ends = np.searchsorted(self.chord_cell, np.stack([cell, cell + 1]))
         for k in np.flatnonzero(ends[1] > ends[0]).tolist():
-            chords = self.chords[self.chord[order[ends[0, k] : ends[1, k]]]]
-            m = len(chords)
-            crossed = _segments_cross(np.tile(start[k], (m, 1)), np.tile(uv[k], (m, 1)), chords)
+            crossed = _segments_cross(start[k : k + 1], uv[k : k + 1], self.chords[self.chord[ends[0, k] : ends[1, k]]])
             inside[k] ^= bool(crossed.sum() % 2)
         return inside
+
+    def middles(self) -> Array:
+        """The middles (n, 3) of the patches."""
+        return evaluate_cells(self.nets, np.full((len(self), 2), 0.5))[0]
 
     def parameters(self, cell: IntArray, st: Array) -> Array:
         """Parameters (k, 2) of the faces at the patches' own parameters (k, 2) in [0, 1]."""
@@ -272,7 +242,7 @@ def trim_cells(
         np.concatenate(slacks),
         fit,
     )
-    return cells.select(np.flatnonzero(inside | ~cells.whole()))
+    return cells.drop_outside()[0]
 
 
 def evaluate_cells(nets: Array, st: Array, order: int = 1) -> list[Array]:
@@ -286,7 +256,7 @@ def evaluate_cells(nets: Array, st: Array, order: int = 1) -> list[Array]:
 
 
 def _segments_cross(start: Array, end: Array, chords: Array) -> BoolArray:
-    """Whether segments from start to end (m, 2) cross chords (m, 2, 2)."""
+    """Whether segments from start to end (m or 1, 2) cross chords (m, 2, 2)."""
 
     def side(a: Array, b: Array, p: Array) -> BoolArray:
         return np.asarray((b[:, 0] - a[:, 0]) * (p[:, 1] - a[:, 1]) - (b[:, 1] - a[:, 1]) * (p[:, 0] - a[:, 0]) > 0.0)

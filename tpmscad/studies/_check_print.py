@@ -63,7 +63,7 @@ class PrintFinding:
         Of the faces beyond the limit of overhang, mm2.
     volume : float or None
         Of all cavities, mm3.
-    ends : pair of (float, float, float) or None
+    places : pair of (float, float, float) or None
         The two places between which the wall or gap has its value.
     """
 
@@ -75,7 +75,7 @@ class PrintFinding:
     area: float | None = None
     volume: float | None = None
     bound: float | None = None
-    ends: tuple[Place, Place] | None = None
+    places: tuple[Place, Place] | None = None
 
     def __str__(self) -> str:
         at = "" if self.place is None else " at (" + ", ".join(f"{x:.4g}" for x in self.place) + ")"
@@ -123,6 +123,16 @@ class PrintReport:
     def faults(self) -> tuple[PrintFinding, ...]:
         """The findings that do not keep their limits."""
         return tuple(finding for finding in self.findings if not finding.met)
+
+    @property
+    def smallest_wall(self) -> PrintFinding:
+        """The finding of the smallest wall: `bound`, `value`, `places`."""
+        return self["wall"]
+
+    @property
+    def smallest_gap(self) -> PrintFinding:
+        """The finding of the smallest gap."""
+        return self["gap"]
 
     def __getitem__(self, check: str) -> PrintFinding:
         return {finding.check: finding for finding in self.findings}[check]
@@ -241,7 +251,7 @@ def _judge_width(check: str, found: LeastWidth | None, limit: float | None) -> P
         limit,
         _place(found.places.mean(axis=0)),
         bound=found.bound,
-        ends=(_place(first), _place(second)),
+        places=(_place(first), _place(second)),
     )
 
 

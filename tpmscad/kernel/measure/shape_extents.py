@@ -54,7 +54,7 @@ def shape_bounds(shape: Any) -> tuple[Array, Array]:
     tol = EXTENT_RTOL * float((reach[:3] + reach[3:]).max())
     for face, geometry in splines:
         if _poles_exceed(face, reach + tol):
-            reach = extend_by_surface(convert.surface_from_occt(geometry), partial(_face_contains, face), reach, tol)
+            reach = extend_by_surface(convert.surface_from_occt(geometry), partial(face_contains, face), reach, tol)
     return -reach[:3], reach[3:]
 
 
@@ -66,7 +66,7 @@ def _poles_exceed(face: TopoDS_Face, reach: Array) -> bool:
     return bool((np.concatenate([-low, high]) > reach).any())
 
 
-def _face_contains(face: TopoDS_Face, uv: Array) -> bool:
-    """Whether parameters (2,) lie in a face or on its border."""
+def face_contains(face: TopoDS_Face, uv: Array, tol: float = CLASSIFIER_TOL) -> bool:
+    """Whether parameters (2,) lie in a face or within `tol` of its border, in parameters."""
     at = gp_Pnt2d(float(uv[0]), float(uv[1]))
-    return bool(BRepClass_FaceClassifier(face, at, CLASSIFIER_TOL).State() != TopAbs_OUT)
+    return bool(BRepClass_FaceClassifier(face, at, tol).State() != TopAbs_OUT)

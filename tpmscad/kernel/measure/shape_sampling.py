@@ -8,7 +8,7 @@ Points inside a solid lie on parallel lines, which OCCT intersects with the face
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -226,16 +226,24 @@ def _grid_parameters(u: Array, v: Array) -> Array:
     return np.stack(np.meshgrid(u, v, indexing="ij"), axis=-1).reshape(-1, 2)
 
 
-def _trimming_segments(face: TopoDS_Face) -> Array:
-    """The face's trimming loops in its parameters, as line segments: (n, 2, 2)."""
-    pieces = []
+def divide_pcurves(face: TopoDS_Face, least: int) -> Iterator[tuple[BRepAdaptor_Curve2d, Array]]:
+    """The curves that trim a face, and parameters (n + 1,) of the ends of their chords.
+
+    A line is one chord; others have `least` at least, and 4 in each of their knot spans.
+    """
     for edge in edges_of(face):
         curve = BRepAdaptor_Curve2d(edge, face)
         kind = curve.GetType()
-        chords = 1 if kind == GeomAbs_Line else MIN_CHORDS_PER_PCURVE
+        chords = 1 if kind == GeomAbs_Line else least
         if kind == GeomAbs_BSplineCurve:
-            chords = max(MIN_CHORDS_PER_PCURVE, 4 * (curve.BSpline().NbKnots() - 1))
-        t = np.linspace(curve.FirstParameter(), curve.LastParameter(), chords + 1)
+            chords = max(least, 4 * (curve.BSpline().NbKnots() - 1))
+        yield curve, np.linspace(curve.FirstParameter(), curve.LastParameter(), chords + 1)
+
+
+def _trimming_segments(face: TopoDS_Face) -> Array:
+    """The face's trimming loops in its parameters, as line segments: (n, 2, 2)."""
+    pieces = []
+    for curve, t in divide_pcurves(face, MIN_CHORDS_PER_PCURVE):
         line = np.array([curve.Value(s).Coord() for s in t.tolist()])
         pieces.append(np.stack([line[:-1], line[1:]], axis=1))
     return np.concatenate(pieces)

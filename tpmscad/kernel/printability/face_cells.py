@@ -8,13 +8,12 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from OCP.BRepAdaptor import BRepAdaptor_Curve2d
-from OCP.GeomAbs import GeomAbs_BSplineCurve, GeomAbs_Line
 from OCP.TopoDS import TopoDS_Face
 
 from tpmscad._typing import Array, IntArray
 from tpmscad.brep.surface_cells import DEGREE, CellFit, SurfaceCells, trim_cells
-from tpmscad.kernel.occt.exploration import edges_of, orientation_sign
+from tpmscad.kernel.measure.shape_sampling import divide_pcurves
+from tpmscad.kernel.occt.exploration import orientation_sign
 from tpmscad.kernel.slicing.geometry_evaluators import face_evaluator
 from tpmscad.splines.basis import bernstein_basis, bezier_interpolation
 
@@ -28,7 +27,7 @@ MAX_BISECTIONS = 24
 """Of a face before its patches count as near enough, with the distance measured."""
 
 MIN_CHORDS_PER_PCURVE = 16
-"""Chords of a curve that trims a face, and at least 4 in each of its knot spans."""
+"""Chords of a curve that trims a face, a line excepted; how far the curve is from them is measured."""
 
 SLACK_FACTOR = 1.5
 """The bound of the distance between a loop and its chord over the one measured at the middle of the chord."""
@@ -40,7 +39,7 @@ def face_cells(faces: Sequence[TopoDS_Face], tol: float) -> SurfaceCells:
     """Cells of faces whose patches are within `tol` of the surfaces."""
     fit = cell_fitter(faces)
     chords, slacks = zip(*map(_trimming_chords, faces), strict=True)
-    box = np.array([np.sort([chord.min(axis=(0, 1)), chord.max(axis=(0, 1))], axis=0).T for chord in chords])
+    box = np.array([np.stack([chord.min(axis=(0, 1)), chord.max(axis=(0, 1))], axis=1) for chord in chords])
     face, done = np.arange(len(faces)), []
     for bisections in range(MAX_BISECTIONS + 1):
         nets, pad = fit(face, box)
@@ -92,15 +91,8 @@ def _grid(boxes: Array, t: Array) -> Array:
 def _trimming_chords(face: TopoDS_Face) -> tuple[Array, Array]:
     """Chords (c, 2, 2) of the loops of a face in its parameters, and how far the loops are from them in u and v, (c, 2)."""
     chords, slacks = [], []
-    for edge in edges_of(face):
-        curve = BRepAdaptor_Curve2d(edge, face)
-        kind = curve.GetType()
-        n = 1 if kind == GeomAbs_Line else MIN_CHORDS_PER_PCURVE
-        if kind == GeomAbs_BSplineCurve:
-            n = max(n, 4 * (curve.BSpline().NbKnots() - 1))
-        t = np.linspace(curve.FirstParameter(), curve.LastParameter(), 2 * n + 1)
-        line = np.array([curve.Value(s).Coord() for s in t.tolist()])
-        ends = line[::2]
+    for curve, t in divide_pcurves(face, MIN_CHORDS_PER_PCURVE):
+        ends, middles = (np.array([curve.Value(s).Coord() for s in at.tolist()]) for at in (t, 0.5 * (t[:-1] + t[1:])))
         chords.append(np.stack([ends[:-1], ends[1:]], axis=1))
-        slacks.append(SLACK_FACTOR * np.abs(line[1::2] - 0.5 * (ends[:-1] + ends[1:])) * (n > 1))
+        slacks.append(SLACK_FACTOR * np.abs(middles - 0.5 * (ends[:-1] + ends[1:])) * (len(t) > 2))
     return np.concatenate(chords), np.concatenate(slacks)

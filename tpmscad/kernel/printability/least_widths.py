@@ -10,13 +10,11 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
-from OCP.BRepClass import BRepClass_FaceClassifier
-from OCP.gp import gp_Pnt2d
-from OCP.TopAbs import TopAbs_OUT
 from OCP.TopoDS import TopoDS_Face
 
 from tpmscad._typing import Array
-from tpmscad.brep.least_width import LeastWidth, SharpEdges, find_least_width
+from tpmscad.brep.least_width import LeastWidth, SharpEdges, find_least_widths
+from tpmscad.kernel.measure.shape_extents import face_contains
 from tpmscad.kernel.measure.shape_report import ShapeReport
 from tpmscad.kernel.measure.shape_sampling import find_creases
 from tpmscad.kernel.occt.exploration import faces_of, solids_of
@@ -62,10 +60,8 @@ def measure_least_widths(shape: object, report: ShapeReport) -> tuple[LeastWidth
     creases = find_creases(faces, EDGE_SPACING * scale)
     edges = SharpEdges(creases.points, np.sort(creases.smooth_group[creases.faces], axis=1), EDGE_SPACING * scale)
     cells = face_cells(faces, FIRST_CELL_TOL * scale)
-    wall, gap = (
-        None if found is None else _refine(faces, found)
-        for found in (find_least_width(cells, through, creases.smooth_group, solid, edges) for through in (-1, 1))
-    )
+    found = find_least_widths(cells, creases.smooth_group, solid, edges)
+    wall, gap = (None if width is None else _refine(faces, width) for width in found)
     return wall, gap
 
 
@@ -102,16 +98,10 @@ def _refine(faces: Sequence[TopoDS_Face], found: LeastWidth) -> LeastWidth:
             uv = found.parameters
             break
     settled = bool(np.abs(slopes(uv[None])).max() < np.sqrt(STATIONARY_SINE))
-    if not (settled and all(map(_contains, pair, uv))):
+    if not (settled and all(face_contains(face, at, CLASSIFIER_TOL) for face, at in zip(pair, uv, strict=True))):
         uv = found.parameters
     places = ends(uv[None])[0]
     value = float(np.linalg.norm(places[1] - places[0]))
     if abs(value - found.value) > MAX_CHANGE * found.value:
         uv, places, value = found.parameters, found.places, found.value
     return replace(found, bound=min(found.bound, value), value=value, places=places, parameters=uv)
-
-
-def _contains(face: TopoDS_Face, uv: Array) -> bool:
-    """Whether parameters (2,) lie in a face or on its border."""
-    at = gp_Pnt2d(float(uv[0]), float(uv[1]))
-    return bool(BRepClass_FaceClassifier(face, at, CLASSIFIER_TOL).State() != TopAbs_OUT)
