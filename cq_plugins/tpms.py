@@ -19,6 +19,7 @@ from tpmscad.api.arguments import select_arguments
 from tpmscad.api.public_calls import validate_method_options
 from tpmscad.api.shared_kinds import ANYTHING, FACES, FLAG
 from tpmscad.errors import InvalidRequest, NotMet
+from tpmscad.requests.face_selection import is_face_selection
 from tpmscad.requests.lattice_options import InfillOptions, LatticeOptions
 from tpmscad.requests.lattice_request import lattice_size
 from tpmscad.results.model import Model
@@ -101,7 +102,9 @@ class WorkplaneInfillOptions(InfillOptions):
     body: Any = field(init=False, default=None)
     _: KW_ONLY
     open_faces: Annotated[
-        Any, FACES, "As in `tpmscad.infill`; also a selector of each solid's faces, such as ``'>Z'``."
+        Any,
+        FACES,
+        "As in `tpmscad.infill`, for each solid; also any selector of CadQuery, such as ``'>Z[-2] and #X'``.",
     ] = ()
     combine: Annotated[
         bool,
@@ -192,8 +195,11 @@ def _find_solids(work: cq.Workplane) -> list[cq.Solid]:
 
 
 def _faces_of_solid(work: cq.Workplane, solid: cq.Solid, given: Any, *, only: bool) -> Any:
-    """The open faces of one solid: those a selector finds, or those of the given ones that are its own."""
-    if isinstance(given, str):
+    """The open faces of one solid: those a selection finds, or those of the given ones that are its own.
+
+    Text that `open_faces` of `tpmscad.infill` does not take is left to CadQuery's selectors.
+    """
+    if isinstance(given, str) and not is_face_selection(given):
         try:
             found = work.newObject([solid]).faces(given).vals()
         except Exception as error:  # those of the parser belong to a package below CadQuery
@@ -203,10 +209,10 @@ def _faces_of_solid(work: cq.Workplane, solid: cq.Solid, given: Any, *, only: bo
                 f'open_faces {given!r} selects no face of the solid: try another selector, such as ">Z"'
             )
         return found
-    if only:
+    if only or isinstance(given, str):
         return given
     own = solid.Faces()
-    return [face for face in given if isinstance(face, int) or any(face.isSame(other) for other in own)]
+    return [face for face in given if isinstance(face, int | str) or any(face.isSame(other) for other in own)]
 
 
 def _require_met(model: Model) -> Model:

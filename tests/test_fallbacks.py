@@ -39,12 +39,14 @@ def test_an_error_that_no_other_method_avoids_is_raised_at_once(error: TpmscadEr
     assert calls == [7]
 
 
-def test_the_last_error_tells_what_was_tried_before_and_each_reason_once() -> None:
+def test_the_reason_of_the_first_method_that_applies_comes_first_and_each_other_one_once() -> None:
     methods, _ = make_fallbacks(
-        InvalidRequest("free-form"), TrimmingError("open"), TrimmingError("lost"), TrimmingError("lost")
+        InvalidRequest("free-form"), TrimmingError("open"), KernelError("cut", "null"), KernelError("cut", "null")
     )
     with pytest.raises(TrimmingError) as caught:
         methods.run(0)
-    assert str(caught.value) == "lost (way 3; tried before: way 0: free-form; way 1: open)"
+    assert str(caught.value) == "open (way 1; also tried: way 0: free-form; way 2: cut: null)"
     with pytest.raises(TrimmingError, match=r"^lost$"):
         make_fallbacks(TrimmingError("lost"), TrimmingError("lost"))[0].run(0)
+    with pytest.raises(InvalidRequest, match=r"^trimmed \(way 1; also tried: way 0: free-form\)$"):
+        make_fallbacks(InvalidRequest("free-form"), InvalidRequest("trimmed"))[0].run(0)

@@ -62,8 +62,10 @@ class Fallbacks(Generic[P, T]):
     def run(self, *args: P.args, **kwargs: P.kwargs) -> Outcome[T]:
         """The outcome of the first method that succeeds.
 
-        Any other error is raised at once. If all methods fail, the last error is raised; its message is
-        completed by what was tried before.
+        Any other error is raised at once. If all methods fail, the error of the first one that applies to the request is raised,
+        and its message is completed by what the others met: the first method is the most exact one, and those after it are
+        general ones whose errors are often about something that they made themselves. A method that raises InvalidRequest
+        does not apply.
         """
         failures: list[Exception] = []
         for method in self.methods:
@@ -73,14 +75,14 @@ class Fallbacks(Generic[P, T]):
                 raise
             except self.retry_on as error:
                 failures.append(error)
-        raise self._with_history(failures) from (failures[-2] if len(failures) > 1 else None)
+        reason = next((f for f in failures if not isinstance(f, InvalidRequest)), failures[-1])
+        raise self._with_history(reason, failures) from None
 
-    def _with_history(self, failures: list[Exception]) -> Exception:
-        """The last error with a message that ends in the methods tried before and their reasons, each reason once."""
-        *earlier, error = failures
-        reasons = {str(failure): method.name for method, failure in zip(self.methods, earlier, strict=False)}
-        reasons.pop(str(error), None)
-        if reasons:
-            history = "; ".join(f"{name}: {reason}" for reason, name in reasons.items())
-            error.args = (f"{error} ({self.methods[-1].name}; tried before: {history})", *error.args[1:])
-        return error
+    def _with_history(self, reason: Exception, failures: list[Exception]) -> Exception:
+        """The error with a message that ends in the other methods and their reasons, each reason once."""
+        names = {str(failure): method.name for method, failure in reversed([*zip(self.methods, failures, strict=True)])}
+        name = names.pop(str(reason))
+        if names:
+            history = "; ".join(f"{other}: {message}" for message, other in reversed(names.items()))
+            reason.args = (f"{reason} ({name}; also tried: {history})", *reason.args[1:])
+        return reason

@@ -178,7 +178,7 @@ def test_every_option_of_infill_reaches_the_workflow(recorder: Recorder) -> None
         "porosity": 0.7,
         "pore_size": 0.6,
         "skin": 1.5,
-        "open_faces": (">Z", 3),
+        "open_faces": ">Z, 3",
         "rotation": (0.0, 0.0, 45.0),
         "deviation": 0.05,
     }

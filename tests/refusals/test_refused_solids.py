@@ -36,6 +36,8 @@ BOX = bd.Box(14, 13, 12)
 BAR = bd.Box(10.2, 0.6, 0.5)
 DISC = bd.Cylinder(5, 3).faces().sort_by(bd.Axis.Z)[0]
 HOLED = (bd.Box(10, 9, 2) - bd.Cylinder(2, 2)).faces().sort_by(bd.Axis.Z)[0]
+with bd.SkipClean():
+    SPLIT_BOX = bd.Box(10, 10, 8) + bd.Pos(7.5, 0, 0) * bd.Box(5, 10, 8)
 CRUMPLED = bd.Face.extrude(bd.Edge.make_spline([(i / 6, 0.3 * (-1) ** i, 0) for i in range(60)]), (0, 0, 5))
 EXECUTOR = ThreadPoolExecutor(1)  # starts no thread before it is given work
 
@@ -191,10 +193,6 @@ BODIES: dict[str, Row] = {
     "skin of all": (lambda: infill(skin=9.0), "thicker than"),
     "open faces without a skin": (lambda: infill(open_faces=[">Z"]), "give skin="),
     "no faces": (lambda: infill(skin=1.0, open_faces=True), "open_faces True names no faces; it takes faces"),
-    "face that runs into a fillet": (
-        lambda: infill(bd.fillet(BOX.faces().sort_by(bd.Axis.Z)[-1].edges(), 1), skin=1.0, open_faces=[">Z"]),
-        r"the face about \(0, 0, 6\) joins another face smoothly, .*: open a face with sharp edges",
-    ),
     "two angles and nan": (lambda: infill(rotation=(1, 2, NAN)), "rotation .* must be finite"),
     "processes for a body": (
         lambda: tpmscad.solidify(GYROID, BOX, tol=0.1, executor=EXECUTOR),
@@ -224,8 +222,8 @@ BODIES: dict[str, Row] = {
     "no plane face there": (lambda: infill(bd.Sphere(8), skin=1.0, open_faces=[">Z"]), "no plane face"),
     "face of another body": (lambda: infill(skin=1.0, open_faces=[99]), "is no face of"),
     "round face": (lambda: infill(bd.Cylinder(7, 14), skin=1.0, open_faces=[0]), "not planar"),
-    "face twice": (lambda: infill(skin=1.0, open_faces=[0, 0]), "the same"),
-    "all faces": (lambda: infill(skin=1.0, open_faces=list(range(6))), "two of the faces|all faces"),
+    "faces in one plane": (lambda: infill(SPLIT_BOX, skin=1.0, open_faces=">Z"), "meet in one plane near .*: unite them"),
+    "all faces": (lambda: infill(skin=1.0, open_faces=list(range(6))), "all 6 faces of the body are open: leave skin"),
     "field with a cell": (lambda: tpmscad.infill(BOX, GYROID, cell=10, tol=0.1), "taken as it is"),
     "field without tol": (lambda: tpmscad.infill(BOX, GYROID), "needs tol="),
     "domain of one corner": (lambda: tpmscad.solidify(GYROID, 3, tol=0.1), "domain 3 is no body; it takes two corners"),

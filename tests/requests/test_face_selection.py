@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import pytest
 
 bd = pytest.importorskip("build123d")
@@ -41,8 +43,8 @@ def test_numbers_and_faces_pass_and_a_single_selector_needs_no_list() -> None:
 @pytest.mark.parametrize(
     ("shape", "selector", "words"),
     [
-        (bd.Sphere(3), ">Z", "no plane face bounds"),
-        (bd.Cylinder(3, 4), "<X", "no plane face bounds"),
+        (bd.Sphere(3), ">Z", "no plane face of the body is there"),
+        (bd.Cylinder(3, 4), "<X", "no plane face of the body is there"),
         (BOX, "Z", "is no selector"),
         (BOX, ">W", "is no selector"),
     ],
@@ -50,3 +52,13 @@ def test_numbers_and_faces_pass_and_a_single_selector_needs_no_list() -> None:
 def test_an_end_without_a_plane_face_is_refused(shape: object, selector: str, words: str) -> None:
     with pytest.raises(InvalidRequest, match=words):
         resolve_face_selectors(read_body(shape), [selector])
+
+
+@pytest.mark.parametrize(
+    ("selection", "count"),
+    [(">Z", 1), (">z,<Z", 2), ("|Z", 2), ("#Z", 6), ("+X", 2), ("-X or >Z", 2), (["|Y", 6, "0"], 4), ("0, 2", 2), (3, 1)],
+)
+def test_faces_are_selected_by_place_direction_and_number(selection: Any, count: int) -> None:
+    ell = bd.extrude(bd.Polygon((0, 0), (20, 0), (20, 10), (10, 10), (10, 20), (0, 20)), 8)
+    body = read_body(ell)
+    assert len(set(resolve_face_selectors(body, selection))) == count

@@ -130,6 +130,41 @@ def test_open_faces_get_no_skin() -> None:
     assert thickness(found, top).greatest == pytest.approx(1.0, rel=1e-6)
 
 
+def test_adjacent_faces_may_be_open() -> None:
+    body = bd.Box(16, 14, 12)
+    corner = [body.faces().sort_by(axis)[-1] for axis in (bd.Axis.X, bd.Axis.Y, bd.Axis.Z)]
+    found = eroded(body, 1.5, corner)
+    assert volume(found) == pytest.approx(14.5 * 12.5 * 10.5, rel=1e-12)
+    assert thickness(found, corner).greatest == pytest.approx(1.5, rel=1e-9)
+
+
+def test_beside_a_fillet_the_skin_ends_in_a_round_of_its_own_thickness() -> None:
+    long_edges = bd.Box(40, 24, 12).edges().filter_by(bd.Axis.Y).sort_by(bd.Axis.Z)[-2:]
+    body = bd.fillet(long_edges, 3)
+    top = body.faces().sort_by(bd.Axis.Z)[-1:]
+    found = eroded(body, 1.0, top)
+    below_the_fillet, below_the_round = 3 * 2 - PI * 2**2 / 4, PI / 4
+    assert volume(found) == pytest.approx(22 * (38 * 11 - 2 * (below_the_fillet + below_the_round)), rel=1e-7)
+    measured = thickness(found, top)
+    assert (measured.least, measured.greatest) == pytest.approx((1.0, 1.0), rel=1e-6)
+
+
+def test_beside_a_leaning_side_the_skin_ends_in_a_round_where_a_mitre_would_be_too_thick() -> None:
+    body = bd.extrude(bd.Rectangle(40, 40), 8, taper=60)
+    top = body.faces().sort_by(bd.Axis.Z)[-1:]
+    found = eroded(body, 1.0, top)
+    measured = thickness(found, top)
+    assert found.method == "exact erosion"
+    assert (measured.least, measured.greatest) == pytest.approx((1.0, 1.0), rel=1e-6)
+
+
+def test_a_fillet_whose_edge_has_no_tube_is_named() -> None:
+    block = bd.fillet(bd.Box(20, 16, 12).edges().filter_by(bd.Axis.Z), 1.5)
+    body = bd.fillet(block.faces().sort_by(bd.Axis.Z)[-1].edges(), 0.7)
+    with pytest.raises(tpmscad.KernelError, match=r"offset by the skin: an open face joins .* radius above the skin, 2: "):
+        eroded(body, 2.0, body.faces().sort_by(bd.Axis.Z)[-1:])
+
+
 def test_the_kernel_offsets_each_shell_in_a_process_of_its_own() -> None:
     body = read_body(bd.Box(30, 26, 22) - bd.Box(14, 10, 8)).shape
     (inner,) = offset_by_occt(body, 1.0, (), "mitre")

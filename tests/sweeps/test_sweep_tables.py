@@ -49,7 +49,7 @@ def test_equal_values_have_equal_text_whatever_their_type() -> None:
         ("surface", "P", "P"),
         ("cells", "2, 3,4", (2, 3, 4)),
         ("side", "-", "-"),
-        ("open_faces", ">Z,3", (">Z", 3)),
+        ("open_faces", ">Z,3", ">Z,3"),
         ("keep_fraction", "True", True),
         ("thickness", "1_0", "1_0"),
         ("thickness", "nan", "nan"),

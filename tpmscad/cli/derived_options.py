@@ -79,11 +79,6 @@ def check_surface_name(name: str) -> str:
     return name
 
 
-def parse_faces(text: str) -> tuple[str | int, ...]:
-    """Numbers of faces, and selectors such as >Z, between commas."""
-    return tuple(int(part) if part.isdigit() else part for part in text.replace(" ", "").split(","))
-
-
 def parse_size(text: str) -> tuple[int, int]:
     """Width and height in pixels of a text such as 1600x1200."""
     width, _, height = text.lower().partition("x")
@@ -120,7 +115,7 @@ WRITTEN: Mapping[Any, tuple[Any, dict[str, Any]]] = {
     CELL_COUNTS.read: (Any, {"metavar": "N|X,Y,Z", "parser": parse_numbers}),
     OFFSET.read: (Any, {"metavar": "LO,HI", "parser": parse_numbers}),
     POINT.read: (Any, {"metavar": "X,Y,Z", "parser": parse_numbers}),
-    FACES.read: (Any, {"metavar": "FACES", "parser": parse_faces}),
+    FACES.read: (str, {"metavar": "FACES"}),
     FLAG.read: (bool, {}),
     COUNT.read: (int | None, {"metavar": "N"}),
     NOT_NEGATIVE.read: (float | None, {"metavar": "NUMBER"}),

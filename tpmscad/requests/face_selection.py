@@ -1,6 +1,8 @@
-"""Faces of a body by where they lie: ">Z" for the plane faces that are highest along z, "<X" for those lowest along x.
+"""Faces of a body by text: numbers, and selectors by where a plane face lies or which way it faces.
 
-The selectors are those of CadQuery and build123d for the ends of an axis, restricted to plane faces square to it.
+">Z" are the plane faces that are highest along z and "<X" those lowest along x, square to the axis; "|Z" are all plane faces
+square to z, "#Z" those parallel to it, and "+Z" and "-Z" those whose outward normal is along or against z. A comma or "or"
+joins several. The signs are those of CadQuery's selectors, restricted to plane faces.
 """
 
 from __future__ import annotations
@@ -16,7 +18,11 @@ from tpmscad.kernel.body_import.cad_body import CadBody
 from tpmscad.kernel.measure.shape_sampling import sample_faces
 from tpmscad.kernel.occt.exploration import faces_of
 
-_SELECTOR = re.compile(r"([<>])([XYZ])", re.IGNORECASE)
+_TERM = re.compile(r"([<>|#+-])([XYZ])|(\d+)", re.IGNORECASE)
+_SEPARATOR = re.compile(r"\s*,\s*|\s+or\s+", re.IGNORECASE)
+
+SELECTORS = "`>Z`, `<Z` (the ends of an axis), `|Z` (square to it), `#Z` (along it), `+Z`, `-Z` (by the outward normal)"
+"""What the text may hold besides numbers, for messages."""
 
 SAMPLES_PER_FACE = 20
 """Samples of a face of mean area, from which its plane and its place are read."""
@@ -25,7 +31,8 @@ FLATNESS_DIAGONALS = 1e-7
 """In diagonals of the body: spread along the axis of the samples of a plane face, and distance of faces in one plane."""
 
 SQUARE_COSINE = 1.0 - 1e-9
-"""Least cosine between the normal of a face and the axis to which it is square."""
+SQUARE_SINE = 5e-5
+"""Least cosine between the normal of a face and the axis to which it is square, and the largest one if it is along the axis."""
 
 
 def list_given_faces(faces: Any) -> tuple[Any, ...]:
@@ -33,41 +40,71 @@ def list_given_faces(faces: Any) -> tuple[Any, ...]:
     return (faces,) if isinstance(faces, str) or not isinstance(faces, Iterable) else tuple(faces)
 
 
+def is_face_selection(text: str) -> bool:
+    """Whether every term of the text is a number or a selector."""
+    return all(map(_TERM.fullmatch, _split_terms(text)))
+
+
 def resolve_face_selectors(body: CadBody, faces: Any) -> tuple[Any, ...]:
-    """The faces with every selector replaced by the numbers of its faces; InvalidRequest if one is unknown or finds none."""
+    """The faces with every text replaced by the numbers of its faces; InvalidRequest if one is unknown or finds none."""
     given = list_given_faces(faces)
     if not any(isinstance(face, str) for face in given):
         return given
+    planes = _PlaneFaces(body)
     found: list[Any] = []
     for face in given:
-        found += _select_extreme_faces(body, face) if isinstance(face, str) else [face]
+        for part in _split_terms(face) if isinstance(face, str) else (face,):
+            found += planes.select(part) if isinstance(part, str) else [part]
     return tuple(found)
 
 
-def _select_extreme_faces(body: CadBody, selector: str) -> list[int]:
-    """The numbers of the plane faces that bound the body at one end of an axis."""
-    match = _SELECTOR.fullmatch(selector.strip())
-    if match is None:
-        raise InvalidRequest(
-            f"`open_faces` {selector!r} is no selector: give one of >X, <X, >Y, <Y, >Z, <Z, or the number of a face"
-        )
-    axis, sign = "XYZ".index(match[2].upper()), 1.0 if match[1] == ">" else -1.0
-    own = faces_of(body.shape)
-    samples = sample_faces(own, (body.report.area / (SAMPLES_PER_FACE * len(own))) ** 0.5)
-    tol = FLATNESS_DIAGONALS * float(np.linalg.norm(np.ptp(samples.points, axis=0)))
-    height = sign * samples.points[:, axis]
-    is_square = sign * samples.normals[:, axis] > SQUARE_COSINE
-    top = float(height.max())
-    chosen = [
-        number
-        for number in range(len(own))
-        if (own_samples := samples.face == number).any()
-        and is_square[own_samples].all()
-        and top - height[own_samples].min() < tol
-    ]
-    if not chosen:
-        raise InvalidRequest(
-            f"`open_faces` {selector}: no plane face bounds {body.name} there; give the number of a face, from 0 to "
-            f"{len(own) - 1}"
-        )
-    return chosen
+def _split_terms(text: str) -> list[str]:
+    """The terms of a selection."""
+    return [term.strip() for term in _SEPARATOR.split(text.strip())]
+
+
+class _PlaneFaces:
+    """The plane faces of a body with their outward normals, and what selects among them."""
+
+    def __init__(self, body: CadBody) -> None:
+        own = faces_of(body.shape)
+        self.body, self.n_faces = body, len(own)
+        self.samples = sample_faces(own, (body.report.area / (SAMPLES_PER_FACE * len(own))) ** 0.5)
+        self.tol = FLATNESS_DIAGONALS * float(np.linalg.norm(np.ptp(self.samples.points, axis=0)))
+        self.numbers, normals = [], []
+        for number in range(len(own)):
+            of = self.samples.normals[self.samples.face == number]
+            if len(of) and (of @ of[0]).min() > SQUARE_COSINE:
+                self.numbers.append(number)
+                normals.append(of[0])
+        self.normals = np.reshape(normals, (-1, 3))
+
+    def select(self, term: str) -> list[int]:
+        """The numbers of the faces that a term names."""
+        match = _TERM.fullmatch(term)
+        if match is None:
+            raise InvalidRequest(
+                f"`open_faces` {term!r} is no selector: give {SELECTORS}, or the number of a face, with commas between several"
+            )
+        if match[3]:
+            return [int(match[3])]
+        sign, axis = match[1], "XYZ".index(match[2].upper())
+        along = self.normals[:, axis]
+        if sign in "<>":
+            up = 1.0 if sign == ">" else -1.0
+            height = up * self.samples.points[:, axis]
+            reach = [float(height[self.samples.face == number].min()) for number in self.numbers]
+            chosen = (up * along > SQUARE_COSINE) & (height.max() - np.array(reach) < self.tol)
+        elif sign == "|":
+            chosen = np.abs(along) > SQUARE_COSINE
+        elif sign == "#":
+            chosen = np.abs(along) < SQUARE_SINE
+        else:
+            chosen = (along if sign == "+" else -along) > SQUARE_COSINE
+        found = [number for number, is_chosen in zip(self.numbers, chosen, strict=True) if is_chosen]
+        if not found:
+            raise InvalidRequest(
+                f"`open_faces` {term}: no plane face of {self.body.name} is there; give the number of a face, from 0 to "
+                f"{self.n_faces - 1}"
+            )
+        return found

@@ -119,7 +119,10 @@ class ErosionRequest:
 
     def check(self, solids: Sequence[Any]) -> tuple[CadBody, ...]:
         """The solids as bodies; KernelError if they are not the part of the body deeper than the skin."""
-        parts = tuple(map(read_body, solids))
+        try:
+            parts = tuple(map(read_body, solids))
+        except InvalidRequest as error:  # it blames the body that was given
+            raise KernelError("offset by the skin", "the solid that it made is not valid") from error
         check_eroded(parts, self.open_faces, self.skin, self.depth, self.deep)
         return parts
 

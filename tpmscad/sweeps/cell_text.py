@@ -12,11 +12,8 @@ from typing import Any
 
 import numpy as np
 
-TEXT_COLUMNS = ("surface", "body", "recipe", "file")
+TEXT_COLUMNS = ("surface", "body", "recipe", "file", "open_faces")
 """Columns whose cells are text, even where it looks like a number."""
-
-FACES_COLUMN = "open_faces"
-"""Its cells hold numbers of faces and selectors such as >Z, with commas between them."""
 
 BOOLEANS = {"true": True, "false": False}
 
@@ -34,9 +31,6 @@ def parse_cell(column: str, text: str) -> Any:
     if column in TEXT_COLUMNS:
         return text
     parts = [part.strip() for part in text.split(",")]
-    if column == FACES_COLUMN:
-        faces = tuple(int(part) if part.isdigit() else part for part in parts)
-        return faces[0] if len(faces) == 1 else faces
     if text.lower() in BOOLEANS:
         return BOOLEANS[text.lower()]
     numbers = [_parse_number(part) for part in parts]

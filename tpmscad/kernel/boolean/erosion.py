@@ -10,6 +10,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
+from numpy.typing import NDArray
 from OCP.BOPAlgo import BOPAlgo_MakerVolume
 from OCP.BOPTools import BOPTools_AlgoTools3D
 from OCP.BRep import BRep_Builder, BRep_Tool
@@ -29,7 +30,7 @@ from tpmscad.errors import KernelError
 from tpmscad.kernel.body_import.body_brep import brep_and_source_faces
 from tpmscad.kernel.body_import.cad_body import CadBody
 from tpmscad.kernel.boolean.boolean_operations import modified_faces, translate_occt_errors
-from tpmscad.kernel.boolean.offset_carriers import CarrierPiece, find_sharp_edges, offset_pieces
+from tpmscad.kernel.boolean.offset_carriers import CarrierPiece, find_edges_with_tubes, find_face_joints, offset_pieces
 from tpmscad.kernel.boolean.shell_assembly import assemble_solids
 from tpmscad.kernel.measure.shape_sampling import sample_edge
 from tpmscad.kernel.measure.skin_depth import SkinDepth
@@ -74,7 +75,7 @@ def erode(
     carriers, source = brep_and_source_faces(body.shape)
     own = faces_of(body.shape)
     is_open = np.array([any(own[f].IsSame(face) for face in open_faces) for f in source.tolist()])
-    pieces = [*offset_pieces(carriers, is_open, skin, margin), *_corner_balls(carriers, skin, depth)]
+    pieces = [*offset_pieces(carriers, is_open, skin, margin), *_corner_balls(carriers, is_open, skin, depth)]
     if len(pieces) > MAX_SURFACES:
         raise KernelError(OPERATION, f"{len(pieces)} offset surfaces are too many to intersect, at most {MAX_SURFACES}")
     with translate_occt_errors(OPERATION, body.shape):
@@ -86,18 +87,21 @@ def erode(
         return assemble_solids(_unite_faces(_outer_faces(cells)))[0]
 
 
-def _corner_balls(carriers: Brep, skin: float, depth: SkinDepth) -> list[CarrierPiece]:
+def _corner_balls(carriers: Brep, is_open: NDArray[np.bool_], skin: float, depth: SkinDepth) -> list[CarrierPiece]:
     """Spheres round the vertices that are the nearest points of the body's faces to some points at the depth of the skin."""
     leaving: dict[int, list[Array]] = {}
-    concave: set[int] = set()
-    for edge in find_sharp_edges(carriers):
+    corners: set[int] = set()
+    tubes = {edge.index for edge in find_edges_with_tubes(carriers, is_open)}
+    for edge in find_face_joints(carriers):
+        if is_open[list(edge.faces)].all() or (edge.smooth and edge.index not in tubes):
+            continue
         ends = int(carriers.edges.start[edge.index]), int(carriers.edges.end[edge.index])
         leaving.setdefault(ends[0], []).append(edge.tangents[0])
         leaving.setdefault(ends[1], []).append(-edge.tangents[-1])
-        concave |= set(ends) if edge.concave else set()
+        corners |= set(ends) if edge.index in tubes else set()
     x_axis, _, axis = np.eye(3)
     balls = []
-    for vertex in sorted(concave):
+    for vertex in sorted(corners):
         reach = DIRECTIONS @ np.array(leaving[vertex]).T
         outward = DIRECTIONS[reach.max(axis=1) < 0]
         center = carriers.vertices[vertex]

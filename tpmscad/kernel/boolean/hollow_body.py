@@ -2,38 +2,32 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Sequence
+from itertools import combinations
 from typing import Any
 
 import numpy as np
-from OCP.BRep import BRep_Builder, BRep_Tool
+from OCP.BRep import BRep_Tool
 from OCP.BRepClass import BRepClass_FaceClassifier
 from OCP.BRepClass3d import BRepClass3d
-from OCP.BRepTools import BRepTools_WireExplorer
 from OCP.Geom import Geom_ElementarySurface, Geom_Plane
-from OCP.TopAbs import TopAbs_IN, TopAbs_SHELL, TopAbs_VERTEX, TopAbs_WIRE
-from OCP.TopoDS import TopoDS_Face, TopoDS_Shape, TopoDS_Solid, TopoDS_Wire
+from OCP.TopAbs import TopAbs_OUT, TopAbs_SHELL, TopAbs_VERTEX
+from OCP.TopoDS import TopoDS_Face, TopoDS_Shape, TopoDS_Solid
 
 from tpmscad.brep.carriers import Plane
-from tpmscad.brep.loops import LoopError, nest_loops
-from tpmscad.errors import InvalidRequest, KernelError
+from tpmscad.errors import InvalidRequest, format_point
 from tpmscad.kernel.body_import.cad_body import CadBody
+from tpmscad.kernel.boolean.opened_faces import OPENING_TOL, OpenFace, find_remaining_faces
 from tpmscad.kernel.boolean.shell_assembly import assemble_solids
-from tpmscad.kernel.measure.shape_sampling import find_creases, sample_edge, sample_faces
+from tpmscad.kernel.measure.shape_sampling import sample_edge, sample_faces
 from tpmscad.kernel.measure.skin_depth import SkinDepth
 from tpmscad.kernel.occt import convert
 from tpmscad.kernel.occt.construction import make_solid
-from tpmscad.kernel.occt.convert import CONFUSION_TOLERANCE
 from tpmscad.kernel.occt.exploration import ShapeKey, edges_of, faces_of, list_subshapes, orientation_sign, unwrap
 from tpmscad.kernel.recognise.face_carriers import evaluate_mid_face
 
-OPERATION = "opening of the skin"
-
-OPENING_TOL = 1e-6
-"""Model units: largest distance of a void face from the open face through which the void opens."""
-
-CHORDS_PER_EDGE = 16
-"""Chords per edge when loops are nested."""
+PARALLEL_REL_TOL = 1e-12
+"""1 - cosine of the angle between the normals of open faces in one plane."""
 
 
 def subtract_voids(
@@ -47,26 +41,22 @@ def subtract_voids(
     shells = [convert.as_shell(shell.Reversed()) for void in voids for shell in _shells(void)]
     if not open_faces and len(shells) == len(voids):
         return (make_solid([*_shells(body.shape), *shells]),)
-    holes: list[list[TopoDS_Face]] = [[] for _ in open_faces]
-    planes = [_outward_plane(face) for face in open_faces]
+    opened = [OpenFace(face, outward_plane(face), []) for face in open_faces]
     faces = [f for f in faces_of(body.shape) if not any(f.IsSame(face) for face in open_faces)]
     for void in voids:
         for face in faces_of(void):
-            at = next((i for i, o in enumerate(open_faces) if _is_in_opening(face, planes[i], o)), None)
+            at = next((own for own in opened if _is_in_opening(face, own.plane, own.face)), None)
             if at is None:
                 faces.append(convert.as_face(face.Reversed()))
             else:
-                holes[at].append(face)
-    for face, plane, of in zip(open_faces, planes, holes, strict=True):
-        faces += _cut_holes(face, plane, of)
-    return assemble_solids(faces)[0]
+                at.holes.append(face)
+    return assemble_solids([*faces, *find_remaining_faces(opened)])[0]
 
 
 def resolve_open_faces(body: CadBody, faces: Iterable[Any]) -> tuple[TopoDS_Face, ...]:
-    """Faces of the body for faces (build123d, CadQuery, TopoDS) or indices in the body's order.
+    """Faces of the body for faces (build123d, CadQuery, TopoDS) or indices in the body's order, each once.
 
-    Raises InvalidRequest if a face does not belong to the body, is not planar, shares an edge with another open face, or joins
-    its neighbours smoothly.
+    Raises InvalidRequest if a face does not belong to the body or is not planar, or if all are open.
     """
     own, found = faces_of(body.shape), []
     for requested in faces:
@@ -84,18 +74,17 @@ def resolve_open_faces(body: CadBody, faces: Iterable[Any]) -> tuple[TopoDS_Face
             raise InvalidRequest(
                 f"open_faces: {requested!r} is not planar: keep the skin on it, and drill through it afterwards"
             )
-        found.append(face)
-    smooth = find_creases(own, float(np.ptp(body.report.bounds, axis=0).max())).smooth_group
-    for face in found:
-        if np.count_nonzero(smooth == smooth[next(i for i, f in enumerate(own) if f.IsSame(face))]) > 1:
-            x, y, z = np.concatenate([sample_edge(edge, 4) for edge in edges_of(face)]).mean(axis=0)
+        if not any(face.IsSame(f) for f in found):
+            found.append(face)
+    if len(found) == len(own):
+        raise InvalidRequest(f"open_faces: all {len(own)} faces of {body.name} are open: leave skin and open_faces out")
+    for one, other in combinations(found, 2):
+        shared = {ShapeKey(edge) for edge in edges_of(one)} & {ShapeKey(edge) for edge in edges_of(other)}
+        if shared and abs(outward_plane(one).normal @ outward_plane(other).normal) > 1 - PARALLEL_REL_TOL:
+            where = format_point(sample_edge(next(iter(shared)).shape, 2)[1])
             raise InvalidRequest(
-                f"open_faces: the face about ({x:.4g}, {y:.4g}, {z:.4g}) joins another face smoothly, so that the skin has no "
-                "edge to end at: open a face with sharp edges, or add the fillets afterwards"
+                f"open_faces: two of the faces meet in one plane near {where}: unite them first, with clean() of the part"
             )
-    edges = [ShapeKey(edge) for face in found for edge in edges_of(face)]
-    if len(set(edges)) < len(edges):
-        raise InvalidRequest("open_faces: two of the faces meet in an edge or are the same: remove one of them")
     return tuple(found)
 
 
@@ -107,7 +96,7 @@ def find_skin_faces(
     On planes and quadrics they are known by their surfaces, since those of a lattice are splines; among splines the distance
     of their vertices and of a point inside them from the offset bodies decides.
     """
-    planes = [_outward_plane(face) for face in open_faces]
+    planes = [outward_plane(face) for face in open_faces]
     free_form = [f for body in inner for f in faces_of(body.shape) if _is_spline(f)]
     near = _NearFaces(SkinDepth(inner[0].shape, free_form)) if free_form else None
     found = []
@@ -159,7 +148,7 @@ def _shells(solid: TopoDS_Solid) -> list[Any]:
     return [convert.as_shell(shell) for shell in list_subshapes(solid, TopAbs_SHELL)]
 
 
-def _outward_plane(face: TopoDS_Face) -> Plane:
+def outward_plane(face: TopoDS_Face) -> Plane:
     """Plane of a planar face with the outward normal."""
     _, point, normal, beside = evaluate_mid_face(face)
     x, out = beside - point, orientation_sign(face) * normal
@@ -173,32 +162,4 @@ def _is_in_opening(face: TopoDS_Face, plane: Plane, opening: TopoDS_Face) -> boo
     points = np.concatenate([sample_edge(edge, 2) for edge in edges_of(face)])
     if np.abs(plane.distance(points)).max() > OPENING_TOL:
         return False
-    return BRepClass_FaceClassifier(opening, convert.point(points[0]), OPENING_TOL).State() == TopAbs_IN
-
-
-def _cut_holes(face: TopoDS_Face, plane: Plane, holes: Sequence[TopoDS_Face]) -> Iterator[TopoDS_Face]:
-    """Faces that remain of an open face: the rim of the skin, and the lattice's sections inside the holes."""
-    wires = [*_wires(face), *(convert.as_wire(wire.Reversed()) for hole in holes for wire in _wires(hole))]
-    polygons = []
-    for wire in wires:
-        walk, points = BRepTools_WireExplorer(wire), []
-        while walk.More():
-            points.append(sample_edge(walk.Current(), CHORDS_PER_EDGE)[:-1])
-            walk.Next()
-        polygons.append(plane.parameters(np.concatenate(points)))
-    try:
-        nested = nest_loops(polygons)
-    except LoopError as error:
-        raise KernelError(OPERATION, str(error), face) from error
-    builder, surface = BRep_Builder(), convert.plane(plane.origin, plane.x_axis, plane.y_axis)
-    for loops in nested:
-        part = TopoDS_Face()
-        builder.MakeFace(part, surface, CONFUSION_TOLERANCE)
-        for loop in loops:
-            builder.Add(part, wires[loop])
-        yield part
-
-
-def _wires(face: TopoDS_Face) -> list[TopoDS_Wire]:
-    """The face's loops, counter-clockwise around it seen from outside."""
-    return [convert.as_wire(wire) for wire in list_subshapes(face, TopAbs_WIRE)]
+    return BRepClass_FaceClassifier(opening, convert.point(points[0]), OPENING_TOL).State() != TopAbs_OUT

@@ -1,8 +1,9 @@
 """The surfaces on which the boundary of an eroded body lies: where the depth below the body's faces is exactly the skin.
 
 A body of planes and quadrics has offsets of the same kinds. Round a concave edge the points of equal depth form a tube, a
-cylinder for a straight edge and a torus for a circular one; round a concave corner they form a sphere. Each surface is cut to a
-rectangle of its parameters, extended beside a concave edge that has no tube: there the offset faces meet in a mitre.
+cylinder for a straight edge and a torus for a circular one; round a concave corner they form a sphere. So they do round the edge
+between a face with a skin and an open face that joins it smoothly or at an obtuse angle. Each surface is cut to a rectangle of
+its parameters, extended beside an edge that needs a tube and has none: there the offset faces meet in a mitre.
 """
 
 from __future__ import annotations
@@ -24,6 +25,7 @@ from tpmscad.brep.carriers import (
     SphericalSurface,
     ToroidalSurface,
 )
+from tpmscad.errors import KernelError
 from tpmscad.splines.bspline import is_segment
 
 Box = tuple[tuple[float, float], tuple[float, float]]
@@ -34,6 +36,9 @@ need 1.05 skins."""
 
 SMOOTH_SINE = 1e-6
 """Sine of the angle at an edge below which its faces count as tangent."""
+
+RIM_OVERHANG = 0.2
+"""Radians by which a tube round the edge of an open face reaches beyond that face, so that the two surfaces cross."""
 
 OPEN_RIM_COSINE = 0.72
 """Cosine of the angle between the normals of a face with skin and an open face above which the skin ends in a tube round their
@@ -120,42 +125,72 @@ def _make_tubes(
 ) -> tuple[list[CarrierPiece], set[int]]:
     """Cylinders and tori round straight and circular concave edges, and the faces at edges that need extension instead."""
     tubes, mitred = [], set()
-    for edge in find_sharp_edges(body):
-        opened, normals = is_open[list(edge.faces)], edge.normals
-        cosine = float((normals[0] * normals[1]).sum(axis=1).max())
-        if opened.all() or not (edge.concave or (opened.any() and cosine > 0)):
-            continue
-        tube = _tube(body, edge, skin, margin) if edge.concave or cosine > OPEN_RIM_COSINE else None
-        if tube is None:
-            mitred |= set(edge.faces)
-        else:
+    for edge in find_edges_with_tubes(body, is_open):
+        opened = is_open[list(edge.faces)]
+        cosine = float((edge.normals[0] * edge.normals[1]).sum(axis=1).max())
+        tube = _tube(body, edge, opened, skin, margin) if edge.concave or cosine > OPEN_RIM_COSINE else None
+        if tube is not None:
             tubes.append(tube)
+        elif edge.smooth:
+            x, y, z = edge.points[len(edge.points) // 2]
+            raise KernelError(
+                "offset by the skin",
+                f"an open face joins a face with a skin smoothly along an edge about ({x:.4g}, {y:.4g}, {z:.4g}) that is neither "
+                f"straight nor an arc of a radius above the skin, {skin:g}: the skin has no rim to end at",
+            )
+        else:
+            mitred |= set(edge.faces)
     return tubes, mitred
 
 
-def _tube(body: Brep, edge: SharpEdge, skin: float, margin: float) -> CarrierPiece | None:
-    """The sector of a tube that joins the offsets of both faces of an edge; None if the edge is neither straight nor circular."""
+def find_edges_with_tubes(body: Brep, is_open: NDArray[np.bool_]) -> Iterator[FaceJoint]:
+    """Joints round which points may be nearer to the edge than to what its faces with a skin are the interior of.
+
+    They are the concave edges, and those between a face with a skin and an open one at more than a right angle.
+    """
+    for edge in find_face_joints(body):
+        opened = is_open[list(edge.faces)]
+        if opened.all():
+            continue
+        cosine = float((edge.normals[0] * edge.normals[1]).sum(axis=1).max())
+        if edge.concave or (opened.any() and cosine > 0):
+            yield edge
+
+
+def _tube(body: Brep, edge: FaceJoint, opened: NDArray[np.bool_], skin: float, margin: float) -> CarrierPiece | None:
+    """The sector of a tube between the offsets of both faces of an edge, or from an offset to an open face.
+
+    None if the edge is neither straight nor an arc of a radius above the skin.
+    """
     curve, span, points = body.curves[body.edges.curve[edge.index]], body.edges.span[edge.index], edge.points
+    margin /= 3
+    directions = -edge.normals
+    if opened.any():
+        closed, beyond = int(np.flatnonzero(~opened)[0]), int(np.flatnonzero(opened)[0])
+        along = np.cos(RIM_OVERHANG) * edge.inward[beyond] + np.sin(RIM_OVERHANG) * edge.normals[beyond]
+        between = directions[beyond:][:1] if edge.concave else directions[closed:][:1]
+        directions = np.concatenate([directions[closed:][:1], between, along[None]])
     if isinstance(curve, Circle) and curve.radius > skin:
         torus = ToroidalSurface(curve.origin, curve.x_axis, curve.normal, curve.radius, skin)
         arm = points - curve.origin
         radial = arm / np.linalg.norm(arm, axis=1, keepdims=True)
-        sector = _sector(-edge.normals, radial, np.broadcast_to(curve.normal, radial.shape), margin / 3)
-        return CarrierPiece(torus, ((float(span[0]), float(span[1])), sector), 1, margin * skin)
+        sector = _sector(directions, radial, np.broadcast_to(curve.normal, radial.shape), margin)
+        return CarrierPiece(torus, ((float(span[0]), float(span[1])), sector), 1, 3 * margin * skin)
     if is_segment(curve):
         length = float(np.linalg.norm(points[-1] - points[0]))
-        x_axis = -edge.normals[0, 0]
+        x_axis = directions[0, 0]
         tube = CylindricalSurface(points[0], x_axis, (points[-1] - points[0]) / length, skin)
         frame = np.broadcast_to(x_axis, points.shape), np.broadcast_to(tube.y_axis, points.shape)
-        return CarrierPiece(tube, (_sector(-edge.normals, *frame, margin / 3), (0.0, length)), 1, margin * skin)
+        return CarrierPiece(tube, (_sector(directions, *frame, margin), (0.0, length)), 1, 3 * margin * skin)
     return None
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class SharpEdge:
-    """An edge between two faces that are not tangent.
+class FaceJoint:
+    """An edge between two faces, and how they meet.
 
-    points, tangents (n, 3): along its curve. normals (2, n, 3): outward normals of its faces. concave: somewhere along it.
+    points, tangents (n, 3): along its curve. normals (2, n, 3): outward normals of its faces. inward (2, n, 3): unit vectors
+    across the edge into its faces. smooth: tangent all along it. concave: somewhere along it.
     """
 
     index: int
@@ -163,11 +198,13 @@ class SharpEdge:
     points: Array
     tangents: Array
     normals: Array
+    inward: Array
+    smooth: bool
     concave: bool
 
 
-def find_sharp_edges(body: Brep) -> Iterator[SharpEdge]:
-    """Edges of a closed body at which it has a crease."""
+def find_face_joints(body: Brep) -> Iterator[FaceJoint]:
+    """The edges of a closed body."""
     owner = body.face_of_use
     order = np.argsort(body.uses.edge, kind="stable")
     for one, two in order.reshape(-1, 2).tolist():
@@ -178,10 +215,12 @@ def find_sharp_edges(body: Brep) -> Iterator[SharpEdge]:
         tangents = tangents / np.linalg.norm(tangents, axis=1, keepdims=True)
         faces = int(owner[one]), int(owner[two])
         normals = np.array([body.faces.sense[f] * _gradient(body, f, points) for f in faces])
-        into = np.cross(_gradient(body, faces[0], points), body.uses.sense[one] * tangents)
-        rise = (into * normals[1]).sum(axis=1)
-        if np.abs(rise).max() > SMOOTH_SINE:
-            yield SharpEdge(edge, faces, points, tangents, normals, bool(rise.max() > SMOOTH_SINE))
+        inward = np.array(
+            [np.cross(_gradient(body, owner[use], points), body.uses.sense[use] * tangents) for use in (one, two)]
+        )
+        rise = (inward[0] * normals[1]).sum(axis=1)
+        smooth, concave = bool(np.abs(rise).max() <= SMOOTH_SINE), bool(rise.max() > SMOOTH_SINE)
+        yield FaceJoint(edge, faces, points, tangents, normals, inward, smooth, concave)
 
 
 def _gradient(body: Brep, face: int, points: Array) -> Array:
@@ -192,12 +231,14 @@ def _gradient(body: Brep, face: int, points: Array) -> Array:
 
 
 def _sector(directions: Array, x_axis: Array, y_axis: Array, margin: float) -> tuple[float, float]:
-    """Range of angles, less than half a turn, of two families of directions (2, n, 3) in frames (n, 3), (n, 3), and a margin."""
+    """Range of angles of families of directions (k, n, 3) in frames (n, 3), (n, 3), and a margin.
+
+    Each family is less than half a turn from the one before it.
+    """
     angle = np.arctan2((directions * y_axis).sum(axis=2), (directions * x_axis).sum(axis=2))
-    first = angle[0, 0] + np.angle(np.exp(1j * (angle[0] - angle[0, 0])))
-    second = first + np.angle(np.exp(1j * (angle[1] - first)))
-    both = np.concatenate([first, second])
-    return float(both.min() - margin), float(both.max() + margin)
+    angle[0] = angle[0, 0] + np.angle(np.exp(1j * (angle[0] - angle[0, 0])))
+    angle = np.unwrap(angle, axis=0)
+    return float(angle.min() - margin), float(angle.max() + margin)
 
 
 def _merge_same_surfaces(pieces: Sequence[CarrierPiece], tol: float) -> list[CarrierPiece]:
