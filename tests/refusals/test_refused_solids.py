@@ -222,7 +222,10 @@ BODIES: dict[str, Row] = {
     "no plane face there": (lambda: infill(bd.Sphere(8), skin=1.0, open_faces=[">Z"]), "no plane face"),
     "face of another body": (lambda: infill(skin=1.0, open_faces=[99]), "is no face of"),
     "round face": (lambda: infill(bd.Cylinder(7, 14), skin=1.0, open_faces=[0]), "not planar"),
-    "faces in one plane": (lambda: infill(SPLIT_BOX, skin=1.0, open_faces=">Z"), "meet in one plane near .*: unite them"),
+    "faces in one plane": (
+        lambda: infill(SPLIT_BOX, skin=1.0, open_faces=">Z"),
+        "meet in one plane near .*: unite them",
+    ),
     "all faces": (lambda: infill(skin=1.0, open_faces=list(range(6))), "all 6 faces of the body are open: leave skin"),
     "field with a cell": (lambda: tpmscad.infill(BOX, GYROID, cell=10, tol=0.1), "taken as it is"),
     "field without tol": (lambda: tpmscad.infill(BOX, GYROID), "needs tol="),

@@ -56,7 +56,17 @@ def test_an_end_without_a_plane_face_is_refused(shape: object, selector: str, wo
 
 @pytest.mark.parametrize(
     ("selection", "count"),
-    [(">Z", 1), (">z,<Z", 2), ("|Z", 2), ("#Z", 6), ("+X", 2), ("-X or >Z", 2), (["|Y", 6, "0"], 4), ("0, 2", 2), (3, 1)],
+    [
+        (">Z", 1),
+        (">z,<Z", 2),
+        ("|Z", 2),
+        ("#Z", 6),
+        ("+X", 2),
+        ("-X or >Z", 2),
+        (["|Y", 6, "0"], 4),
+        ("0, 2", 2),
+        (3, 1),
+    ],
 )
 def test_faces_are_selected_by_place_direction_and_number(selection: Any, count: int) -> None:
     ell = bd.extrude(bd.Polygon((0, 0), (20, 0), (20, 10), (10, 10), (10, 20), (0, 20)), 8)

@@ -161,7 +161,9 @@ def test_beside_a_leaning_side_the_skin_ends_in_a_round_where_a_mitre_would_be_t
 def test_a_fillet_whose_edge_has_no_tube_is_named() -> None:
     block = bd.fillet(bd.Box(20, 16, 12).edges().filter_by(bd.Axis.Z), 1.5)
     body = bd.fillet(block.faces().sort_by(bd.Axis.Z)[-1].edges(), 0.7)
-    with pytest.raises(tpmscad.KernelError, match=r"offset by the skin: an open face joins .* radius above the skin, 2: "):
+    with pytest.raises(
+        tpmscad.KernelError, match=r"offset by the skin: an open face joins .* radius above the skin, 2: "
+    ):
         eroded(body, 2.0, body.faces().sort_by(bd.Axis.Z)[-1:])
 
 

@@ -58,7 +58,8 @@ def resolve_open_faces(body: CadBody, faces: Iterable[Any]) -> tuple[TopoDS_Face
 
     Raises InvalidRequest if a face does not belong to the body or is not planar, or if all are open.
     """
-    own, found = faces_of(body.shape), []
+    own = faces_of(body.shape)
+    found: list[TopoDS_Face] = []
     for requested in faces:
         shape = unwrap(requested)
         if isinstance(shape, int | np.integer):
