@@ -47,8 +47,8 @@ class Outcome(Generic[T]):
 
     @property
     def reasons(self) -> str:
-        """The messages of the failures, or "" if the first method succeeded."""
-        return "; ".join(map(str, self.failures))
+        """The messages of the failures, each once, or "" if the first method succeeded."""
+        return "; ".join(dict.fromkeys(map(str, self.failures)))
 
 
 @dataclass(frozen=True, slots=True)

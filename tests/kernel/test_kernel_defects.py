@@ -16,13 +16,13 @@ from OCP.Bnd import Bnd_Box
 from OCP.BRepAdaptor import BRepAdaptor_Curve2d
 from OCP.BRepAlgoAPI import BRepAlgoAPI_Common, BRepAlgoAPI_Cut, BRepAlgoAPI_Fuse
 from OCP.BRepBndLib import BRepBndLib
-from OCP.BRepBuilderAPI import BRepBuilderAPI_MakeEdge, BRepBuilderAPI_MakeFace
+from OCP.BRepBuilderAPI import BRepBuilderAPI_MakeEdge, BRepBuilderAPI_MakeFace, BRepBuilderAPI_MakeWire
 from OCP.BRepCheck import BRepCheck_Analyzer
 from OCP.BRepGProp import BRepGProp
 from OCP.BRepOffset import BRepOffset_MakeOffset, BRepOffset_Skin
-from OCP.BRepPrimAPI import BRepPrimAPI_MakeBox, BRepPrimAPI_MakeCone, BRepPrimAPI_MakeCylinder
+from OCP.BRepPrimAPI import BRepPrimAPI_MakeBox, BRepPrimAPI_MakeCone, BRepPrimAPI_MakeCylinder, BRepPrimAPI_MakeRevol
 from OCP.GeomAbs import GeomAbs_Arc
-from OCP.gp import gp_Ax2, gp_Dir, gp_Pnt, gp_Trsf
+from OCP.gp import gp_Ax1, gp_Ax2, gp_Circ, gp_Dir, gp_Pnt, gp_Trsf
 from OCP.GProp import GProp_GProps
 from OCP.ShapeFix import ShapeFix_Edge
 from OCP.STEPControl import STEPControl_AsIs, STEPControl_Reader, STEPControl_Writer
@@ -267,3 +267,28 @@ def test_a_file_with_a_point_marker_is_read_with_its_names(tmp_path: Path) -> No
 
 def read_names(path: Path) -> tuple[str, ...]:
     return read_step(path).products
+
+
+@pytest.mark.xfail(
+    strict=True,
+    raises=AssertionError,
+    reason=f"OCCT {VERSION}: pcurves are misplaced on a surface that meets itself in poles",
+)
+def test_the_surface_of_a_circle_turned_about_a_line_that_it_crosses_is_read_back(tmp_path: Path) -> None:
+    across = gp_Ax2(gp_Pnt(-4, 0, 0), gp_Dir(0, -1, 0), gp_Dir(1, 0, 0))
+    axis = gp_Ax1(gp_Pnt(0, 0, 0), gp_Dir(0, 0, 1))
+    top = gp_Pnt(0, 0, (14**2 - 4**2) ** 0.5)
+    arc = BRepBuilderAPI_MakeEdge(gp_Circ(across, 14.0), gp_Pnt(10, 0, 0), top).Edge()
+    rest = [
+        BRepBuilderAPI_MakeEdge(top, gp_Pnt(0, 0, 0)).Edge(),
+        BRepBuilderAPI_MakeEdge(gp_Pnt(0, 0, 0), gp_Pnt(10, 0, 0)).Edge(),
+    ]
+    dome = BRepPrimAPI_MakeRevol(
+        BRepBuilderAPI_MakeFace(BRepBuilderAPI_MakeWire(arc, *rest).Wire()).Face(), axis
+    ).Shape()
+    assert is_valid(dome)
+    writer = STEPControl_Writer()
+    with silence_occt():
+        writer.Transfer(dome, STEPControl_AsIs)
+        writer.Write(str(tmp_path / "dome.step"))
+    assert is_valid(read_step(tmp_path / "dome.step").shape)

@@ -8,19 +8,27 @@ without healing and finds valid closed solids of the expected volume; of a large
 from __future__ import annotations
 
 import math
+import warnings
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 
 from tpmscad.brep.moments import integral_properties
 from tpmscad.errors import InvalidRequest, KernelError
+from tpmscad.fallbacks import Fallback, Fallbacks
 from tpmscad.kernel.build.solids import BrepSolids
 from tpmscad.kernel.export.file_check import check_excerpt
+from tpmscad.kernel.export.kernel_writer import heal_solid, write_with_kernel
 from tpmscad.kernel.export.shape_file import write_solids
-from tpmscad.kernel.measure.edge_gaps import measure_accuracy
+from tpmscad.kernel.measure.edge_gaps import measure_accuracy, measure_edge_length
+from tpmscad.kernel.measure.invalid_faces import describe_invalid_face
 from tpmscad.kernel.measure.shape_report import ShapeReport, check_step
+from tpmscad.kernel.occt.bounding_boxes import box_diagonal
 from tpmscad.kernel.occt.convert import CONFUSION_TOLERANCE
 from tpmscad.kernel.step.brep_writer import write_step
 from tpmscad.kernel.step.face_labels import NamedSolid, find_label_colour, label_faces
+from tpmscad.kernel.step.step_reader import read_step
 from tpmscad.kernel.step.text_check import check_text
 from tpmscad.rigid_motion import Motion
 
@@ -33,6 +41,8 @@ REREAD_VOLUME_RTOL = 1e-9
 REREAD_VOLUME_RTOL_OF_BODIES = 1e-7
 """The same for solids that contain faces of a CAD body."""
 
+HEALING_PRECISIONS = (1e-7, 1e-6, 1e-5)
+"""mm: largest gaps that healing closes, the smallest first."""
 
 ADVICE = "nothing was written; give a smaller `tol`, bring the part nearer to the origin, or make it in units of 1 to 1000 mm"
 
@@ -55,8 +65,10 @@ def make_volume_check(volume: float, rtol: float, *, healed: bool = False) -> Ca
         except InvalidRequest as error:
             raise KernelError("export_step", str(error)) from error
         if not report.ok:
+            where = describe_invalid_face(read_step(path, healed=healed).shape)
             raise KernelError(
-                "export_step", f"the kernel finds its solids {describe_fault(report.shape)} in the file; {ADVICE}"
+                "export_step",
+                f"the kernel finds its solids {describe_fault(report.shape)} in the file{where and f': {where}'}; {ADVICE}",
             )
         difference = abs(report.shape.volume - volume)
         if difference > rtol * volume:
@@ -112,14 +124,90 @@ def write_checked_brep(
 
 
 def write_checked_solids(
-    solids: Sequence[NamedSolid], path: str | Path, *, schema: str, name: str, volume: float, assembly: bool = False
+    solids: Sequence[NamedSolid],
+    path: str | Path,
+    *,
+    schema: str,
+    name: str,
+    volume: float,
+    assembly: bool = False,
+    failure: KernelError | None = None,
 ) -> None:
     """Write kernel solids as STEP, read the file back and compare the volume; if `assembly`, each is a product of its own.
 
     A CAD body may bring edges that lie off its faces by more than the kernel's confusion. STEP states no tolerance of an edge, so
-    such a file is valid only as CAD programs read it, with healing.
+    such a file is valid only as CAD programs read it, with healing. If the file does not read back, other ways to write it are
+    tried, and a warning tells which one was taken. failure: why the same solids could not be written as arrays.
     """
-    accuracy = measure_accuracy(of.solid for of in solids)
-    healed = accuracy > CONFUSION_TOLERANCE
-    verify = make_volume_check(volume, REREAD_VOLUME_RTOL_OF_BODIES, healed=healed)
-    write_solids(solids, path, schema=schema, name=name, assembly=assembly, accuracy=accuracy, verify=verify)
+    outcome = WRITERS.run(SolidsRequest(solids, Path(path), schema, name, assembly, volume))
+    failures = (*([failure] if failure else []), *outcome.failures)
+    if failures:
+        reasons = "; ".join(dict.fromkeys(str(error).removesuffix(f"; {ADVICE}") for error in failures))
+        warnings.warn(f"{path} was written {outcome.name}, since {reasons}", stacklevel=4)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class SolidsRequest:
+    """Kernel solids to be written to a STEP file, and their total volume."""
+
+    solids: Sequence[NamedSolid]
+    path: Path
+    schema: str
+    name: str
+    assembly: bool
+    volume: float
+
+    def write(self, healed: bool = False) -> None:
+        """Write the solids with their names, labels and colours; if `healed`, the file is checked as CAD programs read it."""
+        accuracy = measure_accuracy(of.solid for of in self.solids)
+        verify = self._make_check(accuracy, healed)
+        write_solids(
+            self.solids,
+            self.path,
+            schema=self.schema,
+            name=self.name,
+            assembly=self.assembly,
+            accuracy=accuracy,
+            verify=verify,
+        )
+
+    def write_with_kernel(self) -> None:
+        """Write the solids with the kernel's writer, which keeps names of solids only."""
+        accuracy = measure_accuracy(of.solid for of in self.solids)
+        write_with_kernel(self.solids, self.path, self.name, self._make_check(accuracy))
+
+    def write_healed(self, precision: float) -> None:
+        """Write the solids healed with gaps up to `precision` in mm."""
+        healed = [replace(of, solid=heal_solid(of.solid, precision)) for of in self.solids]
+        replace(self, solids=healed).write()
+
+    def _make_check(self, accuracy: float, healed: bool = False) -> Callable[[Path], None]:
+        """The check of a file of solids whose edges lie off their faces by up to `accuracy` in mm.
+
+        The volume of a solid with gaps along its edges is defined up to gap times length of the edges times a third of the size.
+        """
+        rtol = REREAD_VOLUME_RTOL_OF_BODIES
+        if accuracy > CONFUSION_TOLERANCE:
+            shapes = [of.solid for of in self.solids]
+            size = max(map(box_diagonal, shapes))
+            rtol = max(rtol, accuracy * sum(map(measure_edge_length, shapes)) * size / (3 * self.volume))
+        return make_volume_check(self.volume, rtol, healed=healed or accuracy > CONFUSION_TOLERANCE)
+
+
+WRITERS: Fallbacks[[SolidsRequest], None] = Fallbacks(
+    (
+        Fallback("with names, labels and colours", SolidsRequest.write, "a second for 1000 faces"),
+        Fallback(
+            "by the kernel's writer, without labels and colours of faces", SolidsRequest.write_with_kernel, "as much"
+        ),
+        *(
+            Fallback(
+                f"healed by the kernel, with shifts up to {p:g} mm", partial(SolidsRequest.write_healed, precision=p)
+            )
+            for p in HEALING_PRECISIONS
+        ),
+        Fallback("for programs that heal what they read", partial(SolidsRequest.write, healed=True)),
+    ),
+    retry_on=(KernelError,),
+)
+"""How kernel solids are written as STEP: a file that misses its check is followed by the next one."""

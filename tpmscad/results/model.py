@@ -16,7 +16,7 @@ from tpmscad.api.shared_kinds import COUNT, FLAG, PATH, REFINEMENT
 from tpmscad.brep.boundary_representation import Brep
 from tpmscad.brep.extents import true_bounds
 from tpmscad.brep.solid_names import name_pieces
-from tpmscad.errors import InvalidRequest
+from tpmscad.errors import InvalidRequest, KernelError
 from tpmscad.kernel.boolean.boolean_operations import OcctSolids
 from tpmscad.kernel.build.solids import BrepSolids, build_solids
 from tpmscad.kernel.measure.shape_extents import shape_bounds
@@ -175,28 +175,26 @@ class Model:
             write_checked_solids,
         )
 
+        how: dict[str, Any] = {"schema": options.schema, "name": self.name}
+        arrays = how | {
+            "outer_faces": self.outer_faces,
+            "rtol": REREAD_VOLUME_RTOL if self.trimmed_by is None else REREAD_VOLUME_RTOL_OF_BODIES,
+            "verify": options.verify,
+        }
+        failure = None
         if options.instanced:
             if self.unit_cell is None:
                 raise InvalidRequest(f"the {self.name} has no cell that repeats: leave `instanced` out")
-            built = build_solids(self.unit_cell.make())
             copies = arrange_cells(self.unit_cell.edges, self.unit_cell.counts)
-        elif isinstance(self.built, BrepSolids):
-            built, copies = self.built, ()
-        else:
-            write_checked_solids(
-                self.named_solids(), options.path, schema=options.schema, name=self.name, volume=self.volume
-            )
+            write_checked_brep(build_solids(self.unit_cell.make()), options.path, **arrays, instances=copies)
             return
-        write_checked_brep(
-            built,
-            options.path,
-            schema=options.schema,
-            name=self.name,
-            outer_faces=self.outer_faces,
-            rtol=REREAD_VOLUME_RTOL if self.trimmed_by is None else REREAD_VOLUME_RTOL_OF_BODIES,
-            instances=copies,
-            verify=options.verify,
-        )
+        if isinstance(self.built, BrepSolids):
+            try:
+                write_checked_brep(self.built, options.path, **arrays)
+                return
+            except KernelError as error:
+                failure = error
+        write_checked_solids(self.named_solids(), options.path, **how, volume=self.volume, failure=failure)
 
     @validate_method_options(ModelPictureOptions, 'render("part.png", section="z")')
     def render(self, options: ModelPictureOptions) -> None:

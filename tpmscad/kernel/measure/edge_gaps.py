@@ -11,7 +11,9 @@ from collections.abc import Iterable
 import numpy as np
 from OCP.BRep import BRep_Tool
 from OCP.BRepAdaptor import BRepAdaptor_Curve, BRepAdaptor_Curve2d, BRepAdaptor_Surface
+from OCP.BRepGProp import BRepGProp
 from OCP.gp import gp_Pnt, gp_Vec
+from OCP.GProp import GProp_GProps
 from OCP.TopoDS import TopoDS_Edge, TopoDS_Face, TopoDS_Shape
 
 from tpmscad.kernel.occt.convert import CONFUSION_TOLERANCE
@@ -33,6 +35,13 @@ def measure_accuracy(shapes: Iterable[TopoDS_Shape]) -> float:
             if BRep_Tool.Tolerance_s(edge) > CONFUSION_TOLERANCE and not BRep_Tool.Degenerated_s(edge):
                 accuracy = max(accuracy, _gap(edge, face, surface))
     return accuracy
+
+
+def measure_edge_length(shape: TopoDS_Shape) -> float:
+    """Total length of the edges of a shape, each counted once, in model units."""
+    found = GProp_GProps()
+    BRepGProp.LinearProperties_s(shape, found, True)
+    return float(found.Mass())
 
 
 def _gap(edge: TopoDS_Edge, face: TopoDS_Face, surface: BRepAdaptor_Surface) -> float:

@@ -35,11 +35,12 @@ from OCP.Geom import (
 )
 from OCP.GeomAbs import GeomAbs_BSplineCurve, GeomAbs_Circle, GeomAbs_Ellipse, GeomAbs_Line
 from OCP.GeomConvert import GeomConvert
+from OCP.gp import gp_Lin
 from OCP.TopoDS import TopoDS_Edge, TopoDS_Face
 
 from tpmscad._typing import Array, IntArray
 from tpmscad.errors import KernelError
-from tpmscad.kernel.occt.convert import axis_frame
+from tpmscad.kernel.occt.convert import CONFUSION_TOLERANCE, axis_frame
 from tpmscad.kernel.step.geometry_entities import find_knot_scale, format_placed, write_directions, write_point
 from tpmscad.kernel.step.part21 import DataSection, format_real, format_reals, format_references
 
@@ -82,6 +83,8 @@ def _read_surface(geometry: Any, bounds: tuple[float, float, float, float]) -> F
         return FaceSurface(geometry, basis.poles, basis.flipped, basis)
     if isinstance(geometry, (Geom_SurfaceOfLinearExtrusion, Geom_SurfaceOfRevolution)):
         curve = _unwrap_curve(geometry.BasisCurve())
+        if isinstance(geometry, Geom_SurfaceOfRevolution) and _crosses_axis(curve, geometry.Axis()):
+            curve = GeomConvert.CurveToBSplineCurve_s(Geom_TrimmedCurve(curve, *bounds[2:]))
         if isinstance(curve, Geom_BSplineCurve):
             geometry, curve = geometry.Copy(), _without_period(curve)
             geometry.SetBasisCurve(curve)
@@ -96,6 +99,18 @@ def _read_surface(geometry: Any, bounds: tuple[float, float, float, float]) -> F
         spline = GeomConvert.SurfaceToBSplineSurface_s(Geom_RectangularTrimmedSurface(geometry, *bounds))
     spline = _cut_periods(spline, bounds)
     return FaceSurface(spline, surface_poles(spline))
+
+
+def _crosses_axis(curve: Any, axis: Any) -> bool:
+    """Whether a circle or an ellipse may meet the axis that it is turned about.
+
+    The whole curve then sweeps a surface that meets itself in poles; on it OCCT's reader misplaces the pcurves, so that only
+    the arc below the face is written.
+    """
+    if not isinstance(curve, Geom_Circle | Geom_Ellipse):
+        return False
+    radius = curve.Radius() if isinstance(curve, Geom_Circle) else curve.MajorRadius()
+    return bool(gp_Lin(axis).Distance(curve.Location()) <= radius + CONFUSION_TOLERANCE)
 
 
 def _without_period(curve: Geom_BSplineCurve) -> Geom_BSplineCurve:
