@@ -90,7 +90,7 @@ def _round_face_reach(brep: Brep) -> Array:
             continue
         start, end = _face_polygon(brep, f)
         outward = motion.apply_inverse_to_vectors(_reach_along_axes(np.eye(3)).T.copy())
-        uv = _stationary_parameters(carrier, outward)
+        uv = stationary_parameters(carrier, outward)
         height = (motion.apply(carrier(uv[..., 0], uv[..., 1])) * _reach_along_axes(np.eye(3)).T[:, None]).sum(axis=-1)
         inside = np.zeros(height.shape, bool)
         for i in PERIOD_SHIFTS:
@@ -101,7 +101,7 @@ def _round_face_reach(brep: Brep) -> Array:
     return reach
 
 
-def _stationary_parameters(carrier: SphericalSurface | ToroidalSurface, direction: Array) -> Array:
+def stationary_parameters(carrier: SphericalSurface | ToroidalSurface, direction: Array) -> Array:
     """Parameters (n, k, 2) of the points whose normal is parallel to the directions (n, 3): k = 2 on a sphere, 4 on a torus."""
     along, x, y = (direction @ axis for axis in (carrier.axis, carrier.x_axis, carrier.y_axis))
     across, u = np.hypot(x, y), np.arctan2(y, x)

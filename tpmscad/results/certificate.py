@@ -21,9 +21,9 @@ from tpmscad.brep.restricted_surfaces import whole_surfaces
 from tpmscad.brep.solid_properties import SolidPiece, SolidProperties, measure_solid
 from tpmscad.kernel.boolean.boolean_operations import betti_numbers
 from tpmscad.kernel.build.solids import BrepSolids
+from tpmscad.kernel.measure.shape_extents import shape_bounds
 from tpmscad.kernel.measure.shape_report import ShapeReport, check_shape
 from tpmscad.kernel.measure.validity import is_brep_valid
-from tpmscad.kernel.occt.bounding_boxes import bounding_box
 from tpmscad.kernel.occt.construction import make_compound
 
 CHIP_VOLUME_FRACTION = 1e-2
@@ -350,7 +350,7 @@ def _locate_solids(solids: tuple[Any, ...], report: ShapeReport) -> tuple[SolidP
     """The volume of each solid and the center of its bounding box; of a single solid the centroid, which is known."""
     if len(solids) == 1:
         return (SolidPiece(report.volume, report.centroid),)
-    centers = [np.mean(bounding_box(solid), axis=0).tolist() for solid in solids]
+    centers = [np.mean(shape_bounds(solid), axis=0).tolist() for solid in solids]
     return tuple(SolidPiece(volume, (x, y, z)) for volume, (x, y, z) in zip(report.volumes, centers, strict=True))
 
 

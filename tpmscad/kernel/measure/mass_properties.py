@@ -35,7 +35,7 @@ from tpmscad.kernel.measure.spline_face_moments import (
     trimmed_face_moments,
 )
 from tpmscad.kernel.occt import convert
-from tpmscad.kernel.occt.bounding_boxes import bounding_box
+from tpmscad.kernel.occt.bounding_boxes import box_center
 from tpmscad.kernel.occt.exploration import edges_of, faces_of, orientation_sign
 from tpmscad.splines.bspline import BSplineSurface
 
@@ -108,7 +108,7 @@ def solid_moments(solid: TopoDS_Shape) -> Array:
     They are integrated about the centre of its bounding box: faces agree along their edges to a tolerance only, and what is
     missing between them counts with its distance from the origin.
     """
-    centre = np.mean(bounding_box(solid), axis=0)
+    centre = box_center(solid)
     shift = gp_Trsf()
     shift.SetTranslation(gp_Vec(*(-centre).tolist()))
     moments = face_moments(faces_of(solid.Moved(TopLoc_Location(shift)))).sum(axis=0)

@@ -14,17 +14,26 @@ from OCP.Bnd import Bnd_Box
 from OCP.BRep import BRep_Tool
 from OCP.BRepBndLib import BRepBndLib
 from OCP.BRepClass import BRepClass_FaceClassifier
-from OCP.Geom import Geom_ConicalSurface, Geom_CylindricalSurface, Geom_Plane
+from OCP.Geom import (
+    Geom_ConicalSurface,
+    Geom_CylindricalSurface,
+    Geom_Plane,
+    Geom_SphericalSurface,
+    Geom_ToroidalSurface,
+)
 from OCP.gp import gp_Pnt2d
+from OCP.ShapeAnalysis import ShapeAnalysis_Surface
 from OCP.TopAbs import TopAbs_OUT
 from OCP.TopoDS import TopoDS_Face
 
 from tpmscad._typing import Array
-from tpmscad.brep.extents import EXTENT_RTOL, extend_by_surface
+from tpmscad.brep.carriers import SphericalSurface, ToroidalSurface
+from tpmscad.brep.extents import EXTENT_RTOL, extend_by_surface, stationary_parameters
 from tpmscad.errors import KernelError
 from tpmscad.kernel.occt import convert
 from tpmscad.kernel.occt.bounding_boxes import box_corners, box_of_edges
 from tpmscad.kernel.occt.exploration import faces_of, unwrap
+from tpmscad.kernel.recognise.face_carriers import recognise_carrier
 
 BOUNDED_BY_EDGES = (Geom_Plane, Geom_CylindricalSurface, Geom_ConicalSurface)
 """Surfaces on which no coordinate has an extreme inside a face, but on a line that meets its edges."""
@@ -36,26 +45,51 @@ CLASSIFIER_TOL = 1e-9
 def shape_bounds(shape: Any) -> tuple[Array, Array]:
     """Opposite corners (3,), (3,) of the smallest box that contains a build123d, CadQuery or TopoDS shape.
 
-    Within the kernel's accuracy of the boxes of edges, about 1e-7 in model units; faces that are neither B-splines nor planes,
-    cylinders or cones have the kernel's optimal box. KernelError for a shape without edges and faces.
+    Within the kernel's accuracy of the boxes of edges, about 1e-7 in model units; swept, offset and rational surfaces, and tori
+    that meet themselves, have the kernel's optimal box. KernelError for a shape without edges and faces.
     """
-    topods, splines = unwrap(shape), []
+    topods, splines, round_points = unwrap(shape), [], [np.zeros((0, 3))]
     box = box_of_edges(topods)
     for face in faces_of(topods):
         geometry = BRep_Tool.Surface_s(face)
         if convert.is_plain_spline(geometry):
             splines.append((face, geometry))
+        elif is_round(geometry):
+            round_points.append(_find_extreme_points(face))
         elif not isinstance(geometry, BOUNDED_BY_EDGES):
             BRepBndLib.AddOptimal_s(face, box, False, False)
-    if box.IsVoid():
+    inside = np.concatenate(round_points)
+    if box.IsVoid() and not len(inside):
         raise KernelError("bounds", "the shape has neither edges nor faces")
-    low, high = box_corners(box)
-    reach = np.concatenate([-low, high])
+    corners = np.concatenate([inside, *([] if box.IsVoid() else [np.array(box_corners(box))])])
+    reach = np.concatenate([-corners.min(axis=0), corners.max(axis=0)])
     tol = EXTENT_RTOL * float((reach[:3] + reach[3:]).max())
     for face, geometry in splines:
         if _poles_exceed(face, reach + tol):
             reach = extend_by_surface(convert.surface_from_occt(geometry), partial(face_contains, face), reach, tol)
     return -reach[:3], reach[3:]
+
+
+def is_round(geometry: Any) -> bool:
+    """Whether a surface is a sphere, or a torus that does not meet itself."""
+    return isinstance(geometry, Geom_SphericalSurface) or (
+        isinstance(geometry, Geom_ToroidalSurface) and geometry.MajorRadius() > geometry.MinorRadius()
+    )
+
+
+def _find_extreme_points(face: TopoDS_Face) -> Array:
+    """The points (n, 3) inside a face on a sphere or a torus where a coordinate is stationary.
+
+    The kernel's optimal box is that of the whole sphere, whatever the face.
+    """
+    carrier = recognise_carrier(face, 1.0)
+    assert isinstance(carrier, SphericalSurface | ToroidalSurface)
+    uv = stationary_parameters(carrier, np.concatenate([-np.eye(3), np.eye(3)])).reshape(-1, 2)
+    points = carrier(uv[:, 0], uv[:, 1])
+    surface = ShapeAnalysis_Surface(BRep_Tool.Surface_s(face))
+    own = [surface.ValueOfUV(convert.point(point), CLASSIFIER_TOL) for point in points]
+    contained = [face_contains(face, np.array([at.X(), at.Y()])) for at in own]
+    return np.asarray(points[contained])
 
 
 def _poles_exceed(face: TopoDS_Face, reach: Array) -> bool:

@@ -16,8 +16,8 @@ from OCP.TopoDS import TopoDS_Solid
 
 from tpmscad._typing import Array
 from tpmscad.kernel.measure.mass_properties import solid_moments
+from tpmscad.kernel.measure.shape_extents import shape_bounds
 from tpmscad.kernel.occt import convert
-from tpmscad.kernel.occt.bounding_boxes import bounding_box
 from tpmscad.kernel.occt.child_process import may_use_threads
 from tpmscad.kernel.occt.exploration import (
     ShapeKey,
@@ -32,6 +32,9 @@ from tpmscad.kernel.step.step_reader import read_step
 
 BOUNDS_ROUNDING = 10.0
 """Largest tolerances of the shape to which summaries round the corners of its bounding box."""
+
+SQUARE_TOL = 1e-15
+"""Entries of a matrix below this are zeros of a motion that takes axes to axes."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -55,7 +58,7 @@ class ShapeReport:
     centroid : tuple of float
         Center of mass.
     bounds : tuple
-        Opposite corners of the bounding box.
+        Opposite corners of the smallest box that contains the shape.
     volumes : tuple of float
         Volume of each solid, largest first.
     max_tolerance : float
@@ -255,7 +258,7 @@ def check_shape(shape: Any) -> ShapeReport:
         total += moments
         volumes.append(float(moments[1]))
         figures.append(found)
-        boxes.append(_transform_box(found.bounds, solid))
+        boxes.append(_place_bounds(found.bounds, solid))
     low = np.min([low for low, _ in boxes], axis=0) if boxes else np.zeros(3)
     high = np.max([high for _, high in boxes], axis=0) if boxes else np.zeros(3)
     volume = float(total[1])
@@ -294,19 +297,20 @@ def _measure_solid(solid: TopoDS_Solid) -> _SolidFigures:
         valid=is_valid(solid),
         closed=all(uses == (1 if BRep_Tool.Degenerated_s(convert.as_edge(edge)) else 2) for edge, uses in edges),
         moments=solid_moments(solid),
-        bounds=bounding_box(solid),
+        bounds=shape_bounds(solid) if faces else (np.zeros(3), np.zeros(3)),
         tolerance=max(
             float(BRep_Tool.MaxTolerance_s(solid, kind)) for kind in (TopAbs_VERTEX, TopAbs_EDGE, TopAbs_FACE)
         ),
     )
 
 
-def _transform_box(bounds: tuple[Array, Array], solid: TopoDS_Solid) -> tuple[Array, Array]:
-    """Bounding box of a box moved by the solid's location."""
-    corners = np.array(np.meshgrid(*np.transpose(bounds))).reshape(3, -1)
+def _place_bounds(bounds: tuple[Array, Array], solid: TopoDS_Solid) -> tuple[Array, Array]:
+    """True extent of a placed solid, given that of the solid without its location."""
     matrix = convert.matrix_from_occt(solid.Location().Transformation())
-    placed = matrix[:, :3] @ corners + matrix[:, 3:]
-    return placed.min(axis=1), placed.max(axis=1)
+    if np.count_nonzero(np.abs(matrix[:, :3]) > SQUARE_TOL) > 3:  # the axes are not permuted: the extent is another one
+        return shape_bounds(solid)
+    placed = np.array(bounds) @ matrix[:, :3].T + matrix[:, 3]
+    return placed.min(axis=0), placed.max(axis=0)
 
 
 def _transform_moments(moments: Array, solid: TopoDS_Solid) -> Array:

@@ -5,19 +5,16 @@ OCCT bounds a B-spline face by its poles, which on lattices is half a cell too w
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 from OCP.Bnd import Bnd_Box
 from OCP.BRep import BRep_Tool
 from OCP.BRepBndLib import BRepBndLib
-from OCP.Geom import Geom_BSplineSurface, Geom_Plane
 from OCP.TopAbs import TopAbs_EDGE, TopAbs_FACE
 from OCP.TopoDS import TopoDS_Face, TopoDS_Shape
 
 from tpmscad._typing import Array
 from tpmscad.kernel.occt import convert
-from tpmscad.kernel.occt.exploration import count_subshape_uses, faces_of, unwrap
+from tpmscad.kernel.occt.exploration import count_subshape_uses
 
 
 def enclosing_box(shape: TopoDS_Shape) -> tuple[Array, Array]:
@@ -29,21 +26,6 @@ def enclosing_box(shape: TopoDS_Shape) -> tuple[Array, Array]:
     BRepBndLib.Add_s(shape, box, False)
     if box.IsVoid() or box.IsOpen():
         return np.full(3, -np.inf), np.full(3, np.inf)
-    return box_corners(box)
-
-
-def bounding_box(shape: Any) -> tuple[Array, Array]:
-    """Opposite corners (3,), (3,) of the box of the edges and of all faces that are neither planes nor B-splines.
-
-    The box is tight, but a B-spline face that bulges beyond every edge is not accounted for. Zeros for an empty shape.
-    """
-    topods = unwrap(shape)
-    box = box_of_edges(topods)
-    for face in faces_of(topods):
-        if not isinstance(BRep_Tool.Surface_s(face), (Geom_BSplineSurface, Geom_Plane)):
-            BRepBndLib.Add_s(face, box)
-    if box.IsVoid():
-        return np.zeros(3), np.zeros(3)
     return box_corners(box)
 
 
