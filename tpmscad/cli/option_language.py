@@ -37,14 +37,18 @@ COMMAND_OF_FUNCTION: Mapping[str, str] = {
 """Commands by the public functions that they call."""
 
 _FUNCTION = re.compile(rf"\btpmscad\.({'|'.join(COMMAND_OF_FUNCTION)})\b")
+_LABELS = "fields.labels"
+"""A function that an option stands for: --label."""
 
 RENAMED_VALUES: Mapping[tuple[str, str], str] = {
     ("loose", "keep"): "--keep-loose",
     ("instanced", "True"): "--instanced",
+    ("centred", "True"): "--cell-data",
+    ("centred", "False"): "--point-data",
 }
 """Options that stand for one value of a keyword."""
 
-RENAMED_KEYWORDS: Mapping[str, str] = {"loose": "--keep-loose", "domain": "domain"}
+RENAMED_KEYWORDS: Mapping[str, str] = {"loose": "--keep-loose", "domain": "domain", "centred": "--cell-data", "label": "--label"}
 """Keywords whose options have another name."""
 
 
@@ -63,7 +67,8 @@ def speak_in_options(message: str, options: Mapping[str, str]) -> str:
             return RENAMED_VALUES[keyword, value]
         return option if value in ("", "True") else f"{option} {value}"
 
-    return _FUNCTION.sub(lambda match: f"tpmscad {COMMAND_OF_FUNCTION[match[1]]}", _KEYWORD.sub(replace, message))
+    message = _KEYWORD.sub(replace, message).replace(_LABELS, "--label")
+    return _FUNCTION.sub(lambda match: f"tpmscad {COMMAND_OF_FUNCTION[match[1]]}", message)
 
 
 def options_of(command: Callable[..., Any]) -> dict[str, str]:
