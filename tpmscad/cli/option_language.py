@@ -48,7 +48,12 @@ RENAMED_VALUES: Mapping[tuple[str, str], str] = {
 }
 """Options that stand for one value of a keyword."""
 
-RENAMED_KEYWORDS: Mapping[str, str] = {"loose": "--keep-loose", "domain": "domain", "centred": "--cell-data", "label": "--label"}
+RENAMED_KEYWORDS: Mapping[str, str] = {
+    "loose": "--keep-loose",
+    "domain": "domain",
+    "centred": "--cell-data",
+    "label": "--label",
+}
 """Keywords whose options have another name."""
 
 
@@ -80,7 +85,8 @@ def options_of(command: Callable[..., Any]) -> dict[str, str]:
             continue
         long = [text for text in info.param_decls or () if text.startswith("--")]
         is_option = type(info).__name__ == "OptionInfo"
-        options[name] = (long or [f"--{name.replace('_', '-')}"])[0] if is_option else (info.metavar or name.upper())
+        written = (long or [f"--{name.replace('_', '-')}"])[0] if is_option else (info.metavar or name.upper())
+        options.setdefault(name, written)
     return options
 
 

@@ -163,7 +163,7 @@ CentredOption = Annotated[
     bool | None,
     array_option(
         "--cell-data/--point-data",
-        help="Whether the values belong to cells (voxels, elements), which reach half a spacing beyond the samples, or to points.",
+        help="Whether the values belong to cells (voxels, elements), which reach half a spacing further, or to points.",
         show_default="of the file, or points",
     ),
 ]

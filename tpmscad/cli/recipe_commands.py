@@ -82,7 +82,14 @@ def solidify(
     def read(progress: Progress) -> RecipeRun:
         from tpmscad.recipe.recipe_runs import SolidRun  # loads NumPy
 
-        given = {"level": level, "label": label, "spacing": spacing, "origin": origin, "centred": centred, "frame": frame}
+        given = {
+            "level": level,
+            "label": label,
+            "spacing": spacing,
+            "origin": origin,
+            "centred": centred,
+            "frame": frame,
+        }
         if file.suffix.lower() == ".toml":
             extra = [f"`{name}`" for name, value in {**given, "tol": tol}.items() if value is not None]
             if extra:

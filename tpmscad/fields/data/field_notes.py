@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import fields, is_dataclass
 from typing import Any
 
 from tpmscad.fields.field import Field
@@ -12,7 +11,7 @@ def collect_notes(field: Any) -> tuple[str, ...]:
     """The notes of a field and of all fields that it is made of, each once."""
     notes: dict[str, None] = {}
     seen: set[int] = set()
-    pending = [field]
+    pending: list[Any] = [field]
     while pending:
         part = pending.pop()
         if id(part) in seen:
@@ -20,7 +19,7 @@ def collect_notes(field: Any) -> tuple[str, ...]:
         seen.add(id(part))
         if isinstance(part, list | tuple):
             pending.extend(reversed(part))
-        elif isinstance(part, Field) and is_dataclass(part):
+        elif isinstance(part, Field):
             notes.update(dict.fromkeys(getattr(part, "notes", ())))
-            pending.extend(getattr(part, each.name) for each in reversed(fields(part)))
+            pending.extend(getattr(part, name) for name in reversed(getattr(part, "__dataclass_fields__", {})))
     return tuple(notes)

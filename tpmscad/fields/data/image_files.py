@@ -14,13 +14,15 @@ from typing import Any
 
 import numpy as np
 
-from tpmscad._typing import Array
 from tpmscad.errors import InvalidRequest
 from tpmscad.fields.data.image_frames import Image, StoredImage, place_image
 
 NRRD_FRAMES = {"right-anterior-superior": "RAS", "left-anterior-superior": "LAS", "left-posterior-superior": "LPS"}
 NRRD_FRAMES |= {short.lower(): short for short in NRRD_FRAMES.values()}
 """Frames of the patient by the names of NRRD's field "space", in lower case."""
+
+POSITION_TOL_SPACINGS = 1e-2
+"""In spacings: difference of the two positions of a NIfTI file that rounding of its rotation explains."""
 
 
 def read_image(path: str | os.PathLike[str], *, frame: str | None = None, centred: bool | None = None) -> Image:
@@ -76,13 +78,12 @@ def _read_nifti(file: Path) -> StoredImage:
         values = values[..., 0]
     unit = header.get_xyzt_units()[0]
     sform, qform = image.get_sform(coded=True), image.get_qform(coded=True)
-    found = [affine for affine, code in (sform, qform) if code]
+    found = [np.asarray(affine) for affine, code in (sform, qform) if code]
     if not found:  # method 1 of the standard: the spacing alone; nibabel would guess a frame
         return StoredImage(values, np.diag([*header.get_zooms()[:3], 1.0]), "", _known(unit))
-    notes = ()
-    if len(found) == 2 and not np.allclose(*found, atol=1e-3 * float(header.get_zooms()[0])):
-        notes = ("its two positions (sform and qform) differ, and the sform was taken",)
-    return StoredImage(values, np.asarray(found[0]), "RAS", _known(unit), notes=notes)
+    agree = np.allclose(found[0], found[-1], atol=POSITION_TOL_SPACINGS * float(header.get_zooms()[0]))
+    notes = () if agree else ("its two positions (sform and qform) differ, and the sform was taken",)
+    return StoredImage(values, found[0], "RAS", _known(unit), notes=notes)
 
 
 def _read_nrrd(file: Path) -> StoredImage:
@@ -100,8 +101,8 @@ def _read_nrrd(file: Path) -> StoredImage:
     if len(units) > 1:
         raise InvalidRequest(f"{file.name} states several units of length, {', '.join(sorted(units))}: save it in one")
     centring = {str(word) for word in header.get("centerings", header.get("centers", ()))}
-    centred = {("cell",): True, ("node",): False}.get(tuple(centring))
-    return StoredImage(values, affine, frame, *units or ("",), centred=centred)
+    centred = True if centring == {"cell"} else False if centring == {"node"} else None
+    return StoredImage(values, affine, frame, "".join(units), centred)
 
 
 def _known(unit: str) -> str:

@@ -54,8 +54,8 @@ class Image:
 class StoredImage:
     """Samples as a file holds them, and what it states.
 
-    `affine` (4, 4) takes indices to positions, None without positions; `frame` is the name of a frame of the patient, or what else
-    the file calls its coordinates, or empty; `unit` the unit of length or empty.
+    `affine` (4, 4) takes indices to positions, None without positions; `frame` is the name of a frame of the patient, or what
+    else the file calls its coordinates, or empty; `unit` the unit of length or empty.
     """
 
     values: Array
@@ -102,7 +102,7 @@ def _convert_frame(name: str, stated: str, wanted: str | None) -> tuple[Array, s
         raise InvalidRequest(
             f"{name} states {stated or 'no frame'}, from which nothing can be converted to {wanted}: leave `frame` out"
         )
-    return keeps, f"{name}: no frame of a patient stated{f' ({stated})' if stated else ''}; coordinates as in the file"
+    return keeps, f"{name}: no frame stated{f' ({stated})' if stated else ''}; coordinates as in the file"
 
 
 def _align_with_axes(name: str, values: Array, affine: Array) -> tuple[Array, Triple, Triple]:

@@ -19,7 +19,7 @@ from typing import Annotated
 
 import numpy as np
 from numpy.typing import ArrayLike
-from scipy.sparse import csc_array, diags_array
+from scipy.sparse import csc_array
 from scipy.sparse.linalg import splu
 
 from tpmscad._typing import Array, BoxCorners
@@ -235,16 +235,15 @@ def _spline_coefficients(samples: Array, axis: int) -> Array:
 
 
 def _reflected_coefficients(samples: Array, axis: int) -> Array:
-    """Coefficients, four more than samples along the axis, of the interpolating cubic spline of data reflected at the cells' ends.
+    """Coefficients, four more than samples along the axis, of the cubic spline through data that are reflected at their ends.
 
     Sample i is (c[i-1] + 4 c[i] + c[i+1]) / 6 with c[-1] = c[0] and c[n] = c[n-1].
     """
     n = samples.shape[axis]
-    matrix = diags_array([np.ones(n - 1), np.full(n, 4.0), np.ones(n - 1)], offsets=(-1, 0, 1)) / 6
-    at_ends = np.zeros(n)
-    at_ends[0] += 1 / 6
-    at_ends[-1] += 1 / 6
-    coefficients = _solve_along(csc_array(matrix + diags_array(at_ends)), samples, axis)
+    own = np.arange(n)
+    neighbours = np.concatenate([own, np.maximum(own - 1, 0), np.minimum(own + 1, n - 1)])
+    weights = np.repeat([4.0, 1.0, 1.0], n) / 6
+    coefficients = _solve_along(csc_array((weights, (np.tile(own, 3), neighbours)), shape=(n, n)), samples, axis)
     return np.pad(coefficients, [(2, 2) if k == axis else (0, 0) for k in range(3)], mode="symmetric")
 
 

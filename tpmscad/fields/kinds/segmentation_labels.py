@@ -1,10 +1,10 @@
 """The smooth surface of labels of a segmentation, within half a voxel.
 
-The boundary of the voxels of a label is a staircase, and any surface that separates the centres inside from those outside explains
-the voxels as well. The signed distance to the staircase, in voxels, is smoothed by a Gaussian, which takes the steps away and
-shrinks what is convex. Van Cittert's iteration gives back what a smooth shape has lost: the residual, limited to a voxel, is added
-before the Gaussian is applied again. In the end the values at the centres are bounded by their signs, so that the surface crosses
-between every centre inside and its neighbours outside and nowhere else between centres, and thin parts do not vanish.
+The boundary of the voxels of a label is a staircase, and any surface that separates the centres inside from those outside
+explains the voxels as well. The signed distance to the staircase, in voxels, is smoothed by a Gaussian, which takes the steps
+away and shrinks what is convex. Van Cittert's iteration gives back what a smooth shape has lost: the residual, limited to a
+voxel, is added before the Gaussian is applied again. In the end each value keeps the sign of its voxel, so that the surface
+crosses between every centre inside and its neighbours outside, and thin parts do not vanish.
 
 Sources: distance field and a fit of bounded deviation, arXiv:2402.12076; P. H. van Cittert, Z. Phys. 69 (1931) 298.
 """
@@ -34,7 +34,7 @@ from tpmscad.fields.kinds.sampled_data import (
 )
 
 SMOOTHING_VOXELS = 1.3
-"""Standard deviation of the Gaussian: steps of a flat surface are about as long as it is oblique, and mostly two to four voxels."""
+"""Standard deviation of the Gaussian: balls of 2 to 6 voxels' radius come out smoother than with 1, and as large."""
 
 RESTORATIONS = 8
 """Iterations: balls of 2 to 6 voxels' radius keep their volume within 2 %; more follow the staircase again."""
