@@ -131,6 +131,9 @@ def test_a_label_at_the_end_of_the_array_is_solid_up_to_there() -> None:
     assert field.domain == ((-1, -1, -1), (17, 15, 13))
     assert (field([[-1.0, 2.0, 3.0], [17.0, -1.0, 13.0]]) < 0).all()
     assert (field([[-1.0, 10.0, 3.0], [17.0, 15.0, 13.0]]) > 0).all()
+    y = np.linspace(-1, 15, 40)
+    at_end, inside = (np.stack([np.full(40, x), y, np.full(40, z)], axis=-1) for x, z in ((-1.0, 13.0), (8.0, 6.0)))
+    np.testing.assert_allclose(field(at_end), field(inside), atol=1e-12)
 
 
 class TestSelection:
