@@ -32,10 +32,7 @@ BAND = 4.0
 
 def extrude(values: np.ndarray, size: float) -> fields.Field:
     """The field of values (nx, ny) at the centers of elements, constant along z."""
-    plane = np.pad(values, 2, mode="edge")
-    return fields.sampled(
-        np.repeat(plane[..., None], 6, axis=2), (size, size, CELL / 2), (-1.5 * size, -1.5 * size, -CELL)
-    )
+    return fields.sampled(values[..., None], (size, size, CELL), (size / 2, size / 2, CELL / 2), centred=True)
 
 
 def lattice_rods(density: fields.Field) -> list[fields.Field]:

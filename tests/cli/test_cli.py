@@ -407,6 +407,8 @@ def test_an_example_in_readme_guide_or_help_is_good_usage(
         "body.step",
         "exchanger.step",
         "density.npy",
+        "rho.npy",
+        "labels.nii",
         "designs.csv",
     ):
         Path(name).touch()

@@ -9,6 +9,7 @@ import shlex
 import shutil
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from tpmscad import cli
@@ -127,6 +128,75 @@ def test_the_domain_may_be_the_body_of_a_step_file(folder: Path, capsys: pytest.
     assert run("solidify drum.toml -o out.step") == 0, capsys.readouterr().err
     assert run("check out.step --report found.json") == 0
     assert 0.2 * 707 < json.loads(Path("found.json").read_text())["volume"] < 0.6 * 707
+
+
+class TestArrays:
+    """Options on an array of grey values, of elements, of labels."""
+
+    @pytest.fixture(autouse=True)
+    def arrays(self, folder: Path) -> None:
+        np.save(folder / "organs.npy", np.indices((6, 5, 5))[0] // 2)
+        density = np.zeros((24, 12, 8))
+        density[:, :6] = 1
+        np.save(folder / "density.npy", density)
+
+    def made(self) -> list[str]:
+        return [name for name in made() if not name.endswith(".npy")]
+
+    @pytest.mark.parametrize(
+        ("line", "message"),
+        [
+            ("organs.npy --level 0.5", "organs.npy holds the labels 0, 1, 2, .*: --label makes the surface of one"),
+            ("organs.npy --label 3", "organs.npy holds no label 3: its values are 0, 1, 2"),
+            ("organs.npy --label 1 --level 0.5", "give either --level, for grey values, or --label"),
+            ("organs.npy --label 1 --point-data", "leave --point-data out"),
+            ("density.npy", "grey values: it needs --level.*; of a segmentation give --label"),
+            ("density.npy --level 0.5 --frame RAS", "states no frame.*leave --frame out"),
+            (
+                "graded.toml --label 1 --cell-data --frame file",
+                "--label, --cell-data, --frame: a recipe says these itself",
+            ),
+        ],
+    )
+    def test_what_does_not_fit_is_refused(self, capsys: pytest.CaptureFixture[str], line: str, message: str) -> None:
+        assert run(f"solidify {line} -o out.step") == 2
+        assert re.search(message, capsys.readouterr().err)
+        assert self.made() == []
+
+    def test_a_dry_run_tells_what_is_assumed(self, capsys: pytest.CaptureFixture[str]) -> None:
+        assert run("solidify density.npy --level 0.5 --dry-run --report out.json") == 0
+        assert (
+            "values are taken at points, the solid ends at the outermost ones; --cell-data if"
+            in capsys.readouterr().out
+        )
+        assert len(json.loads(Path("out.json").read_text())["notes"]) == 2
+        assert run("solidify density.npy --level 0.5 --cell-data --dry-run") == 0
+        out = capsys.readouterr().out
+        assert "box (-0.5, -0.5, -0.5) to (23.5, 11.5, 7.5)" in out
+        assert "taken at points" not in out
+
+    def test_integers_are_all_labels_unless_one_is_named(self, capsys: pytest.CaptureFixture[str]) -> None:
+        assert run("solidify organs.npy --dry-run") == 0
+        assert "labels 1, 2 of 0, 1, 2 as one solid; --label takes one of them" in capsys.readouterr().out
+        assert run("solidify organs.npy --label 2 --dry-run") == 0
+        assert "label 2 of 0, 1, 2" in capsys.readouterr().out
+
+    @pytest.mark.kernel
+    def test_elements_reach_to_their_ends(self) -> None:
+        """The size of the elements, 24 by 6 by 8; points end half an element earlier on every side but the one that is cut."""
+        options = "--level 0.5 --origin 0.5,0.5,0.5 --report out.json -o out.step"
+        for option, size in (("--cell-data", 24 * 6 * 8), ("--point-data", 23 * 5.5 * 7)):
+            assert run(f"solidify density.npy {option} {options}") == 0
+            report = json.loads(Path("out.json").read_text())
+            assert report["met"]
+            assert report["volume"] == pytest.approx(size, rel=1e-6)
+
+    @pytest.mark.kernel
+    def test_the_certificate_of_a_label_says_what_it_is_measured_from(self) -> None:
+        assert run("solidify organs.npy --label 1 --report out.json -o out.step") == 0
+        report = json.loads(Path("out.json").read_text())
+        assert report["volume"] == pytest.approx(2 * 25, rel=0.1)  # two voxels thick: within a voxel
+        assert any("the deviation is that from its smoothed surface" in note for note in report["notes"])
 
 
 @pytest.mark.parametrize(("name", "remedy"), [("part.step", "tpmscad infill"), ("points.csv", "recipe-keys scattered")])

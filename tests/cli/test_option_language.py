@@ -28,7 +28,9 @@ ERRORS = {"InvalidRequest", "LevelSetError", "KernelError", "TrimmingError", "Mi
 FLOORS = (
     "fields/kinds/sampled_data.py",
     "fields/kinds/scattered_data.py",
+    "fields/kinds/segmentation_labels.py",
     "fields/data/image_files.py",
+    "fields/data/image_frames.py",
     "fields/kinds/expressions.py",
     "requests",
     "results",

@@ -11,13 +11,14 @@ import pytest
 
 from tpmscad import fields
 from tpmscad.errors import InvalidRequest
-from tpmscad.fields.data.image_files import read_image
+from tpmscad.fields.data.field_notes import collect_notes
 
 RNG = np.random.default_rng(11)
 SPACING, ORIGIN = np.array([0.5, 0.4, 0.7]), np.array([1.0, -2.0, 0.5])
 SHAPE = (7, 9, 8)
 INDICES = np.stack(np.meshgrid(*map(np.arange, SHAPE), indexing="ij"), axis=-1)
 SITES = ORIGIN + SPACING * INDICES
+VALUES = RNG.normal(size=(5, 6, 7))
 
 
 def cubic(p: np.ndarray) -> np.ndarray:
@@ -66,6 +67,12 @@ class TestSampledField:
         points = RNG.uniform(-3, 6, (20, 3))
         assert (pickle.loads(pickle.dumps(field))(points) == field(points)).all()
 
+    def test_a_level_outside_the_data_is_refused_with_their_range(self) -> None:
+        values = np.linspace(0.0, 2.0, 125).reshape(5, 5, 5)
+        for level in (-0.1, 2.0, 7.0):
+            with pytest.raises(InvalidRequest, match="which reach from 0 to 2"):
+                fields.sampled(values, level=level)
+
     @pytest.mark.parametrize(
         ("values", "keywords", "message"),
         [
@@ -86,100 +93,64 @@ class TestSampledField:
             fields.sampled(values, **keywords)  # type: ignore[arg-type]
 
 
-class TestImageFiles:
-    """Files written by other libraries are read back with their spacing and position."""
+class TestSamplesOfCells:
+    def test_the_domain_is_the_box_of_the_cells(self) -> None:
+        field = fields.sampled(RNG.normal(size=SHAPE), SPACING, ORIGIN, centred=True)
+        np.testing.assert_allclose(field.domain, (ORIGIN - SPACING / 2, ORIGIN + SPACING * (np.array(SHAPE) - 0.5)))
 
-    VALUES = RNG.normal(size=(4, 5, 6))
+    def test_passes_through_the_samples_and_is_reflected_at_the_ends(self) -> None:
+        values = RNG.normal(size=SHAPE)
+        field = fields.sampled(values, SPACING, ORIGIN, centred=True)
+        np.testing.assert_allclose(field(SITES), values, atol=1e-13)
+        inside = ORIGIN + SPACING * RNG.uniform(0, 0.5, (50, 3))
+        beyond = 2 * np.array(field.domain[0]) - inside
+        step = 1e-6 * SPACING[0] * np.array([1.0, 0, 0])
+        at_end = np.where([True, False, False], np.array(field.domain[0]), inside)
+        np.testing.assert_allclose(field(at_end + step), field(at_end), atol=1e-9)
+        assert np.isfinite(field(beyond)).all()
 
-    def check(self, path: Path) -> None:
-        image = read_image(path)
-        np.testing.assert_allclose(image.values, self.VALUES, rtol=1e-6)
-        np.testing.assert_allclose(image.spacing, SPACING, rtol=1e-6)
-        np.testing.assert_allclose(image.origin, ORIGIN, rtol=1e-6)
+    @pytest.mark.parametrize("thick", [1, 2, 3])
+    def test_an_outer_cell_of_a_binary_density_is_solid_up_to_its_end(self, thick: int) -> None:
+        density = (RNG.random((thick, 9, 8)) > 0.5).astype(float)
+        field = fields.sampled(density, SPACING, ORIGIN, level=0.5, centred=True)
+        for axis in range(3):
+            for end in (0, -1):
+                layer = np.take(SITES[:thick, :9, :8], [end], axis)
+                layer[..., axis] = field.domain[end][axis]
+                for part in np.linspace(0, 0.5, 6):
+                    layer[..., axis] = field.domain[end][axis] + (1 + 2 * end) * part * SPACING[axis]
+                    assert ((field(layer) < 0) == np.take(density > 0.5, [end], axis)).all()
 
-    def test_numpy(self, tmp_path: Path) -> None:
-        np.save(tmp_path / "a.npy", self.VALUES)
-        assert (fields.sampled(tmp_path / "a.npy", 2.0).domain[1] == 2.0 * (np.array(self.VALUES.shape) - 1)).all()
+    def test_a_plate_of_elements_has_the_size_of_its_elements(self) -> None:
+        density = np.zeros((24, 12, 8))
+        density[:, :6] = 1
+        field = fields.sampled(density, 1.0, (0.5, 0.5, 0.5), level=0.5, centred=True)
+        assert field.domain == ((0, 0, 0), (24, 12, 8))
+        x, y, z = (np.linspace(a, b, 25) for a, b in zip(*field.domain, strict=True))
+        assert ((field.on_grid(x, y, z) < 0)[:, y != 6] == (y < 6)[y != 6][None, :, None]).all()
 
-    @pytest.mark.parametrize("suffix", ["nii", "nii.gz"])
-    @pytest.mark.parametrize("flipped", [False, True])
-    def test_nifti(self, tmp_path: Path, suffix: str, flipped: bool) -> None:
-        nibabel = pytest.importorskip("nibabel")
-        affine = np.diag([*SPACING, 1.0])
-        affine[:3, 3] = ORIGIN
-        stored = self.VALUES
-        if flipped:  # the usual patient coordinates: the first axis runs to the left
-            stored = self.VALUES[::-1]
-            affine[0, 3] += SPACING[0] * (len(stored) - 1)
-            affine[0, 0] *= -1
-        nibabel.save(nibabel.Nifti1Image(stored, affine), tmp_path / f"a.{suffix}")
-        self.check(tmp_path / f"a.{suffix}")
+    def test_one_layer_is_constant_across_it(self) -> None:
+        field = fields.sampled(RNG.normal(size=(5, 1, 4)), centred=True)
+        points = RNG.uniform(*field.domain, (50, 3))
+        np.testing.assert_allclose(field(points), field(points * (1, 0, 1)), atol=1e-13)
 
-    def test_a_turned_image_is_refused(self, tmp_path: Path) -> None:
-        nibabel = pytest.importorskip("nibabel")
-        affine = np.eye(4)
-        affine[:2, :2] = [[0.8, -0.6], [0.6, 0.8]]
-        nibabel.save(nibabel.Nifti1Image(self.VALUES, affine), tmp_path / "a.nii")
-        with pytest.raises(InvalidRequest, match="resample"):
-            read_image(tmp_path / "a.nii")
+    def test_what_was_assumed_is_told_until_it_is_said(self) -> None:
+        assert "centred=True if they belong to cells" in fields.sampled(VALUES).notes[0]
+        assert fields.sampled(VALUES, centred=False).notes == fields.sampled(VALUES, centred=True).notes == ()
 
-    def test_nrrd_with_exchanged_axes(self, tmp_path: Path) -> None:
-        nrrd = pytest.importorskip("nrrd")
-        directions = np.diag(SPACING)[[2, 1, 0]]
-        header = {"space": "left-posterior-superior", "space directions": directions, "space origin": ORIGIN}
-        nrrd.write(str(tmp_path / "a.nrrd"), np.ascontiguousarray(self.VALUES.transpose(2, 1, 0)), header)
-        self.check(tmp_path / "a.nrrd")
-
-    @pytest.mark.parametrize("suffix", ["vti", "vtk"])
-    @pytest.mark.slow
-    def test_vtk(self, tmp_path: Path, suffix: str) -> None:
-        pytest.importorskip("vtkmodules")
-        from vtkmodules.util.numpy_support import numpy_to_vtk
-        from vtkmodules.vtkCommonDataModel import vtkImageData
-        from vtkmodules.vtkIOLegacy import vtkStructuredPointsWriter
-        from vtkmodules.vtkIOXML import vtkXMLImageDataWriter
-
-        data = vtkImageData()
-        data.SetDimensions(*self.VALUES.shape)
-        data.SetSpacing(*SPACING)
-        data.SetOrigin(*ORIGIN)
-        data.GetPointData().SetScalars(numpy_to_vtk(self.VALUES.ravel(order="F"), deep=True))
-        writer = vtkXMLImageDataWriter() if suffix == "vti" else vtkStructuredPointsWriter()
-        writer.SetFileName(str(tmp_path / f"a.{suffix}"))
-        writer.SetInputData(data)
-        writer.Write()
-        self.check(tmp_path / f"a.{suffix}")
-
-    def test_of_several_arrays_none_is_picked(self, tmp_path: Path) -> None:
-        pytest.importorskip("vtkmodules")
-        from vtkmodules.util.numpy_support import numpy_to_vtk
-        from vtkmodules.vtkCommonDataModel import vtkImageData
-        from vtkmodules.vtkIOXML import vtkXMLImageDataWriter
-
-        data = vtkImageData()
-        data.SetDimensions(*self.VALUES.shape)
-        for name in ("density", "stress"):
-            array = numpy_to_vtk(self.VALUES.ravel(order="F"), deep=True)
-            array.SetName(name)
-            data.GetPointData().AddArray(array)
-        writer = vtkXMLImageDataWriter()
-        writer.SetFileName(str(tmp_path / "a.vti"))
-        writer.SetInputData(data)
-        writer.Write()
-        with pytest.raises(InvalidRequest, match=r"a\.vti holds 2 arrays, 'density', 'stress'"):
-            read_image(tmp_path / "a.vti")
-
-    def test_a_level_outside_the_data_is_refused_with_their_range(self) -> None:
-        values = np.linspace(0.0, 2.0, 125).reshape(5, 5, 5)
-        for level in (-0.1, 2.0, 7.0):
-            with pytest.raises(InvalidRequest, match="which reach from 0 to 2"):
-                fields.sampled(values, level=level)
-
-    @pytest.mark.parametrize("suffix", ["npy", "vti", "vtk", "nrrd", "nii"])
-    def test_a_broken_file_is_refused(self, tmp_path: Path, suffix: str, capfd: pytest.CaptureFixture[str]) -> None:
-        (tmp_path / f"a.{suffix}").write_bytes(b"no image at all")
-        with pytest.raises(InvalidRequest, match=f"a.{suffix}"):
-            read_image(tmp_path / f"a.{suffix}")
+    def test_the_notes_of_data_are_found_in_every_field_made_of_them(self) -> None:
+        data = fields.sampled(VALUES)
+        ball = fields.sphere((0, 0, 0), 1)
+        for made in (
+            data | ball,
+            2 * fields.rotate(data, "z", 30),
+            fields.rod(fields.tpms("gyroid"), fields.ramp(data, (0, 1), (0, 0.2))),
+            fields.expression("max(d, x)", d=data),
+            fields.union(ball, data, data + 1),
+            fields.wall(ball, data),
+        ):
+            assert collect_notes(made) == data.notes
+        assert collect_notes(ball) == collect_notes(2.0) == ()
 
 
 class TestScatteredField:

@@ -31,6 +31,7 @@ def assert_same(found: fields.Field, expected: fields.Field) -> None:
     [
         ("", {}),
         ("level = 0.25", {"level": 0.25}),
+        ("centred = true", {"centred": True}),
         ("spacing = [1, 0.5, 2]\norigin = [-1, 0, 1]", {"spacing": (1, 0.5, 2), "origin": (-1, 0, 1)}),
     ],
 )
@@ -40,6 +41,16 @@ def test_voxels_of_a_file_are_the_sampled_field(tmp_path: Path, text: str, keywo
         read_field(tmp_path, f'kind = "sampled"\nfile = "density.npy"\n{text}'),
         fields.sampled(VALUES, **keywords),  # type: ignore[arg-type]
     )
+
+
+@pytest.mark.parametrize(
+    ("text", "label"), [("", 1), ("label = 2", 2), ("label = [1, 2]", [1, 2]), ('label = "all"', "all")]
+)
+def test_labels_of_a_file_are_the_smooth_region(tmp_path: Path, text: str, label: object) -> None:
+    organs = np.random.default_rng(9).integers(0, 3, (5, 6, 7))
+    np.save(tmp_path / "organs.npy", organs)
+    found = read_field(tmp_path, f'kind = "labels"\nfile = "organs.npy"\nspacing = 0.7\n{text}')
+    assert_same(found, fields.labels(organs, 0.7, label=label))  # type: ignore[arg-type]
 
 
 @pytest.mark.parametrize(
@@ -67,6 +78,10 @@ names = { ball = { kind = "sphere", center = [2, 2, 2], radius = 1.5 } }"""
     ("text", "words"),
     [
         ('kind = "sampled"\nfile = "flat.npy"', "holds an array of shape (3, 3)"),
+        ('kind = "sampled"\nfile = "organs.npy"', "line 5, field.file: organs.npy holds the labels 0, 1, 2, 3"),
+        ('kind = "labels"\nfile = "organs.npy"\nlabel = 7', "organs.npy holds no label 7"),
+        ('kind = "labels"\nfile = "organs.npy"\nlabel = "bone"', "line 6, field.label: 'bone' is unknown"),
+        ('kind = "sampled"\nfile = "flat.npy"\nframe = "LAS"', "line 6, field.frame"),
         ('kind = "sampled"\nfile = "absent.npy"', "line 5, field.file: there is no file"),
         ('kind = "scattered"\nfile = "short.csv"', "line 5, field.file: file short.csv, line 2: 3 columns"),
         ('kind = "scattered"\nfile = "words.csv"', "line 5, field.file: file words.csv, line 3: '1, 2, x, 4' are not"),
@@ -80,6 +95,7 @@ names = { ball = { kind = "sphere", center = [2, 2, 2], radius = 1.5 } }"""
 )
 def test_what_is_wrong_is_told_with_its_line(tmp_path: Path, text: str, words: str) -> None:
     np.save(tmp_path / "flat.npy", np.zeros((3, 3)))
+    np.save(tmp_path / "organs.npy", np.indices((4, 4, 4))[0])
     (tmp_path / "short.csv").write_text("x,y,z\n1,2,3\n")
     (tmp_path / "words.csv").write_text("x,y,z,v\n1,2,3,4\n1,2,x,4\n")
     (tmp_path / "empty.csv").write_text("x,y,z,v\n")

@@ -13,6 +13,7 @@ from tpmscad.api.argument_kinds import (
     InvalidValue,
     WrongType,
     array_kind,
+    choice_of,
     instance_of,
     one_or_three,
     read_array,
@@ -117,6 +118,9 @@ OVERHANG = ArgumentKind(
 WALL_THICKNESS = ArgumentKind(
     f"{POSITIVE.text}, or {FUNCTION.text}", "1.0", lambda value: value if callable(value) else read_positive(value)
 )
+LABEL = ArgumentKind("a whole number", "1", read_whole).or_else(
+    sequence_of(read_whole, "several", "").or_else(choice_of("all")).described_as('several, or "all"')
+)
 WHOLE_NUMBER = ArgumentKind("a whole number", "60", read_whole)
 REFINEMENT = ArgumentKind("a whole number of at least 0, or two of them", "1", _read_refinement)
 AXIS_NUMBER = ArgumentKind(
@@ -137,7 +141,22 @@ MASK = ArgumentKind("an array of bools", "np.eye(4) > 0", _read_mask)
 POINT_TABLE = PATH.or_else(POINT_ROWS).described_as(
     "the path of a CSV file, or an array of points (n, 3)", "np.random.rand(50, 3)"
 )
-ARRAY_OR_PATH = PATH.or_else(VALUES).described_as(
+
+
+def _read_samples(value: object) -> object:
+    """An array of VALUES, or of bools, in its own type: integers may be labels."""
+    import numpy as np
+
+    try:
+        array = np.asarray(value)
+    except (TypeError, ValueError):
+        raise InvalidValue("is no array of numbers of one shape") from None
+    VALUES.read(array.view(np.uint8) if array.dtype == bool else array)
+    return array
+
+
+SAMPLES = ArgumentKind(VALUES.text, VALUES.example, _read_samples)
+ARRAY_OR_PATH = PATH.or_else(SAMPLES).described_as(
     "the path of an image, or an array of samples in three dimensions", VALUES.example
 )
 FUNCTION_OF_POINTS_OR_XYZ = ArgumentKind(

@@ -37,14 +37,23 @@ COMMAND_OF_FUNCTION: Mapping[str, str] = {
 """Commands by the public functions that they call."""
 
 _FUNCTION = re.compile(rf"\btpmscad\.({'|'.join(COMMAND_OF_FUNCTION)})\b")
+_LABELS = "fields.labels"
+"""A function that an option stands for: --label."""
 
 RENAMED_VALUES: Mapping[tuple[str, str], str] = {
     ("loose", "keep"): "--keep-loose",
     ("instanced", "True"): "--instanced",
+    ("centred", "True"): "--cell-data",
+    ("centred", "False"): "--point-data",
 }
 """Options that stand for one value of a keyword."""
 
-RENAMED_KEYWORDS: Mapping[str, str] = {"loose": "--keep-loose", "domain": "domain"}
+RENAMED_KEYWORDS: Mapping[str, str] = {
+    "loose": "--keep-loose",
+    "domain": "domain",
+    "centred": "--cell-data",
+    "label": "--label",
+}
 """Keywords whose options have another name."""
 
 
@@ -63,7 +72,8 @@ def speak_in_options(message: str, options: Mapping[str, str]) -> str:
             return RENAMED_VALUES[keyword, value]
         return option if value in ("", "True") else f"{option} {value}"
 
-    return _FUNCTION.sub(lambda match: f"tpmscad {COMMAND_OF_FUNCTION[match[1]]}", _KEYWORD.sub(replace, message))
+    message = _KEYWORD.sub(replace, message).replace(_LABELS, "--label")
+    return _FUNCTION.sub(lambda match: f"tpmscad {COMMAND_OF_FUNCTION[match[1]]}", message)
 
 
 def options_of(command: Callable[..., Any]) -> dict[str, str]:
@@ -75,7 +85,8 @@ def options_of(command: Callable[..., Any]) -> dict[str, str]:
             continue
         long = [text for text in info.param_decls or () if text.startswith("--")]
         is_option = type(info).__name__ == "OptionInfo"
-        options[name] = (long or [f"--{name.replace('_', '-')}"])[0] if is_option else (info.metavar or name.upper())
+        written = (long or [f"--{name.replace('_', '-')}"])[0] if is_option else (info.metavar or name.upper())
+        options.setdefault(name, written)
     return options
 
 

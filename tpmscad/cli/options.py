@@ -29,6 +29,11 @@ def parse_numbers(text: str) -> float | tuple[float, ...]:
     return values if len(values) > 1 else values[0]
 
 
+def parse_labels(text: str) -> Any:
+    """One whole number or several, or the word all."""
+    return text if text == "all" else parse_numbers(text)
+
+
 def remedy_for_number(text: str) -> str:
     """What to write for a number with a unit or a decimal comma, after a colon; "" for other texts."""
     if match := _NUMBER_WITH_UNIT.match(text):
@@ -142,7 +147,34 @@ DryRunOption = Annotated[bool, result_option("--dry-run", help="Check the recipe
 AllowErrorsOption = Annotated[
     bool, result_option("--allow-errors", help="Make the solid even if topological errors remain.")
 ]
-LevelOption = Annotated[float | None, array_option(metavar="VALUE", help="Solid where the array exceeds this.")]
+LevelOption = Annotated[
+    float | None, array_option(metavar="VALUE", help="Solid where the grey values of the array exceed this.")
+]
+LabelOption = Annotated[
+    Any,
+    array_option(
+        parser=parse_labels,
+        metavar="N|N,N|all",
+        help="Solid where the array has this label, or one of these, with a smooth surface within half a voxel.",
+        show_default="all but 0, of an array of integers",
+    ),
+]
+CentredOption = Annotated[
+    bool | None,
+    array_option(
+        "--cell-data/--point-data",
+        help="Whether the values belong to cells (voxels, elements), which reach half a spacing further, or to points.",
+        show_default="of the file, or points",
+    ),
+]
+FrameOption = Annotated[
+    Literal["RAS", "LPS", "file"] | None,
+    array_option(
+        help="Frame of the result, for an image that states one: RAS (x to the right, y anterior, z superior), LPS, or that of "
+        "the file.",
+        show_default="RAS",
+    ),
+]
 SpacingOption = Annotated[
     Any,
     array_option(

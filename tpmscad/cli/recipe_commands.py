@@ -6,12 +6,16 @@ from collections.abc import Callable
 from typing import TYPE_CHECKING
 
 from tpmscad.cli.derived_options import take_output
+from tpmscad.cli.option_language import RENAMED_KEYWORDS, speak_in_options
 from tpmscad.cli.options import (
     AllowErrorsOption,
     ArrayTolOption,
+    CentredOption,
     DryRunOption,
     FieldFileArgument,
+    FrameOption,
     KeepLooseOption,
+    LabelOption,
     LevelOption,
     OptionalOutputOption,
     OriginOption,
@@ -60,21 +64,34 @@ def solidify(
     file: FieldFileArgument,
     *,
     level: LevelOption = None,
+    label: LabelOption = None,
     spacing: SpacingOption = None,
     origin: OriginOption = None,
+    centred: CentredOption = None,
+    frame: FrameOption = None,
     tol: ArrayTolOption = None,
     dry_run: DryRunOption = False,
     keep_loose: KeepLooseOption = False,
     writing: OutputRequest,
 ) -> None:
-    """Make the solid of a field: one that a TOML file describes (graded, thresholded, mixed, mapped), or an array of numbers."""
+    """Make the solid of a field: one that a TOML file describes (graded, thresholded, mixed, mapped), or an array.
+
+    Of an array of grey values it is the part above a level, of one of integers that of a label.
+    """
 
     def read(progress: Progress) -> RecipeRun:
         from tpmscad.recipe.recipe_runs import SolidRun  # loads NumPy
 
+        given = {
+            "level": level,
+            "label": label,
+            "spacing": spacing,
+            "origin": origin,
+            "centred": centred,
+            "frame": frame,
+        }
         if file.suffix.lower() == ".toml":
-            given = {"level": level, "spacing": spacing, "origin": origin, "tol": tol}
-            extra = [f"`{name}`" for name, value in given.items() if value is not None]
+            extra = [f"`{name}`" for name, value in {**given, "tol": tol}.items() if value is not None]
             if extra:
                 raise InvalidRequest(f"{', '.join(extra)}: a recipe says these itself; the options are for arrays")
             return SolidRun.read(file, keep_loose=keep_loose)
@@ -82,11 +99,7 @@ def solidify(
             raise InvalidRequest(
                 f"{file.name} is no recipe and no array: {INPUTS_OF_OTHER_COMMANDS[file.suffix.lower()]}"
             )
-        if level is None:
-            raise InvalidRequest(
-                f"an array needs `level`: solid is where {file.name} exceeds it, such as 0.5 of a density"
-            )
-        return SolidRun.sample(file, level=level, spacing=spacing, origin=origin, tol=tol, keep_loose=keep_loose)
+        return SolidRun.sample(file, **given, tol=tol, keep_loose=keep_loose)
 
     _run(f"making {file.name}", read, writing, dry_run)
 
@@ -105,4 +118,4 @@ def _run(title: str, read: ReadRun, writing: OutputRequest, dry_run: bool) -> No
             text = summarise(model, verbose=writing.verbose)
         write_report(writing.report, content)
     if not writing.quiet:
-        print(text)
+        print(speak_in_options(text, RENAMED_KEYWORDS))

@@ -35,7 +35,7 @@ def read_mask(path: Path, threshold: float, solid: str) -> NDArray[np.bool_]:
             return values
         raise InvalidRequest(
             f"file {path.name} holds {values.dtype}, not booleans: save the comparison with a threshold, or use "
-            'kind = "sampled" with a level'
+            'kind = "sampled" with a level, or kind = "labels" for integers'
         )
     picture = read_brightness(path)
     chosen = picture < threshold if solid == "dark" else picture >= threshold

@@ -15,8 +15,9 @@ from typing import TYPE_CHECKING, Any
 from tpmscad import fields
 from tpmscad._typing import Progress
 from tpmscad.blending import BlendResult
-from tpmscad.errors import NotMet
+from tpmscad.errors import InvalidRequest, NotMet
 from tpmscad.fields import Field
+from tpmscad.fields.data.field_notes import collect_notes
 from tpmscad.recipe.blend_recipe import BlendRecipe, read_blend_recipe
 from tpmscad.recipe.solid_recipe import SolidDomain, SolidRecipe, read_solid_recipe
 from tpmscad.recipe.toml_entry import read_document
@@ -94,14 +95,27 @@ class SolidRun:
         cls,
         path: Path,
         *,
-        level: float,
+        level: float | None = None,
+        label: Any = None,
         spacing: Any = None,
         origin: Any = None,
+        centred: bool | None = None,
+        frame: str | None = None,
         tol: float | None = None,
         keep_loose: bool = False,
     ) -> SolidRun:
-        """The part of an array that exceeds a level, in the box of its samples; by default within a tenth of their spacing."""
-        field = fields.sampled(path, spacing, origin, level=level)
+        """The part of an array that exceeds a level or has a label, in its domain; by default within a tenth of the spacing.
+
+        Without either it is the part of all labels but 0.
+        """
+        if level is None:
+            if centred is False:
+                raise InvalidRequest("labels belong to voxels: leave centred=False out")
+            field = fields.labels(path, spacing, origin, "all" if label is None else label, frame=frame)
+        elif label is None:
+            field = fields.sampled(path, spacing, origin, level=level, centred=centred, frame=frame)
+        else:
+            raise InvalidRequest("give either `level`, for grey values, or `label`, for a segmentation")
         (x0, y0, z0), (x1, y1, z1) = field.domain
         least = DEFAULT_TOL_SPACINGS * min(field.spacing)
         return cls(field, ((x0, y0, z0), (x1, y1, z1)), least if tol is None else tol, None, keep_loose)
@@ -117,8 +131,10 @@ class SolidRun:
         if self.recipe is not None:
             content["domain"] = self.recipe.recipe["domain"].value
         fraction = f"about {100 * found.volume_fraction:.1f} % of it solid"
+        notes = collect_notes(self.field)
+        content |= {"notes": list(notes)} if notes else {}
         text = f"box {_format_corner(box[0])} to {_format_corner(box[1])}, {fraction}, tolerance {self.tol:g}"
-        return text, content
+        return "\n".join([text, *(f"note        {note}" for note in notes)]), content
 
     def make(self, progress: Progress | None) -> tuple[Model, dict[str, Any]]:
         """The solid of the field in its domain, and its report."""

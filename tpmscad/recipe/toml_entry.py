@@ -118,12 +118,15 @@ class Entry:
     def locate(self, message: str, given: Mapping[str, Entry] | None = None) -> RecipeError:
         """The error with the line of the entry that the message is about, or that of this table.
 
-        This is the entry whose name begins the message, or the last one whose name or text it quotes. `given` are the entries by
+        This is the entry whose name begins the message, or the last one whose name it quotes, or the one whose file begins it, or
+        whose text it quotes. `given` are the entries by
         the names that messages use, by default those of this table.
         """
         given = {key: self.part(key) for key in self.value} if given is None else given
         quoted = re.findall(r"'([^']+)'", message)[::-1]
-        about = [given[word] for word in (re.split(r"[ `:'=\[]", message.lstrip("`'"))[0], *quoted) if word in given]
+        first = re.split(r"[ `:'=\[]", message.lstrip("`'"))[0]
+        about = [given[word] for word in (first, *quoted) if word in given]
+        about += [entry for entry in given.values() if isinstance(entry.value, str) and Path(entry.value).name == first]
         about += [entry for word in quoted for entry in given.values() if entry.value == word]
         return (about[0] if about else self).error(message)
 

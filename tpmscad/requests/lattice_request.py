@@ -18,6 +18,7 @@ from tpmscad._typing import Array, triple
 from tpmscad.api.arguments import select_arguments
 from tpmscad.api.public_calls import validate_options
 from tpmscad.errors import InvalidRequest
+from tpmscad.fields.data.field_notes import collect_notes
 from tpmscad.requests.lattice_options import FluidDomainsOptions, InfillOptions, LatticeOptions
 from tpmscad.requests.wall_request import resolve_wall, solve_cell
 from tpmscad.sources.catalogue_sources import lattice_source
@@ -136,7 +137,7 @@ def resolve_lattice_request(options: LatticeOptions) -> LatticeRequest:
         _resolve_phase(info, options),
         tol,
         wall.levels,
-        (*wall.notes, *pore_notes),
+        (*wall.notes, *pore_notes, *collect_notes(wall.thickness)),
         wall.thickness,
     )
 

@@ -28,6 +28,7 @@ from tpmscad.brep.solid_properties import SolidProperties, measure_solid
 from tpmscad.errors import LevelSetError, format_point
 from tpmscad.fields.analysis import volume_quadrature
 from tpmscad.fields.analysis.betti_numbers import FINER_LINES, Betti, compute_betti_numbers
+from tpmscad.fields.data.field_notes import collect_notes
 from tpmscad.fields.field import Field, as_field
 from tpmscad.fields.kinds.linear_extension import LinearExtension, extend_linearly
 from tpmscad.levelset import field_solid
@@ -117,7 +118,8 @@ def fit_field_patches(
         volume, volume_error = volume_quadrature.integrate_volume(field, lo, hi, spacing)
     d = fitted.deviation
     deviation = Deviation(d.max + moved, d.rms, d.to_reference + moved, d.from_reference + moved)
-    fitted = replace(fitted, tol=tol, deviation=deviation, notes=notes + fitted.notes)
+    notes = (*collect_notes(field), *notes, *fitted.notes)
+    fitted = replace(fitted, tol=tol, deviation=deviation, notes=notes)
     return FieldPatches(fitted, moments, properties, betti, volume, volume_error)
 
 

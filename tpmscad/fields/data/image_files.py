@@ -1,7 +1,7 @@
 """Volume images of files: arrays of samples with their spacing and position.
 
 NumPy reads `.npy`; nibabel reads NIfTI, pynrrd NRRD and VTK its own formats. These three come with the extra `tpmscad[images]`.
-Images whose axes are turned against x, y and z are refused, because a uniform grid along the axes could not hold them unchanged.
+Samples keep the type of the file, because integers may be labels.
 """
 
 from __future__ import annotations
@@ -9,36 +9,32 @@ from __future__ import annotations
 import importlib
 import os
 from collections.abc import Callable
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from tpmscad._typing import Array
 from tpmscad.errors import InvalidRequest
-from tpmscad.fields.tape.evaluation import Triple
+from tpmscad.fields.data.image_frames import Image, StoredImage, place_image
 
-AXIS_ALIGNMENT_TOL = 1e-4
-"""Largest cosine between an image's axis and another coordinate axis: headers store directions in single precision."""
+NRRD_FRAMES = {"right-anterior-superior": "RAS", "left-anterior-superior": "LAS", "left-posterior-superior": "LPS"}
+NRRD_FRAMES |= {short.lower(): short for short in NRRD_FRAMES.values()}
+"""Frames of the patient by the names of NRRD's field "space", in lower case."""
 
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Image:
-    """Samples (nx, ny, nz), their spacing and the position of the first, in the units of the file; None where it has none."""
-
-    values: Array
-    spacing: Triple | None
-    origin: Triple | None
+POSITION_TOL_SPACINGS = 1e-2
+"""In spacings: difference of the two positions of a NIfTI file that rounding of its rotation explains."""
 
 
-def read_image(path: str | os.PathLike[str]) -> Image:
-    """The samples of a volume image; the suffix tells the format. InvalidRequest if the file is missing or unreadable."""
+def read_image(path: str | os.PathLike[str], *, frame: str | None = None, centred: bool | None = None) -> Image:
+    """The samples of a volume image; the suffix tells the format. InvalidRequest if the file is missing or unreadable.
+
+    `frame` is one of FRAME; `centred` chooses between arrays of cells and of points where a file holds both.
+    """
     file = Path(path)
-    readers: dict[str, Callable[[Path], Image]] = {
+    readers: dict[str, Callable[[Path], StoredImage]] = {
         ".npy": _read_npy,
-        ".vti": _read_vtk,
-        ".vtk": _read_vtk,
+        ".vti": lambda file: _read_vtk(file, centred),
+        ".vtk": lambda file: _read_vtk(file, centred),
         ".nrrd": _read_nrrd,
         ".nhdr": _read_nrrd,
         ".nii": _read_nifti,
@@ -50,16 +46,16 @@ def read_image(path: str | os.PathLike[str]) -> Image:
     if not file.is_file():
         raise InvalidRequest(f"there is no file {file}")
     try:
-        image = readers[suffix](file)
+        stored = readers[suffix](file)
     except InvalidRequest:
         raise
     except Exception as error:
         raise InvalidRequest(f"{file.name} cannot be read as {suffix}: {type(error).__name__}: {error}") from error
-    if image.values.ndim != 3:
+    if stored.values.ndim != 3:
         raise InvalidRequest(
-            f"{file.name} holds an array of shape {image.values.shape}: three dimensions of one number each are needed"
+            f"{file.name} holds an array of shape {stored.values.shape}: three dimensions of one number each are needed"
         )
-    return image
+    return place_image(file.name, stored, frame)
 
 
 def _load_reader(module: str, package: str) -> Any:
@@ -70,18 +66,27 @@ def _load_reader(module: str, package: str) -> Any:
         raise InvalidRequest(f"reading this image needs {package}: pip install 'tpmscad[images]'") from None
 
 
-def _read_npy(file: Path) -> Image:
-    return Image(np.asarray(np.load(file, allow_pickle=False), float), None, None)
+def _read_npy(file: Path) -> StoredImage:
+    return StoredImage(np.asarray(np.load(file, allow_pickle=False)))
 
 
-def _read_nifti(file: Path) -> Image:
+def _read_nifti(file: Path) -> StoredImage:
     nibabel = _load_reader("nibabel", "nibabel")
     image = nibabel.load(file)
-    values = np.asarray(image.get_fdata(), float)
-    return _align_with_axes(file, values.reshape([n for n in values.shape if n > 1] or [1]), np.asarray(image.affine))
+    header, values = image.header, np.asarray(image.dataobj)
+    while values.ndim > 3 and values.shape[-1] == 1:
+        values = values[..., 0]
+    unit = header.get_xyzt_units()[0]
+    sform, qform = image.get_sform(coded=True), image.get_qform(coded=True)
+    found = [np.asarray(affine) for affine, code in (sform, qform) if code]
+    if not found:  # method 1 of the standard: the spacing alone; nibabel would guess a frame
+        return StoredImage(values, np.diag([*header.get_zooms()[:3], 1.0]), "", _known(unit))
+    agree = np.allclose(found[0], found[-1], atol=POSITION_TOL_SPACINGS * float(header.get_zooms()[0]))
+    notes = () if agree else ("its two positions (sform and qform) differ, and the sform was taken",)
+    return StoredImage(values, found[0], "RAS", _known(unit), notes=notes)
 
 
-def _read_nrrd(file: Path) -> Image:
+def _read_nrrd(file: Path) -> StoredImage:
     nrrd = _load_reader("nrrd", "pynrrd")
     values, header = nrrd.read(str(file))
     affine = np.eye(4)
@@ -90,10 +95,22 @@ def _read_nrrd(file: Path) -> Image:
     elif "spacings" in header:
         affine[:3, :3] = np.diag(np.asarray(header["spacings"], float))
     affine[:3, 3] = np.asarray(header.get("space origin", np.zeros(3)), float)
-    return _align_with_axes(file, np.asarray(values, float), affine)
+    space = str(header.get("space", ""))
+    frame = NRRD_FRAMES.get(space.lower(), space)
+    units = {_known(str(unit).strip('"')) for unit in header.get("space units", header.get("units", ()))} - {""}
+    if len(units) > 1:
+        raise InvalidRequest(f"{file.name} states several units of length, {', '.join(sorted(units))}: save it in one")
+    centring = {str(word) for word in header.get("centerings", header.get("centers", ()))}
+    centred = True if centring == {"cell"} else False if centring == {"node"} else None
+    return StoredImage(values, affine, frame, "".join(units), centred)
 
 
-def _read_vtk(file: Path) -> Image:
+def _known(unit: str) -> str:
+    """A unit, or nothing for the words that say that it is unknown."""
+    return "" if unit in ("unknown", "none", "???") else unit
+
+
+def _read_vtk(file: Path, centred: bool | None) -> StoredImage:
     module, name = (
         ("vtkmodules.vtkIOXML", "vtkXMLImageDataReader")
         if file.suffix.lower() == ".vti"
@@ -104,18 +121,25 @@ def _read_vtk(file: Path) -> Image:
     reader.SetFileName(str(file))
     reader.Update()
     data = reader.GetOutput()
-    spacing, origin, shape = np.array(data.GetSpacing()), np.array(data.GetOrigin()), data.GetDimensions()
-    scalars = _choose_array(file, data.GetPointData())
-    if scalars is None:  # values of voxels: samples lie at the centres
-        scalars = _choose_array(file, data.GetCellData())
-        origin, shape = origin + spacing / 2, tuple(n - 1 for n in shape)
+    matrix = np.array([data.GetDirectionMatrix().GetElement(i, j) for i in range(3) for j in range(3)]).reshape(3, 3)
+    matrix = matrix * data.GetSpacing()
+    origin, shape = np.array(data.GetOrigin()), data.GetDimensions()
+    both = data.GetPointData().GetNumberOfArrays() and data.GetCellData().GetNumberOfArrays()
+    if both and centred is None:
+        raise InvalidRequest(
+            f"{file.name} holds values of points and of cells: give centred=True for those of cells, centred=False for the others"
+        )
+    of_cells = centred if both else not data.GetPointData().GetNumberOfArrays()
+    scalars = _choose_array(file, data.GetCellData() if of_cells else data.GetPointData())
+    if of_cells:  # the samples lie at the centres
+        origin, shape = origin + matrix @ np.full(3, 0.5), tuple(n - 1 for n in shape)
     if scalars is None or scalars.GetNumberOfTuples() == 0:
         raise InvalidRequest(f"{file.name} holds no array of numbers on an image of three dimensions")
-    first = np.array(data.GetExtent()[::2])
-    values = np.asarray(to_numpy(scalars), float)
-    affine = np.diag([*spacing, 1.0])
-    affine[:3, 3] = origin + first * spacing
-    return _align_with_axes(file, values.reshape(shape, order="F") if values.ndim == 1 else values, affine)
+    values = np.asarray(to_numpy(scalars))
+    affine = np.eye(4)
+    affine[:3, :3], affine[:3, 3] = matrix, origin + matrix @ np.array(data.GetExtent()[::2])
+    values = values.reshape(shape, order="F") if values.ndim == 1 else values
+    return StoredImage(values, affine, centred=bool(of_cells))
 
 
 def _choose_array(file: Path, attributes: Any) -> Any:
@@ -127,32 +151,3 @@ def _choose_array(file: Path, attributes: Any) -> Any:
             "meant alone, or mark it as the active scalars"
         )
     return attributes.GetScalars() or attributes.GetArray(0)
-
-
-def _align_with_axes(file: Path, values: Array, affine: Array) -> Image:
-    """The image with its axes in the order and direction of x, y and z; `affine` (4, 4) takes indices to positions."""
-    if values.ndim != 3:
-        return Image(values, None, None)
-    matrix, origin = affine[:3, :3], affine[:3, 3].astype(float)
-    lengths = np.linalg.norm(matrix, axis=0)
-    if not (np.isfinite(affine).all() and (lengths > 0).all()):
-        raise InvalidRequest(f"{file.name} states a spacing of {lengths.tolist()}, which must be positive")
-    cosines = np.abs(matrix / lengths)
-    order = cosines.argmax(axis=0)
-    off_axis = np.sort(cosines, axis=0)[1].max()
-    if sorted(order.tolist()) != [0, 1, 2] or off_axis > AXIS_ALIGNMENT_TOL:
-        raise InvalidRequest(
-            f"the axes of {file.name} are turned against x, y and z (cosine {off_axis:.3g}): resample the image along the axes "
-            "first, or give its array alone (.npy) and rotate the field"
-        )
-    for axis in range(3):
-        if matrix[order[axis], axis] < 0:
-            origin = origin + matrix[:, axis] * (values.shape[axis] - 1)
-            values = np.flip(values, axis)
-    inverse = np.argsort(order)
-    spacing = lengths[inverse]
-    return Image(
-        np.ascontiguousarray(np.transpose(values, inverse)),
-        (float(spacing[0]), float(spacing[1]), float(spacing[2])),
-        (float(origin[0]), float(origin[1]), float(origin[2])),
-    )

@@ -30,6 +30,7 @@ class ImageRegion(Field):
     distances: Array
     first: Triple
     pixel: Triple
+    notes: tuple[str, ...] = ("an image region ends halfway between pixels: the deviation is that from its steps",)
 
     def trace(self, x: Node, y: Node, z: Node) -> Node:
         """The formula on the nodes of a tape."""

@@ -1,8 +1,12 @@
 """Fields of sampled data: a 3-D array on a uniform grid (CT, topology optimisation, simulation) as a smooth function.
 
-The samples are interpolated by the cubic tensor-product spline with not-a-knot ends, which reproduces cubic polynomials. Beyond
-the outermost samples the end polynomial is continued along a coordinate that saturates smoothly half a spacing further out, so
-that the field stays bounded and twice continuously differentiable everywhere.
+The samples are interpolated by a cubic tensor-product spline. Samples of points end at the outermost ones: the spline has
+not-a-knot ends there and reproduces cubic polynomials. Samples of cells end half a spacing further out: the data are continued by
+reflection at the ends of the outermost cells. A cell that exceeds a level is then solid up to its end; an extrapolation of steps,
+as of a density that is 0 or 1, would cross the level once more in the outermost cells.
+
+Beyond the domain the spline is continued along a coordinate that saturates smoothly half a spacing further out, so that the field
+stays bounded and twice continuously differentiable everywhere.
 """
 
 from __future__ import annotations
@@ -21,71 +25,92 @@ from scipy.sparse.linalg import splu
 from tpmscad._typing import Array, BoxCorners
 from tpmscad.api.argument_kinds import POINT
 from tpmscad.api.public_calls import read_value, validate_call
-from tpmscad.api.shared_kinds import ARRAY_OR_PATH, LENGTHS, NUMBER, VALUES
+from tpmscad.api.shared_kinds import ARRAY_OR_PATH, FLAG, LENGTHS, NUMBER, SAMPLES
 from tpmscad.errors import InvalidRequest
 from tpmscad.fields.data.image_files import read_image
+from tpmscad.fields.data.image_frames import FRAME, FRAME_MEANING, Image
+from tpmscad.fields.data.label_values import describe_whole_numbers, list_labels
 from tpmscad.fields.field import Field
 from tpmscad.fields.periods_and_directions import as_periods
 from tpmscad.fields.tape.evaluation import Triple
 from tpmscad.fields.tape.tape_nodes import Node, clamp, root, tensor_spline
 
 MIN_SAMPLES = 4
-"""Samples along an axis: a cubic spline with not-a-knot ends needs four."""
+"""Samples along an axis: a cubic spline with not-a-knot ends needs four. Of cells one is enough."""
 
 SATURATION_SPACINGS = 0.5
-"""Spacings beyond the outermost samples at which the continued coordinate saturates."""
+"""Spacings beyond the domain at which the continued coordinate saturates."""
+
+DataSource = Annotated[
+    ArrayLike | str | os.PathLike[str],
+    ARRAY_OR_PATH,
+    "Sample (i, j, k) lies at origin + spacing * (i, j, k). Or the path of an image: ``.npy``, ``.vti``, ``.vtk``, "
+    "``.nrrd``, ``.nii`` or ``.nii.gz``; all but the first need the extra ``tpmscad[images]``.",
+]
+DataSpacing = Annotated[
+    float | Sequence[float] | None,
+    LENGTHS,
+    "Distance of neighbouring samples, model units. By default that of the file, or 1.",
+]
+DataOrigin = Annotated[
+    Triple | None,
+    POINT,
+    "Position of the first sample, which of a cell is its centre, model units. By default that of the file, or the origin.",
+]
+DataFrame = Annotated[str | None, FRAME, FRAME_MEANING]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SampledField(Field):
     """Cubic spline through samples on a uniform grid.
 
-    `coefficients` (nx + 2, ny + 2, nz + 2) belong to the centred cardinal B-splines of the samples and of one more on each side.
+    `coefficients` belong to the centred cardinal B-splines of the samples and of one more on each side, of two if the samples are
+    `centred` in cells. `notes` tell what was assumed of the data.
     """
 
     coefficients: Array
     spacing: Triple
     origin: Triple
+    centred: bool = False
+    notes: tuple[str, ...] = ()
+
+    @property
+    def counts(self) -> tuple[int, ...]:
+        """Samples along each axis."""
+        return tuple(n - 2 * (1 + self.centred) for n in self.coefficients.shape)
 
     @property
     def domain(self) -> BoxCorners:
-        """The box of the samples ((x0, y0, z0), (x1, y1, z1)), model units: the domain for `tpmscad.solidify`."""
-        last = [o + s * (n - 3) for o, s, n in zip(self.origin, self.spacing, self.coefficients.shape, strict=True)]
-        return self.origin, (last[0], last[1], last[2])
+        """The box of the samples or cells ((x0, y0, z0), (x1, y1, z1)), model units: the domain for `tpmscad.solidify`."""
+        half = 0.5 * self.centred
+        axes = list(zip(self.origin, self.spacing, self.counts, strict=True))
+        x0, y0, z0 = (o - half * s for o, s, _ in axes)
+        x1, y1, z1 = (o + (n - 1 + half) * s for o, s, n in axes)
+        return (x0, y0, z0), (x1, y1, z1)
 
     def trace(self, x: Node, y: Node, z: Node) -> Node:
         """The formula on the nodes of a tape."""
-        counts = self.coefficients.shape
+        half = 0.5 * self.centred
         steps = [
-            _saturate((t - first) / spacing, n - 3.0)
-            for t, n, first, spacing in zip((x, y, z), counts, self.origin, self.spacing, strict=True)
+            _saturate((t - first) / spacing, -half, n - 1.0 + half)
+            for t, n, first, spacing in zip((x, y, z), self.counts, self.origin, self.spacing, strict=True)
         ]
-        knots = [np.arange(-3.0, n + 1.0) for n in counts]
+        first_knot = -3.0 - self.centred
+        knots = [first_knot + np.arange(n + 4.0) for n in self.coefficients.shape]
         return tensor_spline(knots, (3, 3, 3), self.coefficients, (steps[0], steps[1], steps[2]))
 
     def __repr__(self) -> str:
-        shape = "x".join(str(n - 2) for n in self.coefficients.shape)
+        shape = "x".join(map(str, self.counts))
         digest = hashlib.sha256(self.coefficients.tobytes()).hexdigest()[:8]
-        return f"SampledField({shape} samples {digest}, spacing={self.spacing}, origin={self.origin})"
+        of = "cells" if self.centred else "samples"
+        return f"SampledField({shape} {of} {digest}, spacing={self.spacing}, origin={self.origin})"
 
 
 @validate_call()
 def sampled(
-    values: Annotated[
-        ArrayLike | str | os.PathLike[str],
-        ARRAY_OR_PATH,
-        "Sample (i, j, k) lies at origin + spacing * (i, j, k). At least four samples along each axis. Or the path of "
-        "an image: ``.npy``, ``.vti``, ``.vtk``, ``.nrrd``, ``.nii`` or ``.nii.gz``; all but the first need the extra "
-        "``tpmscad[images]``.",
-    ],
-    spacing: Annotated[
-        float | Sequence[float] | None,
-        LENGTHS,
-        "Distance of neighbouring samples, model units. By default that of the file, or 1.",
-    ] = None,
-    origin: Annotated[
-        Triple | None, POINT, "Position of the first sample, model units. By default that of the file, or the origin."
-    ] = None,
+    values: DataSource,
+    spacing: DataSpacing = None,
+    origin: DataOrigin = None,
     *,
     level: Annotated[
         float | None,
@@ -93,24 +118,33 @@ def sampled(
         "If given, the field is `level` minus the data: the part whose data exceed the level is solid, as is usual "
         "for densities. Otherwise the field is the data, and negative data are solid.",
     ] = None,
+    centred: Annotated[
+        bool | None,
+        FLAG,
+        "Whether the values belong to cells (voxels, elements), with the samples at their centres: the domain then "
+        "reaches half a cell further on every side. By default as a ``.vti``, ``.vtk`` or ``.nrrd`` file states, else "
+        "False: the values belong to points.",
+    ] = None,
+    frame: DataFrame = None,
 ) -> SampledField:
     """Return the smooth field through samples on a uniform grid.
 
     Returns
     -------
     SampledField
-        The field, twice continuously differentiable, with exact gradient; its `domain` is the box of the samples.
+        The field, twice continuously differentiable, with exact gradient; its `domain` is the box of the samples or cells.
 
     Raises
     ------
     InvalidRequest
-        If the array does not have three dimensions of at least four samples each, a value is not finite, a spacing is not
-        positive, or the file cannot be read.
+        If the array does not have three dimensions, or less than four samples of points along one, a value is not finite, a
+        spacing is not positive, the values are labels, or the file cannot be read.
 
     Notes
     -----
     A cubic spline follows the samples exactly, noise included. Smooth measured data first, for example with
-    ``scipy.ndimage.gaussian_filter(values, 1)``.
+    ``scipy.ndimage.gaussian_filter(values, 1)``. Integers of a few different values, none negative, are labels and refused: see
+    `fields.labels`. If they are numbers, convert them: ``values.astype(float)``.
 
     Examples
     --------
@@ -120,17 +154,24 @@ def sampled(
     >>> field = fields.sampled(x**2 + y - z, spacing=0.5)
     >>> bool(np.isclose(field((1.3, 2.1, 0.7)), 1.3**2 + 2.1 - 0.7))
     True
+    >>> fields.sampled(np.ones((24, 12, 8)), origin=(0.5, 0.5, 0.5), centred=True).domain
+    ((0.0, 0.0, 0.0), (24.0, 12.0, 8.0))
     """
-    if isinstance(values, str | os.PathLike):
-        image = read_image(values)
-        values = read_value("values", VALUES, image.values)
-        spacing = image.spacing if spacing is None else spacing
-        origin = image.origin if origin is None else origin
-    array = np.array(values, dtype=float)
-    if min(array.shape) < MIN_SAMPLES:
+    name, image = read_data(values, frame, centred)
+    found = list_labels(image.values)
+    if found is not None:
         raise InvalidRequest(
-            f"values of shape {array.shape}: give an array of three dimensions with at least {MIN_SAMPLES} samples along each"
+            f"{name} holds the labels {found}, which are no quantity to interpolate: fields.labels makes the surface of one or "
+            "more of them; if they are numbers, save them as floating-point numbers"
         )
+    notes = [*image.notes, *describe_whole_numbers(name, image.values)]
+    if centred is None and image.centred is None:
+        notes.append(
+            f"{name}: values are taken at points, the solid ends at the outermost ones; centred=True if they belong to cells "
+            "(voxels, elements)"
+        )
+    of_cells = image.centred if centred is None else centred
+    array = np.array(image.values, dtype=float)
     if level is not None:
         least, most = array.min(), array.max()
         if not least < level < most:
@@ -138,10 +179,37 @@ def sampled(
                 f"level {level:g} lies outside the data, which reach from {least:g} to {most:g}: give a level between these"
             )
         array = level - array
-    steps = as_periods(1.0 if spacing is None else spacing)
+    return interpolate_samples(array, *place_data(image, spacing, origin), centred=bool(of_cells), notes=tuple(notes))
+
+
+def read_data(values: ArrayLike | str | os.PathLike[str], frame: str | None, centred: bool | None) -> tuple[str, Image]:
+    """The name of a file or array for messages, and its samples in their own type; InvalidRequest if they are not finite."""
+    if not isinstance(values, str | os.PathLike):
+        if frame not in (None, "file"):
+            raise InvalidRequest(f"frame {frame!r} is for image files: an array states none; leave `frame` out")
+        return "the array", Image(np.asarray(values))
+    image = read_image(values, frame=frame, centred=centred)
+    read_value("values", SAMPLES, image.values)
+    return os.path.basename(values), image
+
+
+def place_data(image: Image, spacing: float | Sequence[float] | None, origin: Triple | None) -> tuple[Triple, Triple]:
+    """Spacing and origin of samples: as given, or else of the file, or 1 and 0."""
+    first = image.origin if origin is None else origin
+    return as_periods(spacing or image.spacing or 1.0), first or (0.0, 0.0, 0.0)
+
+
+def interpolate_samples(
+    samples: Array, spacing: Triple, origin: Triple, *, centred: bool = False, notes: tuple[str, ...] = ()
+) -> SampledField:
+    """The spline through samples (nx, ny, nz) of points, or of cells; InvalidRequest for less than four points along an axis."""
+    if not centred and min(samples.shape) < MIN_SAMPLES:
+        raise InvalidRequest(
+            f"values of shape {samples.shape}: give an array of three dimensions with at least {MIN_SAMPLES} samples along each"
+        )
     for axis in range(3):
-        array = _spline_coefficients(array, axis)
-    return SampledField(np.ascontiguousarray(array), steps, (0.0, 0.0, 0.0) if origin is None else origin)
+        samples = _reflected_coefficients(samples, axis) if centred else _spline_coefficients(samples, axis)
+    return SampledField(np.ascontiguousarray(samples), spacing, origin, centred, notes)
 
 
 def _spline_coefficients(samples: Array, axis: int) -> Array:
@@ -162,15 +230,32 @@ def _spline_coefficients(samples: Array, axis: int) -> Array:
     i = np.concatenate([np.zeros(5, int), interior[0], np.full(5, n + 1)])
     j = np.concatenate([ends, interior[1], n - 3 + ends])
     entries = np.concatenate([fourth, interior[2], fourth])
-    solver = splu(csc_array((entries, (i, j)), shape=(n + 2, n + 2)))
-    moved = np.moveaxis(samples, axis, 0)
-    right = np.zeros((n + 2, moved[0].size))
-    right[1:-1] = moved.reshape(n, -1)
-    return np.moveaxis(solver.solve(right).reshape(n + 2, *moved.shape[1:]), 0, axis)
+    ends_apart = np.pad(samples, [(1, 1) if k == axis else (0, 0) for k in range(3)])
+    return _solve_along(csc_array((entries, (i, j)), shape=(n + 2, n + 2)), ends_apart, axis)
 
 
-def _saturate(step: Node, last: float) -> Node:
-    """A coordinate in spacings that saturates beyond the outermost samples, at 0 and `last`."""
-    inside = clamp(step, 0.0, last)
+def _reflected_coefficients(samples: Array, axis: int) -> Array:
+    """Coefficients, four more than samples along the axis, of the cubic spline through data that are reflected at their ends.
+
+    Sample i is (c[i-1] + 4 c[i] + c[i+1]) / 6 with c[-1] = c[0] and c[n] = c[n-1].
+    """
+    n = samples.shape[axis]
+    own = np.arange(n)
+    neighbours = np.concatenate([own, np.maximum(own - 1, 0), np.minimum(own + 1, n - 1)])
+    weights = np.repeat([4.0, 1.0, 1.0], n) / 6
+    coefficients = _solve_along(csc_array((weights, (np.tile(own, 3), neighbours)), shape=(n, n)), samples, axis)
+    return np.pad(coefficients, [(2, 2) if k == axis else (0, 0) for k in range(3)], mode="symmetric")
+
+
+def _solve_along(matrix: csc_array, right: Array, axis: int) -> Array:
+    """The solutions of a linear system for the right-hand sides along an axis."""
+    moved = np.moveaxis(right, axis, 0)
+    found = splu(matrix).solve(np.ascontiguousarray(moved.reshape(len(moved), -1)))
+    return np.moveaxis(found.reshape(moved.shape), 0, axis)
+
+
+def _saturate(step: Node, first: float, last: float) -> Node:
+    """A coordinate in spacings that saturates beyond the domain from `first` to `last`."""
+    inside = clamp(step, first, last)
     beyond = (step - inside) / SATURATION_SPACINGS
     return inside + SATURATION_SPACINGS * (beyond / root(beyond * beyond + 1.0))

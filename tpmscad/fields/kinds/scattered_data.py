@@ -21,7 +21,7 @@ from tpmscad.api.public_calls import validate_call
 from tpmscad.api.shared_kinds import BOX, CELL_COUNTS, NOT_NEGATIVE, NUMBER, POINT_TABLE, POINT_VALUES
 from tpmscad.errors import InvalidRequest
 from tpmscad.fields.data.point_tables import read_point_table
-from tpmscad.fields.kinds.sampled_data import MIN_SAMPLES, SampledField, sampled
+from tpmscad.fields.kinds.sampled_data import MIN_SAMPLES, SampledField, interpolate_samples
 from tpmscad.memory_limit import require_memory
 
 MIN_POINTS = 4
@@ -133,7 +133,8 @@ def scattered(
         raise InvalidRequest(
             f"the points cannot be interpolated ({error}): if {near} lie in one plane, give values off it, too, or more even ones"
         ) from None
-    return sampled(table.reshape(counts), ((high - low) / (np.array(counts) - 1)).tolist(), low.tolist())
+    steps = (high - low) / (np.array(counts) - 1)
+    return interpolate_samples(table.reshape(counts), tuple(steps.tolist()), tuple(low.tolist()))
 
 
 BYTES_PER_SAMPLE = 80

@@ -21,7 +21,7 @@ from tpmscad.api.public_calls import validate_call
 from tpmscad.api.shared_kinds import POSITIVE, SHAPE
 from tpmscad.errors import InvalidRequest, KernelError
 from tpmscad.fields.field import Field
-from tpmscad.fields.kinds.sampled_data import SampledField, sampled
+from tpmscad.fields.kinds.sampled_data import SampledField, interpolate_samples
 from tpmscad.fields.tape.evaluation import FieldJet, stack_points
 from tpmscad.kernel.body_import.cad_body import read_body
 from tpmscad.kernel.occt.bounding_boxes import enclosing_box
@@ -147,4 +147,4 @@ def _tabulate(exact: BodyDistance, spacing: float) -> SampledField:
         )
     steps = extent / (counts - 1)
     axes = [a + s * np.arange(int(n)) for a, s, n in zip(low, steps, counts, strict=True)]
-    return sampled(exact.on_grid(*axes), steps.tolist(), low.tolist())
+    return interpolate_samples(exact.on_grid(*axes), tuple(steps.tolist()), tuple(low.tolist()))

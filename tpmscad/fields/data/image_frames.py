@@ -1,0 +1,132 @@
+"""Frames and units of volume images: from the coordinates that a file states to those of the model, in mm.
+
+A medical image states a frame of the patient, named by the directions in which x, y and z increase. The model is in RAS: x to the
+right, y anterior, z superior, as NIfTI has it; DICOM, ITK and most NRRD files are in LPS, with x and y the other way round.
+Images whose axes are turned against x, y and z are refused, because a uniform grid along the axes could not hold them unchanged.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from tpmscad._typing import Array
+from tpmscad.api.argument_kinds import choice_of
+from tpmscad.errors import InvalidRequest
+from tpmscad.fields.tape.evaluation import Triple
+
+FRAME_SIGNS = {"RAS": (1.0, 1.0, 1.0), "LAS": (-1.0, 1.0, 1.0), "LPS": (-1.0, -1.0, 1.0)}
+"""Directions of x, y and z of a patient's frame as multiples of right, anterior and superior."""
+
+FRAME = choice_of("RAS", "LPS", "file")
+"""The frames of a result: two of the patient, and that of the file as it is."""
+
+FRAME_MEANING = (
+    "Frame of the result. An image that states a frame of the patient is converted to RAS by default (x to the right, y "
+    "anterior, z superior), or to LPS; ``file`` keeps the coordinates of the file."
+)
+
+MILLIMETRES = {"mm": 1.0, "cm": 10.0, "m": 1e3, "um": 1e-3, "µm": 1e-3, "nm": 1e-6, "in": 25.4, "inch": 25.4}
+MILLIMETRES |= {"meter": 1e3, "millimeter": 1.0, "micron": 1e-3, "micrometer": 1e-3}
+"""Units of length of image files, in mm."""
+
+AXIS_ALIGNMENT_TOL = 1e-4
+"""Largest cosine between an image's axis and another coordinate axis: headers store directions in single precision."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Image:
+    """Samples (nx, ny, nz), their spacing and the position of the first, model units; None where the file has none.
+
+    `centred`: whether the samples belong to cells (True) or points (False), None if the file does not say. `notes` tell how
+    frame and unit were read.
+    """
+
+    values: Array
+    spacing: Triple | None = None
+    origin: Triple | None = None
+    centred: bool | None = None
+    notes: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class StoredImage:
+    """Samples as a file holds them, and what it states.
+
+    `affine` (4, 4) takes indices to positions, None without positions; `frame` is the name of a frame of the patient, or what
+    else the file calls its coordinates, or empty; `unit` the unit of length or empty.
+    """
+
+    values: Array
+    affine: Array | None = None
+    frame: str = ""
+    unit: str = ""
+    centred: bool | None = None
+    notes: tuple[str, ...] = ()
+
+
+def place_image(name: str, stored: StoredImage, frame: str | None) -> Image:
+    """The image of the file `name` in a frame and in mm, with its axes in the order and direction of x, y and z."""
+    signs, told = _convert_frame(name, stored.frame, frame)
+    scale = MILLIMETRES.get(stored.unit.lower(), 1.0)
+    notes = [told, *(f"{name}: {note}" for note in stored.notes)]
+    if stored.unit and stored.unit.lower() not in MILLIMETRES:
+        notes.append(f"{name}: its unit of length, {stored.unit!r}, is unknown; its numbers are taken as mm")
+    elif scale != 1.0:
+        notes.append(f"{name}: lengths in {stored.unit} were converted to mm")
+    if stored.affine is None or stored.values.ndim != 3:
+        return Image(stored.values, centred=stored.centred, notes=tuple(notes))
+    affine = np.diag([*(scale * signs), 1.0]) @ stored.affine
+    values, spacing, origin = _align_with_axes(name, stored.values, affine)
+    return Image(values, spacing, origin, stored.centred, tuple(notes))
+
+
+def _convert_frame(name: str, stated: str, wanted: str | None) -> tuple[Array, str]:
+    """The factors of x, y and z that take the stated frame to the wanted one, and a note; InvalidRequest if there are none."""
+    keeps = np.ones(3)
+    if wanted == "file":
+        return keeps, f"{name}: frame as in the file, {stated or 'which states none'}"
+    if stated in FRAME_SIGNS:
+        target = wanted or "RAS"
+        signs = np.multiply(FRAME_SIGNS[stated], FRAME_SIGNS[target])
+        reversed_axes = " and ".join(axis for axis, sign in zip("xyz", signs, strict=True) if sign < 0)
+        done = f"{stated} converted to {target}, {reversed_axes} reversed" if reversed_axes else stated
+        return signs, f"{name}: frame {done}"
+    if "left-handed" in stated:
+        raise InvalidRequest(
+            f"{name} states {stated} coordinates, in which the model would be its mirror image: give frame='file' to take them "
+            "as they are, or save the image in RAS or LPS"
+        )
+    if wanted is not None:
+        raise InvalidRequest(
+            f"{name} states {stated or 'no frame'}, from which nothing can be converted to {wanted}: leave `frame` out"
+        )
+    return keeps, f"{name}: no frame stated{f' ({stated})' if stated else ''}; coordinates as in the file"
+
+
+def _align_with_axes(name: str, values: Array, affine: Array) -> tuple[Array, Triple, Triple]:
+    """The samples with their axes in the order and direction of x, y and z, their spacing, and the position of the first."""
+    matrix, origin = affine[:3, :3], affine[:3, 3].astype(float)
+    lengths = np.linalg.norm(matrix, axis=0)
+    if not (np.isfinite(affine).all() and (lengths > 0).all()):
+        raise InvalidRequest(f"{name} states a spacing of {lengths.tolist()}, which must be positive")
+    cosines = np.abs(matrix / lengths)
+    order = cosines.argmax(axis=0)
+    off_axis = np.sort(cosines, axis=0)[1].max()
+    if sorted(order.tolist()) != [0, 1, 2] or off_axis > AXIS_ALIGNMENT_TOL:
+        raise InvalidRequest(
+            f"the axes of {name} are turned against x, y and z (cosine {off_axis:.3g}): resample the image along the axes "
+            "first, or give its array alone (.npy) and rotate the field"
+        )
+    for axis in range(3):
+        if matrix[order[axis], axis] < 0:
+            origin = origin + matrix[:, axis] * (values.shape[axis] - 1)
+            values = np.flip(values, axis)
+    inverse = np.argsort(order)
+    spacing = lengths[inverse]
+    return (
+        np.ascontiguousarray(np.transpose(values, inverse)),
+        (float(spacing[0]), float(spacing[1]), float(spacing[2])),
+        (float(origin[0]), float(origin[1]), float(origin[2])),
+    )
