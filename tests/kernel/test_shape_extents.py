@@ -9,10 +9,14 @@ from tpmscad.brep.extents import true_bounds
 from tpmscad.kernel.body_import.body_brep import brep_from_shape
 from tpmscad.kernel.build.solids import build_solids
 from tpmscad.kernel.measure.shape_extents import shape_bounds
+from tpmscad.kernel.measure.shape_report import check_shape
 from tpmscad.trimming.operands.polyhedra import box
 from tpmscad.trimming.trim_pipeline import trim
 
 pytestmark = pytest.mark.kernel
+
+DIAGONAL = 35 / np.sqrt(2) + 7
+"""Extent of a slot 42 long and 7 wide that is turned by 45 degrees: its two centres and two radii."""
 
 TURN = bd.Location((1, 2, 3), (25, 40, 65))
 
@@ -36,8 +40,24 @@ def test_turned_bodies_have_the_extents_of_closed_forms_in_arrays_and_in_the_ker
     half = half_extent(kind, axis_of(TURN))
     centre = np.array(tuple(TURN.position))
     np.testing.assert_allclose(true_bounds(brep_from_shape(shape.wrapped)), [centre - half, centre + half], atol=1e-6)
-    if kind == "cylinder":  # of the others the kernel's own optimum is looser
-        np.testing.assert_allclose(shape_bounds(shape), [centre - half, centre + half], atol=1e-6)
+    np.testing.assert_allclose(shape_bounds(shape), [centre - half, centre + half], atol=1e-6)
+
+
+def test_what_is_cut_off_a_sphere_or_a_torus_does_not_count():
+    cap = bd.Sphere(5) & bd.Pos(4, 0, 0) * bd.Box(2, 20, 20)
+    np.testing.assert_allclose(shape_bounds(cap), [[3, -4, -4], [5, 4, 4]], atol=1e-6)
+    inner = bd.Torus(10, 3) - bd.Cylinder(10, 20)
+    outer = bd.Torus(10, 3) & bd.Cylinder(10, 20)
+    np.testing.assert_allclose(shape_bounds(inner), [[-13, -13, -3], [13, 13, 3]], atol=1e-6)
+    np.testing.assert_allclose(shape_bounds(outer), [[-10, -10, -3], [10, 10, 3]], atol=1e-6)
+
+
+def test_a_report_states_the_true_size_of_a_part_with_rounded_rims_wherever_it_stands():
+    slot = bd.extrude(bd.SlotOverall(42, 7), 3)
+    slot = bd.fillet(slot.faces().sort_by(bd.Axis.Z)[-1].edges(), 1)
+    for turn, size in (((0, 0, 0), (42, 7, 3)), ((0, 0, 90), (7, 42, 3)), ((0, 0, 45), (DIAGONAL, DIAGONAL, 3))):
+        placed = slot.solid().moved(bd.Location((5, 6, 7), turn))
+        np.testing.assert_allclose(np.ptp(check_shape(placed).bounds, axis=0), size, atol=1e-6)
 
 
 def test_the_kernels_solid_of_a_cut_lattice_has_the_extent_of_its_arrays():

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import pickle
 from pathlib import Path
 from typing import Any
 
@@ -16,6 +17,7 @@ from tpmscad import cli
 from tpmscad.errors import InvalidRequest
 from tpmscad.kernel.measure import shape_sampling
 from tpmscad.kernel.occt.exploration import faces_of
+from tpmscad.results.placed_model import place_model
 from tpmscad.studies import _measure
 from tpmscad.studies._measure import Metrics, measure
 
@@ -91,6 +93,28 @@ def test_within_a_body_only_what_is_inside_it_is_void_and_wetted() -> None:
     found = measure(tube(10, 8, 30), within=bd.Cylinder(10, 30))
     assert found.volume_fraction == pytest.approx(0.36, rel=1e-9)
     assert found.hydraulic_diameter == pytest.approx(16.0, rel=1e-9)
+
+
+def test_what_a_model_was_made_in_is_its_envelope() -> None:
+    body = bd.Cylinder(8, 12)
+    model = tpmscad.infill(body, "P", cell=8, thickness=1, tol=0.1)
+    found, told = measure(model), measure(model, within=body)
+    assert found.envelope == "the body"
+    assert found.volume_fraction == pytest.approx(model.volume / body.volume, rel=1e-9)
+    assert (found.wetted_area, found.hydraulic_diameter) == (told.wetted_area, told.hydraulic_diameter)
+    assert f"{found.volume_fraction:.6g} of {body.volume:.6g} mm3, the body" in str(found)
+    again = pickle.loads(pickle.dumps(model))
+    assert measure(again).to_dict() == found.to_dict()
+    foreign = measure(model.wrapped)
+    assert foreign.envelope == "the smallest box around the solid"
+    assert foreign.envelope_volume == pytest.approx(np.prod(np.ptp(model.bounding_box, axis=0)), rel=1e-6)
+
+
+def test_the_envelope_of_a_lattice_is_the_box_of_its_cells_and_goes_where_it_is_put() -> None:
+    model = tpmscad.lattice("P", cell=(4, 5, 6), cells=(2, 1, 1), thickness=0.6, tol=0.1)
+    assert measure(model).envelope_volume == pytest.approx(8 * 5 * 6, rel=1e-12)
+    placed = place_model(model, (bd.Location((3, 2, 1), (10, 20, 30)) * model.solid).wrapped)
+    assert measure(placed).wetted_area == pytest.approx(measure(model).wetted_area, rel=1e-9)
 
 
 def test_within_a_larger_box_every_face_is_wetted() -> None:

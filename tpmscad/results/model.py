@@ -19,6 +19,7 @@ from tpmscad.brep.solid_names import name_pieces
 from tpmscad.errors import InvalidRequest, KernelError
 from tpmscad.kernel.boolean.boolean_operations import OcctSolids
 from tpmscad.kernel.build.solids import BrepSolids, build_solids
+from tpmscad.kernel.measure.envelope import Envelope
 from tpmscad.kernel.measure.shape_extents import shape_bounds
 from tpmscad.kernel.occt.construction import copy_placement
 from tpmscad.kernel.occt.exploration import vertices_of
@@ -83,6 +84,9 @@ class Model:
         Whether the solid is a channel full of fluid, which `measure` then takes it for.
     make_spline_volumes : callable or None
         Makes the trivariate splines that fill the solid; it is None, or makes None, if the solid is not made of whole walls.
+    envelope : Envelope or None
+        What the solid was made in, of which fractions are stated: the body, or the box of the cells or of the field; None if
+        neither is known, as after a map.
 
     Notes
     -----
@@ -101,6 +105,7 @@ class Model:
     distance_to_reference: Callable[[Array], Array] | None = None
     is_fluid: bool = False
     make_spline_volumes: Callable[[], SplineVolumes | None] | None = None
+    envelope: Envelope | None = None
 
     @property
     def solid(self) -> Any:

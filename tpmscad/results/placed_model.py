@@ -46,6 +46,7 @@ def place_model(model: Model, shape: Any) -> Model:
         unit_cell=None,
         distance_to_reference=_move_distance(model.distance_to_reference, motion),
         make_spline_volumes=None,
+        envelope=model.envelope and model.envelope.moved(motion),
     )
 
 

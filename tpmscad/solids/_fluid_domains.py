@@ -22,6 +22,7 @@ from tpmscad.kernel.body_import.cad_body import CadBody, read_body
 from tpmscad.kernel.boolean.body_split import SplitSolid, split_body
 from tpmscad.kernel.boolean.boolean_operations import OcctSolids
 from tpmscad.kernel.build.solids import BrepSolids, build_regions
+from tpmscad.kernel.measure.envelope import Envelope
 from tpmscad.kernel.measure.validity import is_brep_valid
 from tpmscad.kernel.occt.exploration import faces_of
 from tpmscad.requests.lattice_options import FluidDomainsOptions
@@ -92,6 +93,7 @@ def fluid_domains(options: FluidDomainsOptions) -> FluidDomains:
             trimmed_by=KERNEL_BOOLEAN if domain.brep is None else TRIMMED_PATCHES,
             outer_faces="body" if name == WALL else "opening",
             is_fluid=name != WALL,
+            envelope=Envelope(read.name, read.volume, read.shape),
         )
         for name, domain in found.items()
     }

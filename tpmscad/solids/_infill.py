@@ -16,6 +16,7 @@ from tpmscad.errors import InvalidRequest
 from tpmscad.kernel.body_import.cad_body import read_body
 from tpmscad.kernel.boolean.boolean_operations import OcctSolids
 from tpmscad.kernel.boolean.hollow_body import resolve_open_faces
+from tpmscad.kernel.measure.envelope import Envelope
 from tpmscad.requests.face_selection import resolve_face_selectors
 from tpmscad.requests.lattice_options import InfillOptions
 from tpmscad.requests.lattice_request import LatticeRequest, lattice_in_body, resolve_lattice_request, rotation_matrix
@@ -96,6 +97,7 @@ def infill(options: InfillOptions) -> Model:
         trimmed_by=result.method,
         outer_faces="body",
         distance_to_reference=distance,
+        envelope=Envelope(read.name, read.volume, read.shape),
     )
 
 

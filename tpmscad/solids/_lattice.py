@@ -23,6 +23,7 @@ from tpmscad.brep.boundary_representation import Brep, scale_brep
 from tpmscad.errors import InvalidRequest, TrimmingError, format_point
 from tpmscad.fallbacks import Fallback, Fallbacks
 from tpmscad.kernel.build.solids import build_solids
+from tpmscad.kernel.measure.envelope import Envelope
 from tpmscad.lattices import mapped_lattice, mapped_surface
 from tpmscad.lattices.coordinate_maps import Map, as_map, composition, stretching
 from tpmscad.lattices.offset_surfaces import LayersFit
@@ -115,6 +116,9 @@ def make_lattice(
         unit_cell,
         distance_to_reference=lattice_distance(request, mapping),
         make_spline_volumes=None if dropped.volumes else made.make_spline_volumes,
+        envelope=None
+        if map is not None
+        else Envelope.of_box("the box of the cells", np.zeros(3), np.multiply(request.cell, request.cells)),
     )
 
 

@@ -25,6 +25,7 @@ from tpmscad.fields.field import Field, as_field
 from tpmscad.fields.kinds.linear_extension import extend_level_sets_linearly
 from tpmscad.kernel.body_import.cad_body import read_body
 from tpmscad.kernel.build.solids import build_solids
+from tpmscad.kernel.measure.envelope import Envelope
 from tpmscad.kernel.occt.bounding_boxes import enclosing_box
 from tpmscad.lattices.spline_maps import SplineMap
 from tpmscad.results.certificate import certify_built_solids
@@ -126,6 +127,7 @@ def solidify(
         certificate.with_seconds(stages.seconds),
         built,
         distance_to_reference=field_distance(field),
+        envelope=Envelope.of_box("the field's box", *parse_corners(domain)),
     )
 
 

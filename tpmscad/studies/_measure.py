@@ -13,15 +13,15 @@ from typing import Annotated, Any
 
 import numpy as np
 
-from tpmscad._typing import BoolArray
 from tpmscad.api.public_calls import validate_call
 from tpmscad.api.shared_kinds import ANYTHING, FLAG, POSITIVE
 from tpmscad.brep.least_width import LeastWidth
 from tpmscad.errors import InvalidRequest
 from tpmscad.kernel.body_import.cad_body import read_body
+from tpmscad.kernel.measure.envelope import Envelope
 from tpmscad.kernel.measure.mass_properties import face_moments
 from tpmscad.kernel.measure.shape_report import ShapeReport
-from tpmscad.kernel.measure.shape_sampling import FaceSamples, lie_on_surface, sample_faces
+from tpmscad.kernel.measure.shape_sampling import sample_faces
 from tpmscad.kernel.occt.exploration import faces_of
 from tpmscad.kernel.printability.least_widths import measure_least_widths
 from tpmscad.results.model import Model
@@ -55,8 +55,10 @@ class Metrics:
     ----------
     volume, area : float
         Of the shape.
+    envelope : str
+        What void counts in: a body, a box, or the bounding box of the shape.
     envelope_volume : float
-        Volume of the envelope, the box or body in which void counts.
+        Its volume.
     volume_fraction : float
         `volume` / `envelope_volume`.
     wetted_area : float
@@ -79,6 +81,7 @@ class Metrics:
 
     volume: float
     area: float
+    envelope: str
     envelope_volume: float
     volume_fraction: float
     wetted_area: float
@@ -99,8 +102,8 @@ class Metrics:
         fluid = "channel" if self.is_fluid else "void"
         return "\n".join(
             [
-                f"volume              {self.volume:.6g} mm3, a fraction of {self.volume_fraction:.6g} of the envelope's "
-                f"{self.envelope_volume:.6g} mm3",
+                f"volume              {self.volume:.6g} mm3, a fraction of {self.volume_fraction:.6g} of "
+                f"{self.envelope_volume:.6g} mm3, {self.envelope}",
                 f"wetted surface      {self.wetted_area:.6g} mm2, {self.surface_per_volume:.6g} mm2 per mm3 of the envelope",
                 f"hydraulic diameter  {diameter}, 4 x volume of the {fluid} / wetted surface",
                 f"smallest wall       {self.smallest_wall or 'none: no two sides are opposite'}",
@@ -124,7 +127,10 @@ def measure(
     ],
     *,
     within: Annotated[
-        Any, ANYTHING, "The envelope in which void counts: a box or a body. By default the bounding box of the shape."
+        Any,
+        ANYTHING,
+        "The envelope in which void counts: a box or a body. By default what a model was made in, the body or the box of its "
+        "cells or of its field, or else the smallest box that contains the shape.",
     ] = None,
     spacing: Annotated[
         float | None,
@@ -162,6 +168,7 @@ def measure(
     """
     if is_fluid is None:
         is_fluid = isinstance(source, Model) and source.is_fluid
+    known = source.envelope if isinstance(source, Model) else None
     if isinstance(source, Model):
         source = source.built.shape
     shape, report = read_closed_solids(source, "measured")
@@ -171,18 +178,20 @@ def measure(
         shape, report, "have no surface of their own there: measure one of them, or unite them first"
     )
     spacing = spacing or (report.area / N_ENVELOPE_SAMPLES) ** 0.5
-    envelope_volume, wetted = _measure_envelope(
-        report, faces, report.bounds if within is None else within, size, spacing
-    )
-    fluid_volume = report.volume if is_fluid else max(0.0, envelope_volume - report.volume)
+    if within is not None:
+        known = _read_envelope(within)
+    envelope = known or Envelope.of_box("the smallest box around the solid", *report.bounds)
+    wetted = _measure_wetted_area(report, faces, envelope, size, spacing)
+    fluid_volume = report.volume if is_fluid else max(0.0, envelope.volume - report.volume)
     inner, outer = (None if found is None else _locate(found) for found in measure_least_widths(shape, report))
     return Metrics(
         volume=report.volume,
         area=report.area,
-        envelope_volume=envelope_volume,
-        volume_fraction=report.volume / envelope_volume,
+        envelope=envelope.name,
+        envelope_volume=envelope.volume,
+        volume_fraction=report.volume / envelope.volume,
         wetted_area=wetted,
-        surface_per_volume=wetted / envelope_volume,
+        surface_per_volume=wetted / envelope.volume,
         hydraulic_diameter=4.0 * fluid_volume / wetted if wetted else None,
         smallest_wall=outer if is_fluid else inner,
         smallest_pore=inner if is_fluid else outer,
@@ -192,35 +201,30 @@ def measure(
     )
 
 
-def _measure_envelope(report: ShapeReport, faces: Any, within: Any, size: float, spacing: float) -> tuple[float, float]:
-    """The volume of the envelope, and the area of the faces that do not lie on it."""
-    samples = sample_faces(faces, spacing)
-    volume, on_envelope = _locate_envelope(within, samples, ENVELOPE_TOL_DIAGONALS * size)
-    if volume < report.volume * (1.0 - ENVELOPE_TOL_DIAGONALS):
-        raise InvalidRequest(
-            f"the envelope's volume {volume:.6g} is less than the solid's, {report.volume:.6g}: it has to contain the solid"
-        )
-    n_off = np.bincount(samples.face[~on_envelope], minlength=len(faces))
-    dry = (n_off == 0) & (np.bincount(samples.face, minlength=len(faces)) > 0)
-    dry_faces = [face for face, is_dry in zip(faces, dry, strict=True) if is_dry]
-    wetted = report.area - float(face_moments(dry_faces)[:, 0].sum())
-    return volume, wetted if wetted > ENVELOPE_TOL_DIAGONALS * report.area else 0.0
-
-
-def _locate_envelope(within: Any, samples: FaceSamples, tol: float) -> tuple[float, BoolArray]:
-    """The volume of the envelope, and which samples lie on its surface: (n,)."""
+def _read_envelope(within: Any) -> Envelope:
+    """The envelope that the caller gave."""
     try:
         low, high = np.asarray(within, float)
     except (TypeError, ValueError):
         body = read_body(within)
-        return body.volume, lie_on_surface(body.shape, samples, tol)
-    if low.shape != (3,) or not (high > low).all():
+        return Envelope(body.name, body.volume, body.shape)
+    return Envelope.of_box("the box given", low, high)
+
+
+def _measure_wetted_area(report: ShapeReport, faces: Any, envelope: Envelope, size: float, spacing: float) -> float:
+    """The area of the faces that do not lie on the envelope; InvalidRequest if the solid is larger than it."""
+    samples = sample_faces(faces, spacing)
+    if envelope.volume < report.volume * (1.0 - ENVELOPE_TOL_DIAGONALS):
         raise InvalidRequest(
-            f"the envelope {within!r} must be a body or two opposite corners, ((x0, y0, z0), (x1, y1, z1))"
+            f"the envelope's volume {envelope.volume:.6g} is less than the solid's, {report.volume:.6g}: it has to contain "
+            "the solid"
         )
-    on_planes = (np.abs(samples.points - low) < tol) & (samples.normals < -0.5)
-    on_planes |= (np.abs(samples.points - high) < tol) & (samples.normals > 0.5)
-    return float((high - low).prod()), on_planes.any(axis=1)
+    off = ~envelope.holds_on_surface(samples, ENVELOPE_TOL_DIAGONALS * size)
+    n_off = np.bincount(samples.face[off], minlength=len(faces))
+    dry = (n_off == 0) & (np.bincount(samples.face, minlength=len(faces)) > 0)
+    dry_faces = [face for face, is_dry in zip(faces, dry, strict=True) if is_dry]
+    wetted = report.area - float(face_moments(dry_faces)[:, 0].sum())
+    return wetted if wetted > ENVELOPE_TOL_DIAGONALS * report.area else 0.0
 
 
 def _locate(found: LeastWidth) -> LocatedWidth:

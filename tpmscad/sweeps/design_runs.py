@@ -6,7 +6,6 @@ too.
 
 from __future__ import annotations
 
-import math
 import time
 from collections.abc import Callable, Mapping
 from pathlib import Path
@@ -15,11 +14,8 @@ from typing import Any
 import numpy as np
 
 from tpmscad.errors import NotMet
-from tpmscad.files._check_step import check_step
 from tpmscad.recipe.blend_recipe import BlendRecipe
 from tpmscad.recipe.recipe_runs import BlendRun, SolidRun, read_recipe, run_blend_recipe
-from tpmscad.requests.lattice_options import LatticeOptions
-from tpmscad.requests.lattice_request import lattice_size
 from tpmscad.results.model import Model
 from tpmscad.solids._infill import infill
 from tpmscad.solids._lattice import lattice
@@ -69,8 +65,6 @@ of the solid, the conductivity to that of the solid."""
 POISSON_RATIO = 0.3
 """Of the solid in homogenised properties."""
 
-Corners = tuple[tuple[float, ...], tuple[float, ...]]
-
 
 def run_design(
     function: str, parameters: Mapping[str, Any], file: Path | None, metrics: bool, properties: bool
@@ -79,8 +73,8 @@ def run_design(
     begun = time.perf_counter()
     figures: dict[str, Any] = {"met": False}
     try:
-        model, envelope = MAKERS[function](parameters)
-        figures |= _measure(model, envelope, metrics)
+        model = MAKERS[function](parameters)
+        figures |= _measure(model, metrics)
         certificate = model.certificate
         if not certificate.met:
             raise NotMet("; ".join(certificate.shortfalls), certificate)
@@ -100,15 +94,14 @@ def describe_failure(error: Exception) -> dict[str, Any]:
     return {"met": False, "error": type(error).__name__, "message": " ".join(str(error).split())}
 
 
-def _measure(model: Model, envelope: Corners | Path | None, metrics: bool) -> dict[str, Any]:
+def _measure(model: Model, metrics: bool) -> dict[str, Any]:
     """What the certificate says of a model, its porosity, and its metrics on demand."""
     certificate = model.certificate
     pieces, tunnels, cavities = certificate.betti
-    volume = None if envelope is None else _volume_of(envelope)
     figures = {
         "volume": certificate.volume,
         "area": certificate.area,
-        "porosity": None if volume is None else 1.0 - certificate.volume / volume,
+        "porosity": None if model.envelope is None else 1.0 - certificate.volume / model.envelope.volume,
         "faces": certificate.n_faces,
         "max_deviation": certificate.max_deviation,
         "rms_deviation": certificate.rms_deviation,
@@ -117,7 +110,7 @@ def _measure(model: Model, envelope: Corners | Path | None, metrics: bool) -> di
         "cavities": cavities,
     }
     if metrics:
-        found = measure(model, within=envelope)
+        found = measure(model)
         widths = (found.smallest_wall, found.smallest_pore)
         figures |= dict(
             zip(METRICS, [*(None if w is None else w.width for w in widths), found.hydraulic_diameter], strict=True)
@@ -137,44 +130,33 @@ def _homogenize(model: Model) -> dict[str, float]:
     return {name: figures[name] for name in PROPERTIES}
 
 
-def _volume_of(envelope: Corners | Path) -> float:
-    """The volume of a box, or of the solid in a STEP file."""
-    if isinstance(envelope, Path):
-        return check_step(envelope).shape.volume
-    return math.prod(np.subtract(envelope[1], envelope[0]).tolist())
+def _make_lattice(parameters: Mapping[str, Any]) -> Model:
+    return lattice(**parameters, progress=False)
 
 
-def _make_lattice(parameters: Mapping[str, Any]) -> tuple[Model, Corners | Path | None]:
-    options = LatticeOptions(**parameters, progress=False)
-    return lattice(**vars(options)), ((0.0, 0.0, 0.0), lattice_size(options))
+def _make_infill(parameters: Mapping[str, Any]) -> Model:
+    return infill(**parameters, progress=False)
 
 
-def _make_infill(parameters: Mapping[str, Any]) -> tuple[Model, Corners | Path | None]:
-    options = {name: value for name, value in parameters.items() if name != "body"}
-    return infill(parameters["body"], progress=False, **options), Path(parameters["body"])
-
-
-def _make_from_recipe(parameters: Mapping[str, Any]) -> tuple[Model, Corners | Path | None]:
+def _make_from_recipe(parameters: Mapping[str, Any]) -> Model:
     changes = {name: value for name, value in parameters.items() if name != "recipe"}
     recipe = read_recipe(Path(parameters["recipe"]), changes)
     run: BlendRun | SolidRun
     if isinstance(recipe, BlendRecipe):
         run = BlendRun(run_blend_recipe(recipe, progress=_be_silent), recipe.tol)
-        domain: Any = run.result.domain
     else:
         run = SolidRun(recipe.field, recipe.domain, recipe.tol, recipe)
-        domain = recipe.domain
-    return run.make(_be_silent)[0], domain if isinstance(domain, tuple | Path) else None
+    return run.make(_be_silent)[0]
 
 
 def _be_silent(stage: str, done: float) -> None:
     """A progress that shows nothing."""
 
 
-MAKERS: Mapping[str, Callable[[Mapping[str, Any]], tuple[Model, Corners | Path | None]]] = {
+MAKERS: Mapping[str, Callable[[Mapping[str, Any]], Model]] = {
     "lattice": _make_lattice,
     "infill": _make_infill,
     "blend": _make_from_recipe,
     "solidify": _make_from_recipe,
 }
-"""By function: what makes the model of a row, and the envelope that its porosity refers to, if it is known."""
+"""By function: what makes the model of a row."""

@@ -14,6 +14,7 @@ from OCP.Bnd import Bnd_Box
 from OCP.BRep import BRep_Tool
 from OCP.BRepBndLib import BRepBndLib
 from OCP.BRepClass import BRepClass_FaceClassifier
+from OCP.BRepTopAdaptor import BRepTopAdaptor_FClass2d
 from OCP.Geom import (
     Geom_ConicalSurface,
     Geom_CylindricalSurface,
@@ -87,9 +88,9 @@ def _find_extreme_points(face: TopoDS_Face) -> Array:
     uv = stationary_parameters(carrier, np.concatenate([-np.eye(3), np.eye(3)])).reshape(-1, 2)
     points = carrier(uv[:, 0], uv[:, 1])
     surface = ShapeAnalysis_Surface(BRep_Tool.Surface_s(face))
+    classifier = BRepTopAdaptor_FClass2d(face, CLASSIFIER_TOL)  # angles in any period, unlike BRepClass_FaceClassifier
     own = [surface.ValueOfUV(convert.point(point), CLASSIFIER_TOL) for point in points]
-    contained = [face_contains(face, np.array([at.X(), at.Y()])) for at in own]
-    return np.asarray(points[contained])
+    return np.asarray(points[[classifier.Perform(at, True) != TopAbs_OUT for at in own]])
 
 
 def _poles_exceed(face: TopoDS_Face, reach: Array) -> bool:
