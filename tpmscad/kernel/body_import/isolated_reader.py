@@ -43,10 +43,11 @@ BASE_SECONDS, SECONDS_PER_MEGABYTE = 60.0, 15.0
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ForeignShape:
-    """The shape of a file in mm, and what a user should know of the file."""
+    """The shape of a file in mm, what a user should know of the file, and the names of the faces of each solid."""
 
     shape: TopoDS_Shape
     notes: tuple[str, ...]
+    face_names: tuple[tuple[str, ...], ...]
 
 
 def check_foreign_step(path: str | os.PathLike[str]) -> StepReport:
@@ -60,8 +61,8 @@ def read_foreign_step(path: str | os.PathLike[str]) -> ForeignShape:
     Raises InvalidRequest if the file does not exist or is no STEP file, if OCCT cannot read it or finds no solid, or if OCCT
     crashes or does not end.
     """
-    content, notes = _call_for_file(_read_and_check, path)
-    return ForeignShape(shape_from_bytes(content), notes)
+    content, notes, names = _call_for_file(_read_and_check, path)
+    return ForeignShape(shape_from_bytes(content), notes, names)
 
 
 def read_foreign_coloured_solids(path: str | os.PathLike[str]) -> tuple[ColouredSolid, ...]:
@@ -109,11 +110,11 @@ def _check(path: str) -> StepReport:
     return StepReport(Path(path).name, check_shape(content.shape), content.units, content.products)
 
 
-def _read_and_check(path: str) -> tuple[bytes, tuple[str, ...]]:
-    """The shape as bytes, after a check that may crash as the reader may, and notes on the file."""
+def _read_and_check(path: str) -> tuple[bytes, tuple[str, ...], tuple[tuple[str, ...], ...]]:
+    """The shape as bytes, after a check that may crash as the reader may, notes on the file, and the names of faces."""
     content = _read(path)
     check_shape(content.shape)
-    return shape_to_bytes(content.shape), note_missing_unit(Path(path).name, content.units)
+    return shape_to_bytes(content.shape), note_missing_unit(Path(path).name, content.units), content.face_names
 
 
 def _read_coloured(path: str) -> tuple[bytes, list[tuple[str, tuple[Colour | None, ...], tuple[str, ...]]]]:
