@@ -7,14 +7,13 @@ operation is not needed, so that one rule holds for all methods, and for faces t
 from __future__ import annotations
 
 from collections.abc import Sequence
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
 from OCP.BRep import BRep_Tool
-from OCP.BRepAdaptor import BRepAdaptor_Surface
 from OCP.BRepBuilderAPI import BRepBuilderAPI_MakeVertex
 from OCP.BRepExtrema import BRepExtrema_DistShapeShape
-from OCP.BRepTools import BRepTools
 from OCP.gp import gp_Pnt
 from OCP.TopoDS import TopoDS_Face
 from scipy.spatial import cKDTree
@@ -36,6 +35,9 @@ SKIN = "skin"
 NODES_PER_DIRECTION = 7
 """Nodes of every patch along u and v from which the foot point of a point is sought."""
 
+NEAREST_NODES = 16
+"""Nodes that are tried: near the side of a patch the nearest one may be its neighbour's."""
+
 ON_PATCH_REL_TOL = 1e-6
 """In sizes of the largest patch: distance at which a point lies on a patch."""
 
@@ -46,32 +48,29 @@ splits; skins are many times as thick."""
 
 def label_cut_solids(solids: Sequence[Any], patches: Brep, body: CadBody) -> OcctSolids:
     """Solids that the kernel made of a lattice's patches and a body, with the label of each face."""
-    faces = [faces_of(solid) for solid in solids]
-    flat = [face for own in faces for face in own]
-    labels = [SKIN] * len(flat)
-    splines = [i for i, face in enumerate(flat) if _is_b_spline(face)]
-    tags = find_patch_tags(patches, np.array([_mid_point(flat[i]) for i in splines]).reshape(-1, 3))
-    on_patch = {i: tag for i, tag in zip(splines, tags, strict=True) if tag is not None}
-    others = [i for i in range(len(flat)) if i not in on_patch]
-    names = body.face_labels
-    for i, owner in zip(others, find_body_faces([flat[i] for i in others], faces_of(body.shape)), strict=True):
+    counts = [len(faces_of(solid)) for solid in solids]
+    faces = [face for solid in solids for face in faces_of(solid)]
+    points, names = interior_points(faces), body.face_labels
+    labels = [""] * len(faces)
+    splines = [i for i, face in enumerate(faces) if _is_b_spline(face)]
+    for i, tag in zip(splines, find_patch_tags(patches, points[splines]), strict=True):
+        labels[i] = "" if tag is None else LABEL_OF_TAG.get(tag, tag)
+    others = [i for i, label in enumerate(labels) if not label]
+    owners = find_body_faces([faces[i] for i in others], points[others], faces_of(body.shape))
+    for i, owner in zip(others, owners.tolist(), strict=True):
         labels[i] = names[owner] if owner >= 0 else SKIN
-    for i, tag in on_patch.items():
-        labels[i] = LABEL_OF_TAG.get(tag, tag)
-    rest = iter(labels)
-    return OcctSolids(tuple(solids), tuple(tuple(next(rest) for _ in own) for own in faces))
+    ends = np.cumsum([0, *counts]).tolist()
+    return OcctSolids(tuple(solids), tuple(tuple(labels[i:j]) for i, j in pairwise(ends)))
 
 
-def find_body_faces(faces: Sequence[TopoDS_Face], body_faces: Sequence[TopoDS_Face]) -> IntArray:
-    """Index of the body's face on which each face lies, -1 if it lies on none: (n,)."""
+def find_body_faces(faces: Sequence[TopoDS_Face], points: Array, body_faces: Sequence[TopoDS_Face]) -> IntArray:
+    """Index of the body's face on which each face lies, with a point (n, 3) inside it; -1 if it lies on none: (n,)."""
     number = {ShapeKey(face): i for i, face in enumerate(body_faces)}
     found = np.array([number.get(ShapeKey(face), -1) for face in faces], np.int64)
-    unknown = np.flatnonzero(found < 0)
-    points = interior_points([faces[i] for i in unknown.tolist()])
     low, high = (np.array(corners) for corners in zip(*map(enclosing_box, body_faces), strict=True))
-    for i, point in zip(unknown.tolist(), points, strict=True):
-        near = ((point > low - ON_BODY_TOL) & (point < high + ON_BODY_TOL)).all(axis=1)
-        distances = {b: _distance(point, body_faces[b]) for b in np.flatnonzero(near).tolist()}
+    for i in np.flatnonzero(found < 0).tolist():
+        near = ((points[i] > low - ON_BODY_TOL) & (points[i] < high + ON_BODY_TOL)).all(axis=1)
+        distances = {b: _distance(points[i], body_faces[b]) for b in np.flatnonzero(near).tolist()}
         nearest = min(distances, key=distances.__getitem__, default=-1)
         found[i] = nearest if distances.get(nearest, np.inf) < ON_BODY_TOL else -1
     return found
@@ -85,14 +84,6 @@ def _distance(point: Array, face: TopoDS_Face) -> float:
 
 def _is_b_spline(face: TopoDS_Face) -> bool:
     return bool(BRep_Tool.Surface_s(face).DynamicType().Name() == "Geom_BSplineSurface")
-
-
-def _mid_point(face: TopoDS_Face) -> tuple[float, float, float]:
-    """The point of a face's surface in the middle of its parameters."""
-    u0, u1, v0, v1 = BRepTools.UVBounds_s(face)
-    point = gp_Pnt()
-    BRepAdaptor_Surface(face, False).D0(0.5 * (u0 + u1), 0.5 * (v0 + v1), point)
-    return point.Coord()
 
 
 def find_patch_tags(patches: Brep, points: Array) -> list[str | None]:
@@ -109,12 +100,14 @@ def find_patch_tags(patches: Brep, points: Array) -> list[str | None]:
         parameters.append(np.tile(np.column_stack([u, v]), (len(own), 1)))
     if not nodes:
         return [None] * len(points)
-    _, nearest = cKDTree(np.concatenate(nodes)).query(points)
-    face, start = np.concatenate(of_face)[nearest], np.concatenate(parameters)[nearest]
-    near = np.full(len(points), False)
-    for index in np.unique(faces.carrier[face]).tolist():
-        at = np.flatnonzero(faces.carrier[face] == index)
-        patch, local = patches.carriers[index], faces.motion[face[at]].apply_inverse(points[at])
-        assert isinstance(patch, BSplineSurface)
-        near[at] = project_to_patch(patch, local, *start[at].T)[0] < ON_PATCH_REL_TOL * size
-    return [patches.tags[int(faces.tag[f])] if on else None for f, on in zip(face, near, strict=True)]
+    face, start = np.concatenate(of_face), np.concatenate(parameters)
+    _, nearest = cKDTree(np.concatenate(nodes)).query(points, min(NEAREST_NODES, len(face)))
+    found = np.full(len(points), -1)
+    for node in nearest.reshape(len(points), -1).T:
+        for index in np.unique(faces.carrier[face[node[found < 0]]]).tolist():
+            at = np.flatnonzero((found < 0) & (faces.carrier[face[node]] == index))
+            patch, local = patches.carriers[index], faces.motion[face[node[at]]].apply_inverse(points[at])
+            assert isinstance(patch, BSplineSurface)
+            near = project_to_patch(patch, local, *start[node[at]].T)[0] < ON_PATCH_REL_TOL * size
+            found[at[near]] = face[node[at[near]]]
+    return [patches.tags[int(faces.tag[f])] if f >= 0 else None for f in found.tolist()]
