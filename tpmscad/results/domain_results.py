@@ -21,7 +21,7 @@ from tpmscad.kernel.occt.shape_pickling import pack_results, unpack_results
 from tpmscad.kernel.render.palette import DOMAIN_COLOURS
 from tpmscad.kernel.step.face_labels import NamedSolid
 from tpmscad.meshing.volume_mesh import VolumeMesh
-from tpmscad.requests.study_options import DomainsMeshOptions, DomainsPictureOptions, ExportOptions
+from tpmscad.requests.study_options import DomainsPictureOptions, ExportOptions, MeshOptions
 from tpmscad.results.certificate import Certificate
 from tpmscad.results.model import Model
 from tpmscad.results.result_summary import count_pieces, format_html, format_size
@@ -152,15 +152,15 @@ class FluidDomains:
 
         render(self, **vars(options))
 
-    @validate_method_options(DomainsMeshOptions, "mesh(0.5)")
-    def mesh(self, options: DomainsMeshOptions) -> VolumeMesh:
+    @validate_method_options(MeshOptions, "mesh(0.5)")
+    def mesh(self, options: MeshOptions) -> VolumeMesh:
         """Tetrahedra in wall and channels, which share the nodes of the faces between them; by gmsh.
 
         Returns
         -------
         VolumeMesh
             The elements are the groups "wall", "channel +" and "channel -"; facets between two of them "wall | channel +" and
-            "wall | channel -", those on the body's faces "channel +: opening X-", "wall: body X-" and the like.
+            "wall | channel -", those on the body's faces "channel +: opening X-", "wall: body 3" and the like.
 
         Raises
         ------
