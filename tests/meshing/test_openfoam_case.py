@@ -34,8 +34,10 @@ def exchanger(kind: str = "tetra10") -> VolumeMesh:
     in_fluid = at[:, :, 1].mean(axis=1) < EXTENT[1] / 2
     ends = {"-": (at[:, :, 0] == 0.0).all(axis=1), "+": (at[:, :, 0] == EXTENT[0]).all(axis=1)}
     named = {f"channel +: opening X{sign}": np.flatnonzero(end & in_fluid) for sign, end in ends.items()}
+    openings = frozenset(named)
     named["wall | channel +"] = len(outer) + np.arange(len(between))
-    return sort_nodes(replace(mesh, facets=facets, cell_groups=groups, facet_groups=named, periodic={}))
+    groups_and_sides = {"cell_groups": groups, "facet_groups": named, "openings": openings}
+    return sort_nodes(replace(mesh, facets=facets, periodic={}, **groups_and_sides))
 
 
 @pytest.mark.parametrize("kind", ["tetra", "tetra10", "hexahedron27"])
@@ -87,12 +89,34 @@ def test_both_sides_of_an_interface_are_mapped_to_each_other(tmp_path: Path) -> 
     assert "opening_X_plus { type zeroGradient; }" in velocity
 
 
+@pytest.mark.parametrize("kind", ["tetra", "hexahedron27"])
+def test_the_flow_does_not_depend_on_the_names_of_groups(kind: str, tmp_path: Path) -> None:
+    mesh = exchanger(kind)
+    new = {name: f"port {n}" if name in mesh.openings else name for n, name in enumerate(mesh.facet_groups)}
+    renamed = replace(
+        mesh,
+        facet_groups={new[name]: numbers for name, numbers in mesh.facet_groups.items()},
+        openings=frozenset(new[name] for name in mesh.openings),
+    )
+    texts = []
+    for case, of in (("one", mesh), ("other", renamed)):
+        of.write_openfoam(tmp_path / case)
+        text = (tmp_path / case / "flow/channel_plus/0/U").read_text()
+        for name in of.openings:
+            text = text.replace(name_for_foam(name), name_for_foam(next(k for k, v in new.items() if name in (k, v))))
+        texts.append(text)
+    assert "fixedValue" in texts[0]
+    assert texts[0] == texts[1]
+
+
 def test_a_case_that_fits_no_mesh_is_refused_and_leaves_nothing(tmp_path: Path) -> None:
     mesh = exchanger()
     with pytest.raises(InvalidRequest, match=r"cannot flow to 'Y\+': it is open at X\+, X-"):
         mesh.write_openfoam(tmp_path / "case", flow={"channel +": "Y+"})
     with pytest.raises(InvalidRequest, match="openings at two opposite sides"):
-        replace(mesh, facet_groups={}).write_openfoam(tmp_path / "case")
+        replace(mesh, openings=frozenset()).write_openfoam(tmp_path / "case")
+    with pytest.raises(InvalidRequest, match=r"openings: 'channel \+: opening X\+' is no group of facets"):
+        replace(mesh, facet_groups={})
     for flow, words in (
         ({"chanel": "X+"}, "flow: 'chanel' is no group of elements; they are 'channel \\+', 'wall'"),
         ({"channel +": 3}, "flow .* is no dictionary of names and sides; .* as in flow="),

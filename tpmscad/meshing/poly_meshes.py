@@ -24,6 +24,9 @@ from tpmscad.meshing.mesh_arrays import MeshArrays
 BETWEEN = " | "
 """Joins the names of two regions in the name of the group of facets between them."""
 
+FACING_COSINE = 1.0 - 1e-9
+"""Vector area of facets over their area from which they face along an axis."""
+
 HEADER = """FoamFile
 {{
     version     2.0;
@@ -37,12 +40,15 @@ HEADER = """FoamFile
 
 @dataclass(frozen=True, slots=True)
 class FoamPatch:
-    """A patch: its name, its group of facets, the region on its other side or None, and its number of faces."""
+    """A patch: its name, the region on its other side or None, its number of faces, and the side of an opening.
+
+    side: the direction along an axis that a plane opening faces, such as "X+"; None of walls and of curved openings.
+    """
 
     name: str
-    group: str
     other: str | None
     count: int
+    side: str | None
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -100,7 +106,8 @@ def _make_region(mesh: MeshArrays, region: str) -> PolyMesh:
         other = next((name for name in sides if name != region), None) if len(sides) == 2 else None
         name = name_for_foam(f"{region}{BETWEEN}{other}" if other else group)
         rows.append(chosen[np.argsort(element[chosen], kind="stable")])
-        patches.append(FoamPatch(name, group, other, len(chosen)))
+        side = _find_side(mesh.points[faces[chosen]]) if group in mesh.openings else None
+        patches.append(FoamPatch(name, other, len(chosen), side))
     chosen = np.concatenate(rows)
     used, local = np.unique(faces[chosen], return_inverse=True)
     return PolyMesh(
@@ -111,6 +118,15 @@ def _make_region(mesh: MeshArrays, region: str) -> PolyMesh:
         neighbour[order],
         tuple(patches),
     )
+
+
+def _find_side(corners: Array) -> str | None:
+    """The direction along an axis that facets with corners (m, k, 3) face, from "X+" to "Z-"; None if they do not."""
+    diagonals = corners[:, 2] - corners[:, 0], corners[:, -1] - corners[:, 1]
+    vectors = np.cross(*diagonals) if corners.shape[1] == 4 else np.cross(corners[:, 1] - corners[:, 0], diagonals[0])
+    total, area = vectors.sum(axis=0), np.linalg.norm(vectors, axis=1).sum()
+    axis = int(np.abs(total).argmax())
+    return "XYZ"[axis] + ("+" if total[axis] > 0 else "-") if abs(total[axis]) > FACING_COSINE * area else None
 
 
 def _find_groups(mesh: MeshArrays, faces: IntArray) -> IntArray:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
 from typing import Annotated, Any
@@ -188,8 +188,7 @@ class FluidDomains:
             solids = model.named_solids()
             names = name_pieces(domain, [vertices_of(of.solid) for of in solids])
             result += [
-                NamedSolid(name, of.solid, of.labels, DOMAIN_COLOURS[domain])
-                for name, of in zip(names, solids, strict=True)
+                replace(of, name=name, colour=DOMAIN_COLOURS[domain]) for name, of in zip(names, solids, strict=True)
             ]
         return tuple(result)
 

@@ -79,6 +79,8 @@ class Model:
         Distance (n,) of points (n, 3) from the reference surface, model units, for pictures of the deviation.
     is_fluid : bool
         Whether the solid is a channel full of fluid, which `measure` then takes it for.
+    openings : frozenset of str
+        Labels of the faces through which the fluid enters and leaves.
     make_spline_volumes : callable or None
         Makes the trivariate splines that fill the solid; it is None, or makes None, if the solid is not made of whole walls.
 
@@ -97,6 +99,7 @@ class Model:
     trimmed_by: str | None = None
     distance_to_reference: Callable[[Array], Array] | None = None
     is_fluid: bool = False
+    openings: frozenset[str] = frozenset()
     make_spline_volumes: Callable[[], SplineVolumes | None] | None = None
 
     @property
@@ -368,7 +371,10 @@ class Model:
         else:
             labels = self.built.labels
         names = name_pieces(self.name, [vertices_of(solid) for solid in self.built.solids])
-        return tuple(map(NamedSolid, names, self.built.solids, labels))
+        return tuple(
+            NamedSolid(name, solid, of, openings=self.openings)
+            for name, solid, of in zip(names, self.built.solids, labels, strict=True)
+        )
 
     def __getstate__(self) -> dict[str, Any]:
         functions = "unit_cell", "distance_to_reference", "make_spline_volumes"

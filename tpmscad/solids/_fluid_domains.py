@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from itertools import chain
 
 import numpy as np
 
@@ -25,7 +26,7 @@ from tpmscad.kernel.boolean.cut_faces import label_cut_solids
 from tpmscad.kernel.build.solids import BrepSolids, build_regions
 from tpmscad.kernel.measure.validity import is_brep_valid
 from tpmscad.kernel.occt.exploration import faces_of
-from tpmscad.kernel.step.face_labels import OPENING, label_outer_faces
+from tpmscad.kernel.step.face_labels import LABEL_OF_TAG, OPENING, label_faces, label_outer_faces
 from tpmscad.requests.lattice_options import FluidDomainsOptions
 from tpmscad.requests.lattice_request import lattice_in_body, resolve_lattice_request, rotation_matrix
 from tpmscad.results.certificate import Certificate, Check, describe_piece, require
@@ -93,6 +94,7 @@ def fluid_domains(options: FluidDomainsOptions) -> FluidDomains:
             domain.built,
             trimmed_by=KERNEL_BOOLEAN if domain.brep is None else TRIMMED_PATCHES,
             is_fluid=name != WALL,
+            openings=frozenset() if name == WALL else _find_openings(domain, block),
         )
         for name, domain in found.items()
     }
@@ -112,6 +114,13 @@ class DomainSolids:
     brep: Brep | None
     areas: Mapping[int, float]
     notes: tuple[str, ...]
+
+
+def _find_openings(channel: DomainSolids, block: LatticeBlock) -> frozenset[str]:
+    """The labels of a channel's faces that do not lie on the lattice."""
+    built = channel.built
+    labels = chain(*built.labels) if isinstance(built, OcctSolids) else label_faces(built.brep)
+    return frozenset(labels) - {LABEL_OF_TAG.get(tag, tag) for tag in block.patches.tags}
 
 
 def _compute_domains(block: LatticeBlock, body: CadBody) -> dict[str, DomainSolids]:

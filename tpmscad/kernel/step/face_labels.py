@@ -55,13 +55,14 @@ OTHER_COLOUR: Colour = (0.70, 0.70, 0.72)
 class NamedSolid:
     """A TopoDS solid with its name, the labels of its faces in the order of `faces_of`, and its colour.
 
-    Without a colour of its own its faces have those of their groups.
+    Without a colour of its own its faces have those of their groups. openings: the labels of faces through which a fluid flows.
     """
 
     name: str
     solid: Any
     labels: tuple[str, ...]
     colour: Colour | None = None
+    openings: frozenset[str] = frozenset()
 
     def colour_of(self, label: str) -> Colour:
         """Colour of the faces with a label."""
