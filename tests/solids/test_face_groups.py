@@ -16,6 +16,7 @@ import tpmscad
 from tpmscad.kernel.body_import.cad_body import read_body
 from tpmscad.kernel.measure.mass_properties import face_moments
 from tpmscad.kernel.occt.exploration import faces_of
+from tpmscad.studies._render import find_pieces
 
 pytestmark = pytest.mark.kernel
 
@@ -108,7 +109,8 @@ def test_the_wall_has_the_groups_of_the_body_and_channels_have_openings(make: Ca
     domains = tpmscad.fluid_domains(make(), **P | {"phase": (0.1, 0.2, 0.3)})
     wall = areas_of_groups(domains.wall)
     for contact in domains.touches:
-        assert wall[f"body {contact.face + 1}"] == pytest.approx(contact.areas["wall"], rel=1e-6)
+        assert contact.label == f"body {contact.face + 1}"
+        assert wall[contact.label] == pytest.approx(contact.areas["wall"], rel=1e-6)
     for side, channel in (("+", domains.plus), ("-", domains.minus)):
         groups = areas_of_groups(channel)
         assert {label.split()[0] for label in groups} == {"surface", "opening"}
@@ -129,6 +131,45 @@ def test_a_face_has_the_name_that_its_file_gives_it(tmp_path: Path) -> None:
     model.export(tmp_path / "filled.step")
     written = (tmp_path / "filled.step").read_text()
     assert set(re.findall(r"ADVANCED_FACE\('(body[^']*)'", written)) == set(expected)
+
+
+def test_the_table_of_a_file_lists_the_faces_under_their_labels(tmp_path: Path) -> None:
+    body = bored_block()
+    bd.export_step(body, tmp_path / "block.step")
+    assert tpmscad.check_step(tmp_path / "block.step").faces == ()
+    report = tpmscad.check_step(tmp_path / "block.step", faces=True)
+    read = read_body(tmp_path / "block.step")
+    (table,) = report.faces
+    assert tuple(face.label for face in table) == read.face_labels
+    for entry, face in zip(table, bd.Shape.cast(read.shape).faces(), strict=True):
+        assert entry.area == pytest.approx(face.area, rel=1e-9)
+        assert face.distance_to(bd.Vector(entry.point)) < 1e-9
+        assert entry.kind.startswith(face.geom_type.name.lower())
+        assert f"face        {entry.label}: {entry.kind}, " in report.summary()
+    assert {entry.kind for entry in table} == {"cylinder", *(f"plane {axis}{s}" for axis in "XYZ" for s in "+-")}
+    assert len(report.to_dict()["face_table"][0]) == len(table)
+
+
+def test_a_picture_by_tag_tells_the_faces_of_the_body_apart() -> None:
+    model = tpmscad.infill(bd.Box(12, 11, 13), **P)
+    (piece,) = find_pieces(model, with_groups=True)
+    colours = dict(zip(piece.face_groups, piece.face_colours, strict=True))
+    assert colours.keys() == {"surface +", "surface -", *(f"body {n}" for n in range(1, 7))}
+    assert len(set(colours.values())) == len(colours)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("surface", ["gyroid", "diamond"])
+def test_the_domains_of_a_box_of_whole_cells_are_one_piece_each_as_the_lattice_there(surface: str) -> None:
+    body, asked = bd.Box(10, 10, 10, align=bd.Align.MIN), {"cell": 10, "thickness": 1, "tol": 0.05}
+    domains = tpmscad.fluid_domains(body, surface, **asked)
+    assert [domain.built.n_solids for domain in domains.domains.values()] == [1, 1, 1]
+    assert domains.wall.volume == pytest.approx(tpmscad.lattice(surface, **asked).volume, rel=1e-6)
+    assert "loose" not in repr(domains)
+    with_chips = tpmscad.fluid_domains(body, surface, **asked, phase=(0, 0, 0))
+    chips = with_chips.wall.certificate.pieces[1:]
+    assert f"3 pieces (2 of them loose, {sum(chips):.3g} mm3" in repr(with_chips)
+    assert f"3 pieces (2 of them loose, {sum(chips):.3g} mm3" in with_chips.summary()
 
 
 @pytest.mark.slow

@@ -80,9 +80,9 @@ def fluid_domains(options: FluidDomainsOptions) -> FluidDomains:
         found = _compute_domains(block, read)
     touches = tuple(
         FaceContact(
-            face, {name: domain.areas[face] for name, domain in found.items() if domain.areas.get(face, 0.0) > 0}
+            face, label, {name: domain.areas[face] for name, domain in found.items() if domain.areas.get(face, 0.0) > 0}
         )
-        for face in range(len(faces_of(read.shape)))
+        for face, label in enumerate(read.face_labels)
     )
     with stages("check"):
         certificates, volume = _certify_domains(found, touches, block, read)
@@ -242,7 +242,7 @@ def _certify_domains(
         lines += [f"{name}: {describe_piece(volume, own.pieces[0])} apart" for volume in own.pieces[1:]]
     for contact in contacts:
         areas = ", ".join(f"{name} {area:.4g} mm2" for name, area in contact.areas.items())
-        lines.append(f"face {contact.face}: {areas}")
+        lines.append(f"on {contact.label}: {areas}")
     wall = certify_cut_solids(block, domains[WALL].built, notes=tuple(lines))
     total = wall.volume + found[PLUS].volume + found[MINUS].volume
     checks.append(

@@ -9,6 +9,7 @@ from __future__ import annotations
 import os
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import TypeVar
 
@@ -18,6 +19,7 @@ from OCP.TopoDS import TopoDS_Shape
 
 from tpmscad._typing import Colour
 from tpmscad.errors import InvalidRequest
+from tpmscad.kernel.measure.face_table import tabulate_solid_faces
 from tpmscad.kernel.measure.shape_report import StepReport, check_shape, note_missing_unit
 from tpmscad.kernel.occt.child_process import ChildFailure, call_in_child
 from tpmscad.kernel.occt.construction import make_compound
@@ -50,9 +52,9 @@ class ForeignShape:
     face_names: tuple[tuple[str, ...], ...]
 
 
-def check_foreign_step(path: str | os.PathLike[str]) -> StepReport:
-    """Report on a STEP or BREP file; errors as `read_foreign_step`."""
-    return _call_for_file(_check, path)
+def check_foreign_step(path: str | os.PathLike[str], *, faces: bool = False) -> StepReport:
+    """Report on a STEP or BREP file, with its faces if asked for; errors as `read_foreign_step`."""
+    return _call_for_file(partial(_check, faces=faces), path)
 
 
 def read_foreign_step(path: str | os.PathLike[str]) -> ForeignShape:
@@ -105,9 +107,10 @@ def _read(path: str) -> StepContent:
     return StepContent(shape, solids, (), ())
 
 
-def _check(path: str) -> StepReport:
+def _check(path: str, faces: bool) -> StepReport:
     content = _read(path)
-    return StepReport(Path(path).name, check_shape(content.shape), content.units, content.products)
+    table = tabulate_solid_faces(content.solids, content.face_names) if faces else ()
+    return StepReport(Path(path).name, check_shape(content.shape), content.units, content.products, table)
 
 
 def _read_and_check(path: str) -> tuple[bytes, tuple[str, ...], tuple[tuple[str, ...], ...]]:
