@@ -22,7 +22,7 @@ from tpmscad.meshing.facet_search import tabulate_faces
 from tpmscad.meshing.mesh_arrays import MeshArrays
 
 BETWEEN = " | "
-"""Joins the names of two regions in the name of the group of facets between them."""
+"""Joins the names of two regions in the name of the patch between them."""
 
 FACING_COSINE = 1.0 - 1e-9
 """Vector area of facets over their area from which they face along an axis."""
@@ -97,13 +97,12 @@ def _make_region(mesh: MeshArrays, region: str) -> PolyMesh:
     order = np.lexsort([neighbour, owner])
     rows, patches = [by_face[inside][order]], []
     outer = by_face[first[count == 1]]
-    patch_of = _find_groups(mesh, faces[outer])
-    groups = [*mesh.facet_groups, None]
+    groups, regions = [*mesh.facet_groups, "sides"], list(mesh.cell_groups)
+    beyond = _find_regions_beyond(mesh, region, faces[outer])
+    patch_of = np.where(beyond < 0, _find_groups(mesh, faces[outer]), len(groups) + beyond)
     for number in np.unique(patch_of).tolist():
         chosen = outer[patch_of == number]
-        group = groups[number] or "sides"
-        sides = group.split(BETWEEN)
-        other = next((name for name in sides if name != region), None) if len(sides) == 2 else None
+        group, other = (groups[number], None) if number < len(groups) else ("", regions[number - len(groups)])
         name = name_for_foam(f"{region}{BETWEEN}{other}" if other else group)
         rows.append(chosen[np.argsort(element[chosen], kind="stable")])
         side = _find_side(mesh.points[faces[chosen]]) if group in mesh.openings else None
@@ -118,6 +117,18 @@ def _make_region(mesh: MeshArrays, region: str) -> PolyMesh:
         neighbour[order],
         tuple(patches),
     )
+
+
+def _find_regions_beyond(mesh: MeshArrays, region: str, faces: IntArray) -> IntArray:
+    """The number of the group of elements on the other side of each outer face (m, k) of a region, -1 if there is none: (m,)."""
+    ((kind, nodes),) = mesh.cells.items()
+    found = np.full(len(faces), -1)
+    for number, (name, cells) in enumerate(mesh.cell_groups.items()):
+        if name != region:
+            theirs = tabulate_faces({kind: nodes[cells]})[SHAPES[kind].face_kind].nodes[:, : faces.shape[1]]
+            _, of = np.unique(np.sort(np.concatenate([theirs, faces]), axis=1), axis=0, return_inverse=True)
+            found[np.isin(of.ravel()[len(theirs) :], of.ravel()[: len(theirs)])] = number
+    return found
 
 
 def _find_side(corners: Array) -> str | None:
