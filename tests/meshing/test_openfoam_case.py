@@ -66,6 +66,7 @@ def test_regions_are_closed_hold_their_volume_and_order_their_faces(kind: str) -
 def test_names_are_words() -> None:
     assert name_for_foam("channel +: opening X-") == "channel_plus_opening_X_minus"
     assert name_for_foam("wall | channel -") == "wall_to_channel_minus"
+    assert name_for_foam("wall: body 3 gr\u00f6\u00dfe").isascii()
 
 
 def test_both_sides_of_an_interface_are_mapped_to_each_other(tmp_path: Path) -> None:

@@ -14,6 +14,7 @@ import pytest
 
 import tpmscad
 from tpmscad.kernel.body_import.cad_body import read_body
+from tpmscad.kernel.body_import.isolated_reader import read_foreign_coloured_solids
 from tpmscad.kernel.measure.mass_properties import face_moments
 from tpmscad.kernel.occt.exploration import faces_of
 from tpmscad.studies._render import find_pieces
@@ -122,15 +123,18 @@ def test_the_wall_has_the_groups_of_the_body_and_channels_have_openings(make: Ca
 @pytest.mark.slow
 def test_a_face_has_the_name_that_its_file_gives_it(tmp_path: Path) -> None:
     bd.export_step(bd.Pos(1, 2, 3) * bd.Box(10, 10, 10), tmp_path / "box.step")
-    text, names = (tmp_path / "box.step").read_text(), iter(('mount "A"; left|1', "NONE", "", "inlet", "", ""))
+    text, names = (
+        (tmp_path / "box.step").read_text(),
+        iter(('mount "A"; left|1', "NONE", "", "gr\u00f6\u00dfe", "", "a" * 99)),
+    )
     text = re.sub(r"ADVANCED_FACE\('[^']*'", lambda _: f"ADVANCED_FACE('{next(names)}'", text)
-    (tmp_path / "named.step").write_text(text)
-    expected = ("body 1 mount A left 1", "body 2", "body 3", "body 4 inlet", "body 5", "body 6")
+    (tmp_path / "named.step").write_text(text, encoding="utf-8")
+    expected = ("body 1 mount A left 1", "body 2", "body 3", "body 4 gr\u00f6\u00dfe", "body 5", "body 6 " + "a" * 50)
     assert read_body(tmp_path / "named.step").face_labels == expected
     model = tpmscad.infill(tmp_path / "named.step", **P, phase=(0.1, 0.2, 0.3))
     model.export(tmp_path / "filled.step")
-    written = (tmp_path / "filled.step").read_text()
-    assert set(re.findall(r"ADVANCED_FACE\('(body[^']*)'", written)) == set(expected)
+    again = read_foreign_coloured_solids(tmp_path / "filled.step")
+    assert {name for solid in again for name in solid.face_names if name.startswith("body")} == set(expected)
 
 
 def test_the_table_of_a_file_lists_the_faces_under_their_labels(tmp_path: Path) -> None:

@@ -66,7 +66,7 @@ class PolyMesh:
 def name_for_foam(text: str) -> str:
     """A name as OpenFOAM takes it: "channel +: opening X-" becomes "channel_plus_opening_X_minus"."""
     spoken = text.replace("+", "_plus").replace("-", "_minus").replace(BETWEEN, "_to_")
-    return re.sub(r"\W+", "_", spoken).replace("__", "_").strip("_")
+    return re.sub(r"\W+", "_", spoken, flags=re.ASCII).replace("__", "_").strip("_")
 
 
 def divide_regions(mesh: MeshArrays) -> list[PolyMesh]:

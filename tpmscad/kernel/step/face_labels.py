@@ -33,6 +33,9 @@ GROUPS_BY_AXIS = ("cap", OPENING)
 FIRST_FACE_NUMBER = 1
 """Number of the first face of a body in labels, as CAD programs count."""
 
+MAX_NAME_CHARACTERS = 50
+"""Of a face's name in a file: the names of sets in CalculiX and Abaqus have at most 80, region and number included."""
+
 AXIS_COSINE = 1.0 - 1e-12
 """Cosine of the angle up to which a normal is along an axis: about a millionth of a radian."""
 
@@ -107,9 +110,10 @@ def _add_axis(label: str, normal: Array) -> str:
 def name_body_face(index: int, name: str = "") -> str:
     """Label of a face of a body, by its index and its name in the file: "body 3 mounting face" for index 2.
 
-    Of the name, letters, digits and the signs _ . - are kept, which the formats of meshes allow.
+    Of the name, letters, digits and the signs _ . - are kept, which mesh formats allow, as many as set names hold.
     """
-    return " ".join((f"body {index + FIRST_FACE_NUMBER}", *re.findall(r"[\w.-]+", name)))
+    words = " ".join(re.findall(r"[\w.-]+", name))[:MAX_NAME_CHARACTERS]
+    return f"body {index + FIRST_FACE_NUMBER} {words}".rstrip()
 
 
 def order_labels(shape: Any, faces: Sequence[TopoDS_Face], labels: Sequence[str]) -> tuple[str, ...]:
