@@ -37,8 +37,8 @@ class CadBody:
     @property
     def face_labels(self) -> tuple[str, ...]:
         """Labels of the faces in the order of `faces_of`, "body 1" and so on, with their names in the file."""
-        faces = faces_of(self.shape)
-        return tuple(map(name_body_face, range(len(faces)), self.face_names or [""] * len(faces)))
+        names = self.face_names or [""] * len(faces_of(self.shape))
+        return tuple(name_body_face(index, name) for index, name in enumerate(names))
 
     @property
     def volume(self) -> float:
