@@ -122,7 +122,7 @@ class TestEveryResult:
         assert "Open CASCADE" not in header
         assert "tpmscad" in header
         labels = {v[0].value.strip("'") for v in parser.of_kind(instances, "ADVANCED_FACE").values()}
-        groups = ("surface", "surface +", "surface -", "gap", "cap", "body", "opening")
+        groups = ("surface", "surface +", "surface -", "gap", "cap", "body", "skin", "opening")
         assert all(label.startswith(groups) for label in labels)
         assert any(label.startswith("surface") for label in labels)
         assert len(parser.of_kind(instances, "STYLED_ITEM")) == model.certificate.n_faces

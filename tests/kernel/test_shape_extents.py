@@ -44,8 +44,8 @@ def test_turned_bodies_have_the_extents_of_closed_forms_in_arrays_and_in_the_ker
 
 
 def test_what_is_cut_off_a_sphere_or_a_torus_does_not_count():
-    cap = bd.Sphere(5) & bd.Pos(4, 0, 0) * bd.Box(2, 20, 20)
-    np.testing.assert_allclose(shape_bounds(cap), [[3, -4, -4], [5, 4, 4]], atol=1e-6)
+    cap = bd.Pos(1, 2, 3) * bd.Rot(0, 90, 0) * (bd.Sphere(5) & bd.Pos(0, 0, 4) * bd.Box(20, 20, 2))
+    np.testing.assert_allclose(shape_bounds(cap), [[4, -2, -1], [6, 6, 7]], atol=1e-6)
     inner = bd.Torus(10, 3) - bd.Cylinder(10, 20)
     outer = bd.Torus(10, 3) & bd.Cylinder(10, 20)
     np.testing.assert_allclose(shape_bounds(inner), [[-13, -13, -3], [13, 13, 3]], atol=1e-6)

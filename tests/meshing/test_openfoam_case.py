@@ -34,8 +34,10 @@ def exchanger(kind: str = "tetra10") -> VolumeMesh:
     in_fluid = at[:, :, 1].mean(axis=1) < EXTENT[1] / 2
     ends = {"-": (at[:, :, 0] == 0.0).all(axis=1), "+": (at[:, :, 0] == EXTENT[0]).all(axis=1)}
     named = {f"channel +: opening X{sign}": np.flatnonzero(end & in_fluid) for sign, end in ends.items()}
+    openings = frozenset(named)
     named["wall | channel +"] = len(outer) + np.arange(len(between))
-    return sort_nodes(replace(mesh, facets=facets, cell_groups=groups, facet_groups=named, periodic={}))
+    groups_and_sides = {"cell_groups": groups, "facet_groups": named, "openings": openings}
+    return sort_nodes(replace(mesh, facets=facets, periodic={}, **groups_and_sides))
 
 
 @pytest.mark.parametrize("kind", ["tetra", "tetra10", "hexahedron27"])
@@ -64,6 +66,7 @@ def test_regions_are_closed_hold_their_volume_and_order_their_faces(kind: str) -
 def test_names_are_words() -> None:
     assert name_for_foam("channel +: opening X-") == "channel_plus_opening_X_minus"
     assert name_for_foam("wall | channel -") == "wall_to_channel_minus"
+    assert name_for_foam("wall: body 3 gr\u00f6\u00dfe").isascii()
 
 
 def test_both_sides_of_an_interface_are_mapped_to_each_other(tmp_path: Path) -> None:
@@ -87,12 +90,33 @@ def test_both_sides_of_an_interface_are_mapped_to_each_other(tmp_path: Path) -> 
     assert "opening_X_plus { type zeroGradient; }" in velocity
 
 
+@pytest.mark.parametrize("kind", ["tetra", "hexahedron27"])
+def test_the_flow_does_not_depend_on_the_names_of_groups(kind: str, tmp_path: Path) -> None:
+    mesh = exchanger(kind)
+    new = {name: f"group {n}" for n, name in enumerate(mesh.facet_groups)}
+    renamed = replace(
+        mesh,
+        facet_groups={new[name]: numbers for name, numbers in mesh.facet_groups.items()},
+        openings=frozenset(new[name] for name in mesh.openings),
+    )
+    mesh.write_openfoam(tmp_path / "one")
+    renamed.write_openfoam(tmp_path / "other")
+    for file in ("flow/channel_plus/0/U", "constant/channel_plus/polyMesh/boundary", "constant/wall/polyMesh/boundary"):
+        text, other = ((tmp_path / case / file).read_text() for case in ("one", "other"))
+        assert "fixedValue" in text or "mappedWall" in text
+        for name in mesh.openings:
+            other = re.sub(rf"\b{name_for_foam(new[name])}\b", name_for_foam(name), other)
+        assert sorted(re.findall(r"\w+ \{.*\}", other)) == sorted(re.findall(r"\w+ \{.*\}", text))
+
+
 def test_a_case_that_fits_no_mesh_is_refused_and_leaves_nothing(tmp_path: Path) -> None:
     mesh = exchanger()
     with pytest.raises(InvalidRequest, match=r"cannot flow to 'Y\+': it is open at X\+, X-"):
         mesh.write_openfoam(tmp_path / "case", flow={"channel +": "Y+"})
     with pytest.raises(InvalidRequest, match="openings at two opposite sides"):
-        replace(mesh, facet_groups={}).write_openfoam(tmp_path / "case")
+        replace(mesh, openings=frozenset()).write_openfoam(tmp_path / "case")
+    with pytest.raises(InvalidRequest, match=r"openings: 'channel \+: opening X\+' is no group of facets"):
+        replace(mesh, facet_groups={})
     for flow, words in (
         ({"chanel": "X+"}, "flow: 'chanel' is no group of elements; they are 'channel \\+', 'wall'"),
         ({"channel +": 3}, "flow .* is no dictionary of names and sides; .* as in flow="),

@@ -19,12 +19,7 @@ pytestmark = pytest.mark.kernel
 def assert_same(copy: tpmscad.Model, model: tpmscad.Model) -> None:
     """Both are one model: certificate, faces, names, labels, boxes and the kernel's own measures."""
     assert copy.certificate.to_dict() == model.certificate.to_dict()
-    assert (copy.name, copy.trimmed_by, copy.outer_faces, copy.is_fluid) == (
-        model.name,
-        model.trimmed_by,
-        model.outer_faces,
-        model.is_fluid,
-    )
+    assert (copy.name, copy.trimmed_by, copy.is_fluid) == (model.name, model.trimmed_by, model.is_fluid)
     assert [(s.name, s.labels) for s in copy.named_solids()] == [(s.name, s.labels) for s in model.named_solids()]
     assert copy.bounding_box == model.bounding_box
     found, expected = check_shape(copy.wrapped), check_shape(model.wrapped)

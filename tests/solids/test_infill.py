@@ -91,7 +91,7 @@ def test_both_ways_of_trimming_agree(monkeypatch: pytest.MonkeyPatch) -> None:
     body = bd.Pos(1, 2, 3) * bd.Cylinder(5, 8)
     quick = tpmscad.infill(body, **P)
 
-    def refuse(shape: Any) -> None:
+    def refuse(*_: Any) -> None:
         raise tpmscad.InvalidRequest("free-form, say")
 
     monkeypatch.setattr("tpmscad.solids.boolean_strategies.brep_from_shape", refuse)

@@ -136,6 +136,25 @@ def test_wall_and_channels_share_their_nodes_and_conduct_in_balance() -> None:
     assert abs(conducted_heat(mesh)) < 1e-6
 
 
+@pytest.mark.parametrize("order", [1, 2])
+def test_domains_of_whole_cells_have_periodic_meshes(order: int) -> None:
+    body = bd.Box(6, 6, 6, align=bd.Align.MIN)
+    parts = tpmscad.fluid_domains(body, "gyroid", cell=6, thickness=0.8, tol=0.05)
+    mesh = parts.mesh(1.2, order, True)
+    assert set(mesh.periodic) == set("xyz")
+    assert mesh.mismatch == 0.0
+    np.testing.assert_allclose(mesh.periods, 6.0, rtol=1e-14)
+    region = np.empty(mesh.n_cells, "U9")
+    for name, numbers in mesh.cell_groups.items():
+        region[numbers] = name
+    ((_, nodes),) = mesh.cells.items()
+    for pairs in mesh.periodic.values():
+        touching = [set(region[np.isin(nodes, node).any(axis=1)]) for node in pairs[0]]
+        assert touching[0] == touching[1]
+    with pytest.raises(InvalidRequest, match="are no copies of"):
+        tpmscad.fluid_domains(body, "gyroid", cell=5, thickness=0.8, tol=0.05).mesh(2.0, 1, True)
+
+
 def conducted_heat(mesh: VolumeMesh) -> float:
     """Sum of the heat through both ends, relative to one: reactions of second-order elements at fixed temperatures."""
     from skfem.helpers import dot, grad
@@ -146,12 +165,7 @@ def conducted_heat(mesh: VolumeMesh) -> float:
     conductivity[mesh.cell_groups["wall"]] = 20.0
     on_points = np.repeat(conductivity[:, None], basis.X.shape[-1], axis=1)
     matrix = skfem.BilinearForm(lambda u, v, w: w.k * dot(grad(u), grad(v))).assemble(basis, k=on_points)
-    ends = [
-        np.unique(
-            np.concatenate([basis.get_dofs(name).all() for name in mesh.facet_groups if name.endswith(f"X{sign}")])
-        )
-        for sign in "-+"
-    ]
+    ends = [basis.get_dofs(lambda x, end=end: np.isclose(x[0], end)).all() for end in (0.0, 6.0)]
     values = np.zeros(basis.N)
     values[ends[1]] = 1.0
     solved = skfem.solve(*skfem.condense(matrix, x=values, D=np.concatenate(ends)))

@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from pathlib import Path
 
+import build123d as bd
 import numpy as np
 import pytest
 
@@ -32,6 +34,23 @@ def test_a_channel_of_schwarz_p_lets_through_what_was_published() -> None:
         permeability(channel.mesh(0.5, order=1, periodic=True))
     with pytest.raises(InvalidRequest, match="a str is no model"):
         tpmscad.permeability("gyroid")
+
+
+def test_a_channel_of_fluid_domains_lets_through_what_the_solid_on_its_side_of_the_wall_does() -> None:
+    """The two routes share neither faces nor meshes: a body cut in three, and a skeletal lattice in a box."""
+    pytest.importorskip("gmsh")
+    pytest.importorskip("skfem")
+    body = bd.Box(10, 10, 10, align=bd.Align.MIN)
+    domains = tpmscad.fluid_domains(body, "gyroid", cell=10, thickness=1, tol=0.02, phase=(0.1, 0.2, 0.3))
+    found = tpmscad.permeability(domains.plus, size=1.2)
+    skeletal = {"kind": "skeletal", "side": "+", "offset": 0.5, "tol": 0.02, "loose": "keep"}
+    alone = tpmscad.permeability(tpmscad.lattice("gyroid", cell=10, phase=(0.3, 0.1, 0.2), **skeletal), size=1.2)
+    expected = np.trace(alone.permeability) / 3  # of a cubic channel, which no phase changes
+    np.testing.assert_allclose(found.permeability, expected * np.eye(3), atol=0.02 * expected)
+    mesh = domains.plus.mesh(1.6, periodic=True)
+    assert mesh.openings == {f"opening {axis}{sign}" for axis in "XYZ" for sign in "+-"}
+    renamed = replace(mesh, facet_groups={"all": np.arange(mesh.n_facets)}, openings=frozenset())
+    np.testing.assert_array_equal(permeability(renamed), permeability(mesh))
 
 
 @pytest.mark.parametrize(("side", "offset"), [("+", 0.4), ("-", -0.4)])

@@ -78,7 +78,8 @@ class EdgeUses:
 class Faces:
     """F faces: face i has loops loop_start[i] .. loop_start[i + 1] - 1, loop j has uses use_start[j] .. use_start[j + 1] - 1.
 
-    The outward normal, out of the solid, is sense[i] times S_u x S_v of the placed carrier. `tag` indexes `Brep.tags`.
+    The outward normal, out of the solid, is sense[i] times S_u x S_v of the placed carrier. `tag` indexes `Brep.tags`, the names
+    of groups, of which several may be equal.
     """
 
     carrier: IntArray
@@ -113,8 +114,8 @@ class Brep:
         return face_of_loop[loop_of_use]
 
     def faces_with_tag(self, tag: str) -> IntArray:
-        """Indices of the faces with a tag, which must be one of `tags`."""
-        return np.flatnonzero(self.faces.tag == self.tags.index(tag))
+        """Indices of the faces with a tag."""
+        return np.flatnonzero(np.array([own == tag for own in self.tags], bool)[self.faces.tag])
 
 
 def scale_brep(brep: Brep, factor: float) -> Brep:

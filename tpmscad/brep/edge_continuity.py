@@ -78,7 +78,7 @@ def _smooth_edge_use_pairs(brep: Brep, tags: tuple[str, ...]) -> tuple[IntArray,
     """The two uses of every edge between two B-spline faces with one of the tags: (n,), (n,)."""
     face = brep.face_of_use
     smooth = np.array([isinstance(c, BSplineSurface) for c in brep.carriers])[brep.faces.carrier]
-    wanted = smooth & np.isin(brep.faces.tag, [brep.tags.index(t) for t in tags if t in brep.tags])
+    wanted = smooth & np.isin(brep.faces.tag, [i for i, own in enumerate(brep.tags) if own in tags])
     uses = np.flatnonzero(wanted[face])
     uses = uses[np.argsort(brep.uses.edge[uses], kind="stable")]
     edge = brep.uses.edge[uses]

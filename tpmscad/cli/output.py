@@ -140,7 +140,7 @@ def summarise(model: Any, *, verbose: bool) -> str:
     """What is said of a result: its certificate in plain words, or every figure with its bound."""
     certificate = model.certificate
     if hasattr(model, "domains"):  # the table of an exchanger tells what its notes tell of channels and faces
-        notes = tuple(note for note in certificate.notes if not note.startswith(("face ", "channel ")))
+        notes = tuple(note for note in certificate.notes if not note.startswith(("on body ", "channel ")))
         text = f"{replace(certificate, notes=notes).summary(verbose=verbose)}\n{model.summary()}"
     else:
         text = str(certificate.summary(verbose=verbose))

@@ -27,6 +27,9 @@ from tpmscad.requests.study_options import PrintOptions, RenderStepOptions, Slic
 VerboseCheckOption = Annotated[
     bool, result_option("--verbose", "-v", help="Tell shells, edges, centroid and tolerance, too.")
 ]
+FacesOption = Annotated[
+    bool, typer.Option("--faces", help="List the faces, too: the label of each in a filled body, kind, area and place.")
+]
 PRINT_PANEL = "Check before printing"
 PrintOption = Annotated[
     bool,
@@ -45,6 +48,7 @@ SlicesOption = Annotated[
 def check(
     limits: Request,
     file: StepFileArgument,
+    faces: FacesOption = False,
     metrics: MetricsOption = False,
     within: WithinOption = None,
     printing: PrintOption = False,
@@ -61,7 +65,7 @@ def check(
         given = ", ".join(f"--{name.replace('_', '-')}" for name in limits)
         raise typer.BadParameter(f"{given} limits the check before printing: add --print")
     with progress_bar(f"reading {file.name}", quiet):
-        found = tpmscad.check_step(file)
+        found = tpmscad.check_step(file, faces=faces)
     content, text = found.to_dict(), found.summary(verbose=verbose)
     if found.ok and (metrics or within):
         with progress_bar(f"measuring {file.name}", quiet):

@@ -6,13 +6,19 @@ from pathlib import Path
 from typing import Annotated
 
 from tpmscad.api.public_calls import validate_call
-from tpmscad.api.shared_kinds import PATH
+from tpmscad.api.shared_kinds import FLAG, PATH
 from tpmscad.kernel.body_import.isolated_reader import check_foreign_step
 from tpmscad.kernel.measure.shape_report import StepReport
 
 
 @validate_call()
-def check_step(path: Annotated[str | Path, PATH, "The STEP file."]) -> StepReport:
+def check_step(
+    path: Annotated[str | Path, PATH, "The STEP file."],
+    *,
+    faces: Annotated[
+        bool, FLAG, "Tell each face, too: the label that it has as a face of a filled body, its kind, area and place."
+    ] = False,
+) -> StepReport:
     """Read a STEP file with the kernel and report its content.
 
     Returns
@@ -32,4 +38,4 @@ def check_step(path: Annotated[str | Path, PATH, "The STEP file."]) -> StepRepor
     >>> tpmscad.check_step("gyroid.step").ok  # doctest: +SKIP
     True
     """
-    return check_foreign_step(path)
+    return check_foreign_step(path, faces=faces)

@@ -159,7 +159,6 @@ def export_instances(options: InstanceOptions) -> InstancedFile:
             target,
             schema=options.schema,
             name=model.name,
-            outer_faces=model.outer_faces,
             instances=arrange_cells(request.cell, request.cells),
             verify=options.verify,
         )

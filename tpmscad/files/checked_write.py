@@ -87,7 +87,6 @@ def write_checked_brep(
     *,
     schema: str,
     name: str,
-    outer_faces: str,
     rtol: float = REREAD_VOLUME_RTOL,
     instances: Sequence[Motion] = (),
     verify: str | None = None,
@@ -95,11 +94,10 @@ def write_checked_brep(
 ) -> None:
     """Write the solids of a boundary representation as STEP, once or as an assembly of copies, and check what the file holds.
 
-    `outer_faces` names the group of the faces that close them (`label_faces`), `instances` are the levels of the assembly as for
-    `write_step`. If `verify` is "kernel", the kernel reads the whole file, however large. KernelError if the file does not hold
-    what was written.
+    `instances` are the levels of the assembly as for `write_step`. If `verify` is "kernel", the kernel reads the whole file,
+    however large. KernelError if the file does not hold what was written.
     """
-    brep, nesting, labels = built.brep, built.nesting, label_faces(built.brep, outer_faces)
+    brep, nesting, labels = built.brep, built.nesting, label_faces(built.brep)
     volume = math.prod(map(len, instances)) * float(integral_properties.volume(nesting.moments)[0])
 
     def check(written: Path) -> None:

@@ -32,7 +32,7 @@ Cells = tuple[int, int, int]
 class SlabOriginal:
     """A slab in the origin, a pickled boundary representation in a file, that all slabs of as many cells are copies of.
 
-    sha256: of the file; outer_faces: the group of the faces that close it.
+    sha256: of the file.
     """
 
     path: Path
@@ -41,7 +41,6 @@ class SlabOriginal:
     sha256: str
     certificate: Certificate
     solids: int
-    outer_faces: str
 
 
 @dataclass(frozen=True, slots=True)
@@ -71,9 +70,7 @@ def make_originals(request: LatticeRequest, cells: Sequence[Cells], folder: Path
         path = folder / f"original-{number}.pickle"
         path.write_bytes(pickle.dumps(model.patches))
         name = f"{request.surface} {request.kind}"
-        made.append(
-            SlabOriginal(path, count, name, hash_file(path), model.certificate, model.built.n_solids, model.outer_faces)
-        )
+        made.append(SlabOriginal(path, count, name, hash_file(path), model.certificate, model.built.n_solids))
         if not model.certificate.met:
             break
     return tuple(made)
@@ -85,9 +82,7 @@ def write_slab(
     """Write the original moved by `shift` (mm) and check what the file holds."""
     begun, certificate = time.perf_counter(), original.certificate
     slab = translate_brep(_load(original.path, original.sha256), np.array(shift))
-    write_checked_brep(
-        build_solids(slab), path, schema=schema, name=name, outer_faces=original.outer_faces, time_stamp=time_stamp
-    )
+    write_checked_brep(build_solids(slab), path, schema=schema, name=name, time_stamp=time_stamp)
     return SlabFile(
         path.name,
         shift,

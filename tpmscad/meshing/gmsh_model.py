@@ -94,8 +94,9 @@ def match_sides(gmsh: Any, axis: int, low: float, high: float) -> tuple[list[int
     ]
     if not len(pairs) == len(near) == len(far):
         raise InvalidRequest(
-            f"periodic: the {len(near)} faces at one side along {'xyz'[axis]} are not the {len(far)} at the other; mesh a "
-            "lattice of whole cells in a box, or leave periodic out"
+            f"periodic: the {len(near)} faces at one side along {'xyz'[axis]} are no copies of the {len(far)} at the other, to "
+            f"within {ON_PLANE:g}; mesh a lattice of whole cells in a box (the solid of a periodic field is as exact, but its "
+            "patches do not repeat), or leave periodic out"
         )
     masters, slaves = [face for face, _ in pairs], [other for _, other in pairs]
     if pairs:

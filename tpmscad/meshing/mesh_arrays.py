@@ -69,6 +69,7 @@ class MeshArrays:
     periods: Array = field(default_factory=lambda: np.full(3, np.nan))
     name: str = "part"
     straightened: int = 0
+    openings: frozenset[str] = frozenset()
 
     def __post_init__(self) -> None:
         for key in ("cells", "facets", "cell_groups", "facet_groups", "periodic"):
@@ -83,6 +84,11 @@ class MeshArrays:
                 raise InvalidRequest(
                     f"{kind} names the nodes {nodes.min()} to {nodes.max()}: {len(self.points)} points are numbered from 0"
                 )
+        unknown = sorted(set(self.openings) - self.facet_groups.keys())
+        if unknown:
+            raise InvalidRequest(
+                f"openings: {unknown[0]!r} is no group of facets: give openings={{...}} by their new names"
+            )
 
     def __reduce__(self) -> Any:
         own = {f.name: getattr(self, f.name) for f in fields(self)}  # read-only mappings cannot be pickled

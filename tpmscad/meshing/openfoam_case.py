@@ -17,12 +17,9 @@ from pathlib import Path
 from tpmscad.atomic_file import atomic_write
 from tpmscad.errors import InvalidRequest
 from tpmscad.meshing.mesh_arrays import MeshArrays
-from tpmscad.meshing.poly_meshes import HEADER, FoamPatch, PolyMesh, divide_regions, name_for_foam, write_poly_mesh
+from tpmscad.meshing.poly_meshes import HEADER, PolyMesh, divide_regions, name_for_foam, write_poly_mesh
 
 MILLIMETRES_PER_METRE = 1e3
-
-OPENING = "opening "
-"""Begins the label of a face at which a channel is open, after the channel's name."""
 
 OPPOSITE = {"+": "-", "-": "+"}
 
@@ -132,10 +129,13 @@ def write_openfoam_case(mesh: MeshArrays, folder: Path, flow: Mapping[str, str] 
         _write_case(aside, parts, directions, velocity)
 
 
-def _openings(part: PolyMesh) -> dict[str, FoamPatch]:
-    """The patches at openings of a region, by the side that they are on: "X+"."""
-    labels = {patch: patch.group.split(": ")[-1] for patch in part.patches}
-    return {label.removeprefix(OPENING): patch for patch, label in labels.items() if label.startswith(OPENING)}
+def _openings(part: PolyMesh) -> dict[str, list[str]]:
+    """The names of the patches at openings of a region, by the side that they are on: "X+"."""
+    found: dict[str, list[str]] = {}
+    for patch in part.patches:
+        if patch.side is not None:
+            found.setdefault(patch.side, []).append(patch.name)
+    return found
 
 
 def _opposite(side: str) -> str:
@@ -207,16 +207,14 @@ def _write_case(case: Path, parts: list[PolyMesh], flow: Mapping[str, str], velo
 def _write_flow_fields(case: Path, part: PolyMesh, to: str, speed: float) -> None:
     """Velocity, mm/s, and pressure over density, mm2/s2, of a channel whose fluid flows to the side `to`."""
     openings = _openings(part)
-    inlet, outlet = openings[_opposite(to)].name, openings[to].name
     vector = ["0", "0", "0"]
     vector["XYZ".index(to[0])] = f"{speed if to[-1] == '+' else -speed:.9g}"
     names = [patch.name for patch in part.patches]
-    velocities = dict.fromkeys(names, "noSlip") | {
-        inlet: f"fixedValue; value uniform ({' '.join(vector)})",
-        outlet: "zeroGradient",
-    }
+    entering = f"fixedValue; value uniform ({' '.join(vector)})"
+    velocities = dict.fromkeys(names, "noSlip") | dict.fromkeys(openings[_opposite(to)], entering)
+    velocities |= dict.fromkeys(openings[to], "zeroGradient")
     _write_field(case, "0", "U", "0 1 -1 0 0 0 0", "(0 0 0)", velocities)
-    pressures = dict.fromkeys(names, "zeroGradient") | {outlet: "fixedValue; value uniform 0"}
+    pressures = dict.fromkeys(names, "zeroGradient") | dict.fromkeys(openings[to], "fixedValue; value uniform 0")
     _write_field(case, "0", "p", "0 2 -2 0 0 0 0", "0", pressures)
 
 
@@ -229,7 +227,8 @@ def _write_heat_fields(case: Path, part: PolyMesh, to: str | None, temperature: 
     )
     temperatures = {patch.name: coupled if patch.other else "zeroGradient" for patch in part.patches}
     if to is not None:
-        temperatures[_openings(part)[_opposite(to)].name] = f"fixedValue; value uniform {temperature:g}"
+        entering = f"fixedValue; value uniform {temperature:g}"
+        temperatures |= dict.fromkeys(_openings(part)[_opposite(to)], entering)
         _write_field(
             case, place, "U", "0 1 -1 0 0 0 0", "(0 0 0)", dict.fromkeys(names, "calculated; value uniform (0 0 0)")
         )

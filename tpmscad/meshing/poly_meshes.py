@@ -22,7 +22,10 @@ from tpmscad.meshing.facet_search import tabulate_faces
 from tpmscad.meshing.mesh_arrays import MeshArrays
 
 BETWEEN = " | "
-"""Joins the names of two regions in the name of the group of facets between them."""
+"""Joins the names of two regions in the name of the patch between them."""
+
+FACING_COSINE = 1.0 - 1e-9
+"""Vector area of facets over their area from which they face along an axis."""
 
 HEADER = """FoamFile
 {{
@@ -37,12 +40,15 @@ HEADER = """FoamFile
 
 @dataclass(frozen=True, slots=True)
 class FoamPatch:
-    """A patch: its name, its group of facets, the region on its other side or None, and its number of faces."""
+    """A patch: its name, the region on its other side or None, its number of faces, and the side of an opening.
+
+    side: the direction along an axis that a plane opening faces, such as "X+"; None of walls and of curved openings.
+    """
 
     name: str
-    group: str
     other: str | None
     count: int
+    side: str | None
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -60,7 +66,7 @@ class PolyMesh:
 def name_for_foam(text: str) -> str:
     """A name as OpenFOAM takes it: "channel +: opening X-" becomes "channel_plus_opening_X_minus"."""
     spoken = text.replace("+", "_plus").replace("-", "_minus").replace(BETWEEN, "_to_")
-    return re.sub(r"\W+", "_", spoken).replace("__", "_").strip("_")
+    return re.sub(r"\W+", "_", spoken, flags=re.ASCII).replace("__", "_").strip("_")
 
 
 def divide_regions(mesh: MeshArrays) -> list[PolyMesh]:
@@ -91,16 +97,16 @@ def _make_region(mesh: MeshArrays, region: str) -> PolyMesh:
     order = np.lexsort([neighbour, owner])
     rows, patches = [by_face[inside][order]], []
     outer = by_face[first[count == 1]]
-    patch_of = _find_groups(mesh, faces[outer])
-    groups = [*mesh.facet_groups, None]
+    groups, regions = [*mesh.facet_groups, "sides"], list(mesh.cell_groups)
+    beyond = _find_regions_beyond(mesh, region, faces[outer])
+    patch_of = np.where(beyond < 0, _find_groups(mesh, faces[outer]), len(groups) + beyond)
     for number in np.unique(patch_of).tolist():
         chosen = outer[patch_of == number]
-        group = groups[number] or "sides"
-        sides = group.split(BETWEEN)
-        other = next((name for name in sides if name != region), None) if len(sides) == 2 else None
+        group, other = (groups[number], None) if number < len(groups) else ("", regions[number - len(groups)])
         name = name_for_foam(f"{region}{BETWEEN}{other}" if other else group)
         rows.append(chosen[np.argsort(element[chosen], kind="stable")])
-        patches.append(FoamPatch(name, group, other, len(chosen)))
+        side = _find_side(mesh.points[faces[chosen]]) if group in mesh.openings else None
+        patches.append(FoamPatch(name, other, len(chosen), side))
     chosen = np.concatenate(rows)
     used, local = np.unique(faces[chosen], return_inverse=True)
     return PolyMesh(
@@ -111,6 +117,27 @@ def _make_region(mesh: MeshArrays, region: str) -> PolyMesh:
         neighbour[order],
         tuple(patches),
     )
+
+
+def _find_regions_beyond(mesh: MeshArrays, region: str, faces: IntArray) -> IntArray:
+    """The number of the group of elements on the other side of each outer face (m, k) of a region, -1 if there is none: (m,)."""
+    ((kind, nodes),) = mesh.cells.items()
+    found = np.full(len(faces), -1)
+    for number, (name, cells) in enumerate(mesh.cell_groups.items()):
+        if name != region:
+            theirs = tabulate_faces({kind: nodes[cells]})[SHAPES[kind].face_kind].nodes[:, : faces.shape[1]]
+            _, of = np.unique(np.sort(np.concatenate([theirs, faces]), axis=1), axis=0, return_inverse=True)
+            found[np.isin(of.ravel()[len(theirs) :], of.ravel()[: len(theirs)])] = number
+    return found
+
+
+def _find_side(corners: Array) -> str | None:
+    """The direction along an axis that facets with corners (m, k, 3) face, from "X+" to "Z-"; None if they do not."""
+    diagonals = corners[:, 2] - corners[:, 0], corners[:, -1] - corners[:, 1]
+    vectors = np.cross(*diagonals) if corners.shape[1] == 4 else np.cross(corners[:, 1] - corners[:, 0], diagonals[0])
+    total, area = vectors.sum(axis=0), np.linalg.norm(vectors, axis=1).sum()
+    axis = int(np.abs(total).argmax())
+    return "XYZ"[axis] + ("+" if total[axis] > 0 else "-") if abs(total[axis]) > FACING_COSINE * area else None
 
 
 def _find_groups(mesh: MeshArrays, faces: IntArray) -> IntArray:

@@ -45,6 +45,8 @@ class VolumeMesh(MeshArrays):
     straightened : int
         Curved edges on faces that are straight instead, as an element beside them would be inverted; their middles are not on the
         exact surface.
+    openings : frozenset of str
+        Groups of facets through which a fluid enters and leaves, for cases of flow.
     """
 
     def to_meshio(self) -> Any:

@@ -156,6 +156,12 @@ class FluidDomainsOptions(BodyOptions):
     """The arguments of `fluid_domains`."""
 
     surface: Surface
+    _: KW_ONLY
+    phase: Annotated[
+        Sequence[float] | None,
+        POINT,
+        "Shift of the lattice, in cells. By default that of `lattice`, which makes one piece in a box of whole cells.",
+    ] = None
 
 
 @dataclass(frozen=True)

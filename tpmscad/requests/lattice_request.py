@@ -149,9 +149,11 @@ read_lattice_request = validate_options(LatticeOptions, 'lattice("gyroid", cell=
 
 
 def lattice_in_body(options: InfillOptions | FluidDomainsOptions) -> LatticeOptions:
-    """The lattice that fills a body, anchored at the origin of its coordinates."""
+    """The lattice that fills a body, anchored at the origin of its coordinates; of an infill it has no phase by default."""
     given = select_arguments(options, LatticeOptions)
-    return LatticeOptions(**given | {"phase": options.phase or (0.0, 0.0, 0.0)})
+    if isinstance(options, InfillOptions):
+        given["phase"] = options.phase or (0.0, 0.0, 0.0)
+    return LatticeOptions(**given)
 
 
 def as_triple(value: T | Sequence[T]) -> tuple[T, T, T]:

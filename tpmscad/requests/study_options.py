@@ -6,7 +6,7 @@ As in `lattice_options`: each is declared once, and the command line reads this 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import KW_ONLY, dataclass, field
+from dataclasses import KW_ONLY, dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -232,7 +232,7 @@ class CheckPrintOptions(PrintOptions):
 
 @dataclass(frozen=True)
 class MeshOptions:
-    """The arguments of `Model.mesh`."""
+    """The arguments of `Model.mesh` and `FluidDomains.mesh`."""
 
     size: Annotated[
         float,
@@ -254,13 +254,6 @@ class MeshOptions:
         "Elements along a full turn of curvature at least: elements are smaller than `size` where the surface curves more.",
     ] = None
     progress: ProgressKeyword = None
-
-
-@dataclass(frozen=True)
-class DomainsMeshOptions(MeshOptions):
-    """The arguments of `FluidDomains.mesh`, whose meshes do not repeat."""
-
-    periodic: bool = field(init=False, default=False)
 
 
 @dataclass(frozen=True)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
 from typing import Annotated, Any
@@ -21,8 +21,8 @@ from tpmscad.kernel.occt.shape_pickling import pack_results, unpack_results
 from tpmscad.kernel.render.palette import DOMAIN_COLOURS
 from tpmscad.kernel.step.face_labels import NamedSolid
 from tpmscad.meshing.volume_mesh import VolumeMesh
-from tpmscad.requests.study_options import DomainsMeshOptions, DomainsPictureOptions, ExportOptions
-from tpmscad.results.certificate import Certificate
+from tpmscad.requests.study_options import DomainsPictureOptions, ExportOptions, MeshOptions
+from tpmscad.results.certificate import CHIP_VOLUME_FRACTION, Certificate
 from tpmscad.results.model import Model
 from tpmscad.results.result_summary import count_pieces, format_html, format_size
 
@@ -32,9 +32,10 @@ WALL, PLUS, MINUS = "wall", "channel +", "channel -"
 
 @dataclass(frozen=True, slots=True, eq=False)
 class FaceContact:
-    """One face of the body, by its number in the body's order, and the area of each domain on it, model units squared."""
+    """One face of the body, by its index and its label, and the area of each domain on it, model units squared."""
 
     face: int
+    label: str
     areas: Mapping[str, float]
 
 
@@ -152,15 +153,15 @@ class FluidDomains:
 
         render(self, **vars(options))
 
-    @validate_method_options(DomainsMeshOptions, "mesh(0.5)")
-    def mesh(self, options: DomainsMeshOptions) -> VolumeMesh:
+    @validate_method_options(MeshOptions, "mesh(0.5)")
+    def mesh(self, options: MeshOptions) -> VolumeMesh:
         """Tetrahedra in wall and channels, which share the nodes of the faces between them; by gmsh.
 
         Returns
         -------
         VolumeMesh
             The elements are the groups "wall", "channel +" and "channel -"; facets between two of them "wall | channel +" and
-            "wall | channel -", those on the body's faces "channel +: opening X-", "wall: body X-" and the like.
+            "wall | channel -", those on the body's faces "channel +: opening X-", "wall: body 3" and the like.
 
         Raises
         ------
@@ -188,8 +189,7 @@ class FluidDomains:
             solids = model.named_solids()
             names = name_pieces(domain, [vertices_of(of.solid) for of in solids])
             result += [
-                NamedSolid(name, of.solid, of.labels, DOMAIN_COLOURS[domain])
-                for name, of in zip(names, solids, strict=True)
+                replace(of, name=name, colour=DOMAIN_COLOURS[domain]) for name, of in zip(names, solids, strict=True)
             ]
         return tuple(result)
 
@@ -203,7 +203,7 @@ class FluidDomains:
         """The certificate and the figures of every domain as plain values, ready for JSON.
 
         The entries of the certificate, and under "domains" by name: pieces, volume, area, hydraulic diameter (of channels), and
-        the areas on the body's faces by their numbers.
+        the areas on the body's faces by their labels.
         """
         diameters = self.hydraulic_diameters
         domains = {
@@ -212,7 +212,7 @@ class FluidDomains:
                 "volume": model.volume,
                 "area": model.area,
                 "hydraulic_diameter": diameters.get(name),
-                "faces": {str(contact.face): contact.areas[name] for contact in self.touches if name in contact.areas},
+                "faces": {contact.label: contact.areas[name] for contact in self.touches if name in contact.areas},
             }
             for name, model in self.domains.items()
         }
@@ -225,11 +225,11 @@ class FluidDomains:
         """
         lines = []
         for name, found in self.to_dict()["domains"].items():
-            line = f"{name:10}  {count_pieces(found['pieces'])}, volume {found['volume']:.7g} mm3"
+            line = f"{name:10}  {_describe_pieces(self.domains[name])}, volume {found['volume']:.7g} mm3"
             if found["hydraulic_diameter"] is not None:
                 line += f", hydraulic diameter {found['hydraulic_diameter']:.4g} mm"
             faces = ", ".join(f"{face} ({area:.4g} mm2)" for face, area in found["faces"].items())
-            lines += [line, f"{'':10}  reaches face {faces}" if faces else f"{'':10}  reaches no face of the body"]
+            lines += [line, f"{'':10}  reaches {faces}" if faces else f"{'':10}  reaches no face of the body"]
         return "\n".join(lines)
 
     def __reduce__(self) -> Any:
@@ -242,8 +242,7 @@ class FluidDomains:
     def __repr__(self) -> str:
         lines = [f"{self.name}: {format_size(self.bounding_box)} mm, volume {self.volume:.7g}"]
         for name, model in self.domains.items():
-            pieces = count_pieces(model.built.n_solids)
-            lines.append(f"  {name:10}{pieces}, volume {model.volume:.7g}, area {model.area:.7g}")
+            lines.append(f"  {name:10}{_describe_pieces(model)}, volume {model.volume:.7g}, area {model.area:.7g}")
         shortfalls = self.certificate.shortfalls
         lines.append(
             "  met" if not shortfalls else f"  NOT met {shortfalls[0]}" + (" ..." if len(shortfalls) > 1 else "")
@@ -255,6 +254,14 @@ class FluidDomains:
 
     def __dir__(self) -> list[str]:
         return sorted(name for name in object.__dir__(self) if not name.startswith("_"))
+
+
+def _describe_pieces(model: Model) -> str:
+    """The number of a domain's pieces, and how many of them are chips."""
+    pieces = model.certificate.pieces
+    chips = [volume for volume in pieces if volume < CHIP_VOLUME_FRACTION * pieces[0]]
+    loose = f" ({len(chips)} of them loose, {sum(chips):.3g} mm3: shift the lattice by phase)" if chips else ""
+    return count_pieces(len(pieces)) + loose
 
 
 def _restore_domains(

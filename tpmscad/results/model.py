@@ -23,7 +23,7 @@ from tpmscad.kernel.measure.envelope import Envelope
 from tpmscad.kernel.measure.shape_extents import shape_bounds
 from tpmscad.kernel.occt.construction import copy_placement
 from tpmscad.kernel.occt.exploration import vertices_of
-from tpmscad.kernel.step.face_labels import NamedSolid, label_faces, label_shape_faces, order_labels
+from tpmscad.kernel.step.face_labels import NamedSolid, label_faces, order_labels
 from tpmscad.kernel.step.product_entities import arrange_cells
 from tpmscad.lattices.spline_volumes import SplineVolumes
 from tpmscad.meshing.volume_mesh import VolumeMesh
@@ -76,12 +76,12 @@ class Model:
     trimmed_by : {"patches", "kernel"} or None
         How a body trimmed the lattice: on the parameter domains of the patches, or by a Boolean operation of the kernel, as for
         bodies with faces that are neither planes nor quadrics. None if no body did.
-    outer_faces : str
-        Name in files of the faces that bound the lattice from outside: "cap", "body" or "opening".
     distance_to_reference : callable or None
         Distance (n,) of points (n, 3) from the reference surface, model units, for pictures of the deviation.
     is_fluid : bool
         Whether the solid is a channel full of fluid, which `measure` then takes it for.
+    openings : frozenset of str
+        Labels of the faces through which the fluid enters and leaves.
     make_spline_volumes : callable or None
         Makes the trivariate splines that fill the solid; it is None, or makes None, if the solid is not made of whole walls.
     envelope : Envelope or None
@@ -101,9 +101,9 @@ class Model:
     built: BrepSolids | OcctSolids
     unit_cell: UnitCell | None = None
     trimmed_by: str | None = None
-    outer_faces: str = "cap"
     distance_to_reference: Callable[[Array], Array] | None = None
     is_fluid: bool = False
+    openings: frozenset[str] = frozenset()
     make_spline_volumes: Callable[[], SplineVolumes | None] | None = None
     envelope: Envelope | None = None
 
@@ -182,7 +182,6 @@ class Model:
 
         how: dict[str, Any] = {"schema": options.schema, "name": self.name}
         arrays = how | {
-            "outer_faces": self.outer_faces,
             "rtol": REREAD_VOLUME_RTOL if self.trimmed_by is None else REREAD_VOLUME_RTOL_OF_BODIES,
             "verify": options.verify,
         }
@@ -342,7 +341,9 @@ class Model:
         -------
         VolumeMesh
             Nodes, elements, facets, and groups: the elements are the group "body", the facets have the names of faces in STEP
-            files, such as "surface +", "surface -", "cap X+" or "gap"; `write` stores it as .msh, .inp or .vtu.
+            files, such as "surface +", "surface -", "cap X+" or "gap"; those of a filled body are "body 1", "body 2" and
+            so on, one group for each of its faces, and "skin" for the inner side of a skin. `write` stores it as .msh, .inp or
+            .vtu.
 
         Raises
         ------
@@ -368,12 +369,15 @@ class Model:
         another says where it lies: "gyroid (X+ Y- Z-)".
         """
         if isinstance(self.built, BrepSolids):
-            found = label_faces(self.patches, self.outer_faces)
-            labels = [order_labels(solid, self.built.faces, found) for solid in self.built.solids]
+            found = label_faces(self.patches)
+            labels = tuple(order_labels(solid, self.built.faces, found) for solid in self.built.solids)
         else:
-            labels = [label_shape_faces(s, self.patches, self.outer_faces) for s in self.built.solids]
+            labels = self.built.labels
         names = name_pieces(self.name, [vertices_of(solid) for solid in self.built.solids])
-        return tuple(map(NamedSolid, names, self.built.solids, labels))
+        return tuple(
+            NamedSolid(name, solid, of, openings=self.openings)
+            for name, solid, of in zip(names, self.built.solids, labels, strict=True)
+        )
 
     def __getstate__(self) -> dict[str, Any]:
         functions = "unit_cell", "distance_to_reference", "make_spline_volumes"

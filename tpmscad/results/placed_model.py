@@ -12,7 +12,7 @@ from tpmscad._typing import Array
 from tpmscad.brep.boundary_representation import move_brep
 from tpmscad.errors import InvalidRequest
 from tpmscad.kernel.boolean.boolean_operations import OcctSolids
-from tpmscad.kernel.build.solids import BrepSolids, build_solids
+from tpmscad.kernel.build.solids import build_solids
 from tpmscad.kernel.occt.exploration import vertices_of
 from tpmscad.kernel.render.scene import pieces_of
 from tpmscad.results.model import Model
@@ -38,11 +38,13 @@ def place_model(model: Model, shape: Any) -> Model:
             "use its `model`, which is as it was made"
         )
     patches = move_brep(model.patches, motion)
-    exact = isinstance(model.built, BrepSolids)
+    built = model.built
     return replace(
         model,
         patches=patches,
-        built=build_solids(patches) if exact else OcctSolids(tuple(pieces_of(shape))),
+        built=replace(built, solids=tuple(pieces_of(shape)))
+        if isinstance(built, OcctSolids)
+        else build_solids(patches),
         unit_cell=None,
         distance_to_reference=_move_distance(model.distance_to_reference, motion),
         make_spline_volumes=None,

@@ -73,11 +73,13 @@ def permeability(mesh: VolumeMesh) -> Array:
 
 
 def _free_columns(mesh: VolumeMesh, column: IntArray) -> IntArray:
-    """Distinct periodic nodes that are not on walls: facets that are no caps."""
+    """Distinct periodic nodes that are not on walls: facets that do not lie in a periodic side of the box."""
     (facets,) = mesh.facets.values()
-    caps = [numbers for name, numbers in mesh.facet_groups.items() if name.startswith("cap")]
-    walls = np.setdiff1d(np.arange(len(facets)), np.concatenate([np.zeros(0, np.int64), *caps]))
-    return np.setdiff1d(np.arange(column.max() + 1), column[facets[walls]])
+    is_open = np.zeros(len(facets), bool)
+    for pairs in mesh.periodic.values():
+        for side in pairs.T:
+            is_open |= np.isin(facets, side).all(axis=1)
+    return np.setdiff1d(np.arange(column.max() + 1), column[facets[~is_open]])
 
 
 def _reduce(matrix: Any, reduction: Any, free: IntArray) -> Any:

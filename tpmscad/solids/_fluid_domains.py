@@ -7,8 +7,9 @@ kernel splits the body by the lattice's surfaces.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from itertools import chain
 
 import numpy as np
 
@@ -17,14 +18,16 @@ from tpmscad.brep.boundary_representation import Brep
 from tpmscad.brep.moments import integral_properties
 from tpmscad.errors import KernelError, MissingDomain, TrimmingError
 from tpmscad.fallbacks import Fallback, Fallbacks
-from tpmscad.kernel.body_import.body_brep import brep_and_source_faces
+from tpmscad.kernel.body_import.body_brep import brep_from_shape
 from tpmscad.kernel.body_import.cad_body import CadBody, read_body
 from tpmscad.kernel.boolean.body_split import SplitSolid, split_body
 from tpmscad.kernel.boolean.boolean_operations import OcctSolids
+from tpmscad.kernel.boolean.cut_faces import label_cut_solids
 from tpmscad.kernel.build.solids import BrepSolids, build_regions
 from tpmscad.kernel.measure.envelope import Envelope
 from tpmscad.kernel.measure.validity import is_brep_valid
 from tpmscad.kernel.occt.exploration import faces_of
+from tpmscad.kernel.step.face_labels import LABEL_OF_TAG, OPENING, label_faces, label_outer_faces
 from tpmscad.requests.lattice_options import FluidDomainsOptions
 from tpmscad.requests.lattice_request import lattice_in_body, resolve_lattice_request, rotation_matrix
 from tpmscad.results.certificate import Certificate, Check, describe_piece, require
@@ -78,9 +81,9 @@ def fluid_domains(options: FluidDomainsOptions) -> FluidDomains:
         found = _compute_domains(block, read)
     touches = tuple(
         FaceContact(
-            face, {name: domain.areas[face] for name, domain in found.items() if domain.areas.get(face, 0.0) > 0}
+            face, label, {name: domain.areas[face] for name, domain in found.items() if domain.areas.get(face, 0.0) > 0}
         )
-        for face in range(len(faces_of(read.shape)))
+        for face, label in enumerate(read.face_labels)
     )
     with stages("check"):
         certificates, volume = _certify_domains(found, touches, block, read)
@@ -91,9 +94,9 @@ def fluid_domains(options: FluidDomainsOptions) -> FluidDomains:
             certificates[name].with_seconds(stages.seconds),
             domain.built,
             trimmed_by=KERNEL_BOOLEAN if domain.brep is None else TRIMMED_PATCHES,
-            outer_faces="body" if name == WALL else "opening",
             is_fluid=name != WALL,
             envelope=Envelope(read.name, read.volume, read.shape),
+            openings=frozenset() if name == WALL else _find_openings(domain, block),
         )
         for name, domain in found.items()
     }
@@ -115,6 +118,13 @@ class DomainSolids:
     notes: tuple[str, ...]
 
 
+def _find_openings(channel: DomainSolids, block: LatticeBlock) -> frozenset[str]:
+    """The labels of a channel's faces that do not lie on the lattice."""
+    built = channel.built
+    labels = chain(*built.labels) if isinstance(built, OcctSolids) else label_faces(built.brep)
+    return frozenset(labels) - {LABEL_OF_TAG.get(tag, tag) for tag in block.patches.tags}
+
+
 def _compute_domains(block: LatticeBlock, body: CadBody) -> dict[str, DomainSolids]:
     """The three domains: trimmed on the patches' own parameters if possible, else split by the kernel."""
     outcome = DOMAIN_METHODS.run(block, body)
@@ -126,8 +136,7 @@ def _compute_domains(block: LatticeBlock, body: CadBody) -> dict[str, DomainSoli
 
 def _trim_domains(block: LatticeBlock, body: CadBody) -> dict[str, DomainSolids]:
     """The three domains rebuilt from one arrangement of the patches and the body."""
-    brep, source_face = brep_and_source_faces(body.shape)
-    patches = block.patches
+    brep, patches = brep_from_shape(body.shape, body.face_labels), block.patches
     bounds = {
         WALL: LatticeDomain(np.arange(len(patches.faces)), 1),
         PLUS: LatticeDomain(patches.faces_with_tag("offset+"), -1),
@@ -143,15 +152,17 @@ def _trim_domains(block: LatticeBlock, body: CadBody) -> dict[str, DomainSolids]
     for name, domain in zip(bounds, trimmed.breps, strict=True):
         if not len(domain.faces):
             raise _missing_domain(body, name)
-    built = build_regions(trimmed.shared, trimmed.breps, trimmed.members)
-    if not all(is_brep_valid(domain, of.faces) for domain, of in zip(trimmed.breps, built, strict=True)):
+    first, n_faces = len(patches.tags), len(brep.tags)
+    openings = (*patches.tags, *[OPENING] * n_faces)
+    domains = [trimmed.breps[0], *(replace(channel, tags=openings) for channel in trimmed.breps[1:])]
+    built = build_regions(trimmed.shared, domains, trimmed.members)
+    if not all(is_brep_valid(domain, of.faces) for domain, of in zip(domains, built, strict=True)):
         raise TrimmingError("the kernel's check rejects a domain")
     notes = "trimmed on the patches' parameter domains", *report.notes
     result = {}
-    for name, domain, of in zip(bounds, trimmed.breps, built, strict=True):
-        caps = domain.faces_with_tag("cap")
-        face = source_face[domain.faces.carrier[caps] - len(patches.carriers)]
-        areas = np.bincount(face, integral_properties.integrate_faces(domain).area[caps])
+    for name, domain, of in zip(bounds, domains, built, strict=True):
+        area = np.bincount(domain.faces.tag, integral_properties.integrate_faces(domain).area, first + n_faces)
+        areas = area[first:]
         result[name] = DomainSolids(of, domain, dict(enumerate(areas.tolist())), notes)
     return result
 
@@ -165,8 +176,23 @@ def _split_domains(block: LatticeBlock, body: CadBody) -> dict[str, DomainSolids
         if not own:
             raise _missing_domain(body, name)
         areas = {face: sum(c.areas.get(face, 0.0) for c in own) for c in own for face in c.areas}
-        result[name] = DomainSolids(OcctSolids(tuple(c.solid for c in own)), None, areas, ())
+        result[name] = DomainSolids(_label_solids(name, own, block, body), None, areas, ())
     return result
+
+
+def _label_solids(domain: str, cells: Sequence[SplitSolid], block: LatticeBlock, body: CadBody) -> OcctSolids:
+    """The solids of a domain's cells with the labels of their faces; those of a channel on the body are openings."""
+    labelled = label_cut_solids([cell.solid for cell in cells], block.patches, body)
+    if domain == WALL:
+        return labelled
+    on_body = set(body.face_labels)
+    labels = tuple(
+        tuple(opening if label in on_body else label for label, opening in zip(of, openings, strict=True))
+        for of, openings in zip(
+            labelled.labels, (label_outer_faces(solid, OPENING) for solid in labelled.solids), strict=True
+        )
+    )
+    return replace(labelled, labels=labels)
 
 
 DOMAIN_METHODS = Fallbacks(
@@ -218,7 +244,7 @@ def _certify_domains(
         lines += [f"{name}: {describe_piece(volume, own.pieces[0])} apart" for volume in own.pieces[1:]]
     for contact in contacts:
         areas = ", ".join(f"{name} {area:.4g} mm2" for name, area in contact.areas.items())
-        lines.append(f"face {contact.face}: {areas}")
+        lines.append(f"on {contact.label}: {areas}")
     wall = certify_cut_solids(block, domains[WALL].built, notes=tuple(lines))
     total = wall.volume + found[PLUS].volume + found[MINUS].volume
     checks.append(

@@ -15,6 +15,7 @@ from tpmscad.api.public_calls import validate_options
 from tpmscad.errors import InvalidRequest
 from tpmscad.kernel.body_import.cad_body import read_body
 from tpmscad.kernel.boolean.boolean_operations import OcctSolids
+from tpmscad.kernel.boolean.cut_faces import label_cut_solids
 from tpmscad.kernel.boolean.hollow_body import resolve_open_faces
 from tpmscad.kernel.measure.envelope import Envelope
 from tpmscad.requests.face_selection import resolve_face_selectors
@@ -84,6 +85,8 @@ def infill(options: InfillOptions) -> Model:
             if not result.built.n_solids:
                 raise InvalidRequest(f"no lattice lies in {read.name}: shift it by phase, or make the cell smaller")
         result, dropped = _drop_loose_solids(result, options.loose)
+        if result.brep is None:
+            result = replace(result, built=label_cut_solids(result.solids, block.patches, read))
     with stages("check"):
         notes = (*read.notes, *result.notes, *dropped.notes)
         certificate = certify_cut_solids(
@@ -95,7 +98,6 @@ def infill(options: InfillOptions) -> Model:
         certificate.with_seconds(stages.seconds),
         result.built,
         trimmed_by=result.method,
-        outer_faces="body",
         distance_to_reference=distance,
         envelope=Envelope(read.name, read.volume, read.shape),
     )

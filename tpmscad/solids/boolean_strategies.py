@@ -140,7 +140,7 @@ def trim_on_parameters(patches: Brep, body: CadBody, tol: float) -> BooleanResul
     """
     cut = trim(
         patches,
-        brep_from_shape(body.shape),
+        brep_from_shape(body.shape, body.face_labels),
         build=_build_valid_solids,
         clearance=corner_clearance(patches),
         max_shift=tol,

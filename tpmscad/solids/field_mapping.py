@@ -62,7 +62,7 @@ def solidify_mapped(
     with stages("check"):
         measures = _measure(found, image, map, stretch, tol)
         certificate = certify_built_solids(built, measures, notes=dropped.notes, dropped=dropped.volumes)
-    return Model("mapped field solid", brep, certificate.with_seconds(stages.seconds), built, outer_faces="cap")
+    return Model("mapped field solid", brep, certificate.with_seconds(stages.seconds), built)
 
 
 def _greatest_stretch(map: SplineMap) -> float:

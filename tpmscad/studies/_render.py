@@ -6,6 +6,7 @@ Models and domains list their named solids, with groups of faces and colours; a 
 from __future__ import annotations
 
 import os
+import re
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import partial
@@ -22,7 +23,13 @@ from tpmscad.errors import InvalidRequest
 from tpmscad.kernel.body_import.isolated_reader import read_foreign_coloured_solids
 from tpmscad.kernel.occt.construction import make_compound
 from tpmscad.kernel.occt.exploration import faces_of
-from tpmscad.kernel.render.palette import SURFACE_COLOUR, diverging_scale, piece_colour, sequential_scale
+from tpmscad.kernel.render.palette import (
+    SURFACE_COLOUR,
+    diverging_scale,
+    numbered_colour,
+    piece_colour,
+    sequential_scale,
+)
 from tpmscad.kernel.render.picture import draw_scene
 from tpmscad.kernel.render.polar_surface import draw_polar_surface
 from tpmscad.kernel.render.scene import Scene, pieces_of
@@ -45,6 +52,9 @@ N_FINE_FACES = 600
 
 SECTION_FACET_ANGLE = 0.12
 """Radians between neighbouring facets where a section shows them from the side."""
+
+_AXIS = re.compile(r" [XYZ][+-]$")
+_BODY_FACE = re.compile(r"body (\d+)")
 
 CURVATURE_SHARE = 0.99
 """Share of the points whose mean curvature the scale of colours spans; a few extreme points would make the rest look flat."""
@@ -140,15 +150,19 @@ def _paint_faces(pieces: Sequence[PicturePiece], scene: Scene, color_by: str | N
 
 
 def _key_of_groups(pieces: Sequence[PicturePiece]) -> tuple[tuple[str, Colour], ...]:
-    """Names and colours of the groups of faces."""
-    return tuple(
-        {
-            group: colour
-            for piece in pieces
-            for group, colour in zip(piece.face_groups, piece.face_colours, strict=False)
-            if colour is not None
-        }.items()
-    )
+    """Names and colours of the groups of faces, numbered ones in their order."""
+    found = {
+        group: colour
+        for piece in pieces
+        for group, colour in zip(piece.face_groups, piece.face_colours, strict=False)
+        if colour is not None
+    }
+    return tuple((group, found[group]) for group in sorted(found, key=_number_parts))
+
+
+def _number_parts(text: str) -> list[str | int]:
+    """Words and numbers of a text by turns, by which "body 2" is sorted before "body 10"."""
+    return [int(part) if part.isdigit() else part for part in re.split(r"(\d+)", text)]
 
 
 def _reference_distance(source: Any) -> Any:
@@ -198,7 +212,7 @@ def find_pieces(source: Any, *, with_groups: bool) -> list[PicturePiece]:
                 named.name,
                 named.solid,
                 named.colour,
-                tuple(map(find_label_colour, named.labels)),
+                _paint_groups(named.labels),
                 tuple(map(_find_group, named.labels)),
             )
             for named in source.named_solids()
@@ -247,6 +261,13 @@ def choose_colours(pieces: Sequence[PicturePiece]) -> list[Colour]:
 
 
 def _find_group(label: str) -> str:
-    """The group of a face: "cap" for the label "cap X+", "surface +" for itself."""
-    group, _, rest = label.partition(" ")
-    return label if rest in ("+", "-") else group
+    """The group of a face: "cap" for the label "cap X+", other labels for themselves."""
+    return _AXIS.sub("", label)
+
+
+def _paint_groups(labels: Sequence[str]) -> tuple[Colour, ...]:
+    """The colour of each label's group; the numbered faces of a body differ from one another."""
+    return tuple(
+        find_label_colour(label) if match is None else numbered_colour(int(match[1]))
+        for label, match in ((label, _BODY_FACE.match(label)) for label in labels)
+    )

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
@@ -52,15 +53,18 @@ def mesh_named_solids(
     stages = StageTimer(options.progress)
     numbers, places = number_distinct_faces([of.solid for of in solids])
     labels: list[list[tuple[str, str]]] = [[] for _ in places]
+    several, openings = len(set(regions)) > 1, set()
     for own, of, region in zip(numbers, solids, regions, strict=True):
         for face, label in zip(own.tolist(), of.labels, strict=True):
             labels[face].append((region, label))
-    several = len(set(regions)) > 1
-    faces = SolidFaces(tuple(regions), tuple(_face_groups(found, several) for found in labels), places, low, high)
+        openings |= {_name_group(region, label, several) for label in of.openings}
+    groups = tuple(_face_groups(found, several) for found in labels)
+    openings &= {name for of in groups for name in of}
+    faces = SolidFaces(tuple(regions), groups, places, low, high)
     with TemporaryDirectory() as folder, stages("mesh"):
         file = Path(folder) / "solids.brep"
         write_plain_brep([of.solid for of in solids], file)
-        return mesh_tetrahedra(file, faces, request, name)
+        return replace(mesh_tetrahedra(file, faces, request, name), openings=frozenset(openings))
 
 
 def _face_groups(uses: Sequence[tuple[str, str]], several: bool) -> tuple[str, ...]:
@@ -68,7 +72,12 @@ def _face_groups(uses: Sequence[tuple[str, str]], several: bool) -> tuple[str, .
     regions = list(dict.fromkeys(region for region, _ in uses))
     if len(regions) > 1:
         return (" | ".join(regions),)
-    return tuple(dict.fromkeys(f"{region}: {label}" if several else label for region, label in uses))
+    return tuple(dict.fromkeys(_name_group(region, label, several) for region, label in uses))
+
+
+def _name_group(region: str, label: str, several: bool) -> str:
+    """The group of a face that bounds one region."""
+    return f"{region}: {label}" if several else label
 
 
 def _read_request(options: MeshOptions) -> MeshRequest:

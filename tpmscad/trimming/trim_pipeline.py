@@ -90,7 +90,9 @@ def trim(
     clearance: float = 0.0,
     max_shift: float = 0.0,
 ) -> TrimResult:
-    """The intersection of the lattice's solid and the body, as a closed boundary representation with the tag "cap" on new faces.
+    """The intersection of the lattice's solid and the body, as a closed boundary representation.
+
+    A face that lies on the body has the tag of the body's face.
 
     Parameters
     ----------

@@ -6,6 +6,8 @@ spline fits within 1e-10 of the body's size.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -28,8 +30,8 @@ from tpmscad.kernel.recognise.face_carriers import EXACT_REL_TOL, recognise_carr
 from tpmscad.rigid_motion import Motion
 from tpmscad.splines.bspline import BSplineCurve
 
-FACE_TAG = "body"
-"""Tag of all faces."""
+FACE_TAG = "cap"
+"""Tag of the faces unless they are given tags of their own: they close what the body trims."""
 
 MAX_NAMED_FACES = 3
 """Most faces that an error message names."""
@@ -38,13 +40,14 @@ BOUNDARY_DISTANCE_TOL = 1e-7
 """In body sizes: mean distance of the boundary from the kernel's, whose edges have tolerances of this order."""
 
 
-def brep_from_shape(shape: Any) -> Brep:
+def brep_from_shape(shape: Any, tags: Sequence[str] = ()) -> Brep:
     """Boundary representation of the solids of a TopoDS, build123d or CadQuery shape, placed and closed.
 
-    Faces with a seam are cut in two. Raises NotQuadric if a face is neither plane nor quadric or an edge cannot be represented,
-    and InvalidRequest if there is no solid.
+    Faces with a seam are cut in two. `tags` are those of the shape's faces, FACE_TAG of all if there are none. Raises NotQuadric
+    if a face is neither plane nor quadric or an edge cannot be represented, and InvalidRequest if there is no solid.
     """
-    return brep_and_source_faces(shape)[0]
+    brep, source = brep_and_source_faces(shape)
+    return replace(brep, faces=replace(brep.faces, tag=source), tags=tuple(tags)) if tags else brep
 
 
 def brep_and_source_faces(shape: Any) -> tuple[Brep, IntArray]:

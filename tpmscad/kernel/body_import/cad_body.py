@@ -14,7 +14,8 @@ from tpmscad.kernel.body_import.isolated_reader import read_foreign_step
 from tpmscad.kernel.build.primitive_solids import PrimitiveRegion, make_region_solid
 from tpmscad.kernel.measure.shape_report import ShapeReport, check_shape
 from tpmscad.kernel.occt.bounding_boxes import enclosing_box
-from tpmscad.kernel.occt.exploration import solids_of, unwrap
+from tpmscad.kernel.occt.exploration import faces_of, solids_of, unwrap
+from tpmscad.kernel.step.face_labels import name_body_face
 
 MAX_COORDINATE = 1e9
 """Model units. OCCT represents infinity by 2e100, and its tolerance of 1e-7 is meaningless beyond this limit."""
@@ -22,12 +23,22 @@ MAX_COORDINATE = 1e9
 
 @dataclass(frozen=True, slots=True, eq=False)
 class CadBody:
-    """One valid, closed solid with the report of its check, a name for messages, and notes on the file that it came from."""
+    """One valid, closed solid with the report of its check, a name for messages, and notes on the file that it came from.
+
+    face_names: of the solid's faces in the order of `faces_of`, as the file states them, "" where it names none.
+    """
 
     shape: TopoDS_Solid
     report: ShapeReport
     name: str
     notes: tuple[str, ...] = ()
+    face_names: tuple[str, ...] = ()
+
+    @property
+    def face_labels(self) -> tuple[str, ...]:
+        """Labels of the faces in the order of `faces_of`, "body 1" and so on, with their names in the file."""
+        names = self.face_names or [""] * len(faces_of(self.shape))
+        return tuple(name_body_face(index, name) for index, name in enumerate(names))
 
     @property
     def volume(self) -> float:
@@ -66,7 +77,8 @@ def read_body(source: Any) -> CadBody:
     ):
         if failed:
             raise InvalidRequest(f"{name} {what}; repair it where it was modelled")
-    return CadBody(solids[0], report, name, foreign.notes if foreign else ())
+    notes, names = (foreign.notes, foreign.face_names) if foreign else ((), ())
+    return CadBody(solids[0], report, name, notes, *names)
 
 
 def _resolve_shape(source: Any) -> tuple[TopoDS_Shape, str]:

@@ -9,6 +9,7 @@ from __future__ import annotations
 import os
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import TypeVar
 
@@ -18,6 +19,7 @@ from OCP.TopoDS import TopoDS_Shape
 
 from tpmscad._typing import Colour
 from tpmscad.errors import InvalidRequest
+from tpmscad.kernel.measure.face_table import tabulate_solid_faces
 from tpmscad.kernel.measure.shape_report import StepReport, check_shape, note_missing_unit
 from tpmscad.kernel.occt.child_process import ChildFailure, call_in_child
 from tpmscad.kernel.occt.construction import make_compound
@@ -43,15 +45,16 @@ BASE_SECONDS, SECONDS_PER_MEGABYTE = 60.0, 15.0
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ForeignShape:
-    """The shape of a file in mm, and what a user should know of the file."""
+    """The shape of a file in mm, what a user should know of the file, and the names of the faces of each solid."""
 
     shape: TopoDS_Shape
     notes: tuple[str, ...]
+    face_names: tuple[tuple[str, ...], ...]
 
 
-def check_foreign_step(path: str | os.PathLike[str]) -> StepReport:
-    """Report on a STEP or BREP file; errors as `read_foreign_step`."""
-    return _call_for_file(_check, path)
+def check_foreign_step(path: str | os.PathLike[str], *, faces: bool = False) -> StepReport:
+    """Report on a STEP or BREP file, with its faces if asked for; errors as `read_foreign_step`."""
+    return _call_for_file(partial(_check, faces=faces), path)
 
 
 def read_foreign_step(path: str | os.PathLike[str]) -> ForeignShape:
@@ -60,8 +63,8 @@ def read_foreign_step(path: str | os.PathLike[str]) -> ForeignShape:
     Raises InvalidRequest if the file does not exist or is no STEP file, if OCCT cannot read it or finds no solid, or if OCCT
     crashes or does not end.
     """
-    content, notes = _call_for_file(_read_and_check, path)
-    return ForeignShape(shape_from_bytes(content), notes)
+    content, notes, names = _call_for_file(_read_and_check, path)
+    return ForeignShape(shape_from_bytes(content), notes, names)
 
 
 def read_foreign_coloured_solids(path: str | os.PathLike[str]) -> tuple[ColouredSolid, ...]:
@@ -104,16 +107,17 @@ def _read(path: str) -> StepContent:
     return StepContent(shape, solids, (), ())
 
 
-def _check(path: str) -> StepReport:
+def _check(path: str, faces: bool) -> StepReport:
     content = _read(path)
-    return StepReport(Path(path).name, check_shape(content.shape), content.units, content.products)
+    table = tabulate_solid_faces(content.solids, content.face_names) if faces else ()
+    return StepReport(Path(path).name, check_shape(content.shape), content.units, content.products, table)
 
 
-def _read_and_check(path: str) -> tuple[bytes, tuple[str, ...]]:
-    """The shape as bytes, after a check that may crash as the reader may, and notes on the file."""
+def _read_and_check(path: str) -> tuple[bytes, tuple[str, ...], tuple[tuple[str, ...], ...]]:
+    """The shape as bytes, after a check that may crash as the reader may, notes on the file, and the names of faces."""
     content = _read(path)
     check_shape(content.shape)
-    return shape_to_bytes(content.shape), note_missing_unit(Path(path).name, content.units)
+    return shape_to_bytes(content.shape), note_missing_unit(Path(path).name, content.units), content.face_names
 
 
 def _read_coloured(path: str) -> tuple[bytes, list[tuple[str, tuple[Colour | None, ...], tuple[str, ...]]]]:

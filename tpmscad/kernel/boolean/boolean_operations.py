@@ -8,6 +8,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
+from functools import partial
 from typing import Any
 
 from OCP.BRep import BRep_Tool
@@ -26,9 +27,13 @@ from tpmscad.kernel.occt.shape_pickling import Dismantled, pack_results, unpack_
 
 @dataclass(frozen=True, slots=True, eq=False)
 class OcctSolids:
-    """OCCT solids without a boundary representation, largest first. `shape` is the solid, or a compound of several."""
+    """OCCT solids without a boundary representation, largest first. `shape` is the solid, or a compound of several.
+
+    labels: of the faces of each solid, in the order of `faces_of`; none while a result is being made.
+    """
 
     solids: tuple[Any, ...]
+    labels: tuple[tuple[str, ...], ...] = ()
 
     @property
     def shape(self) -> Any:
@@ -47,14 +52,14 @@ class OcctSolids:
 
     def dismantle(self) -> Dismantled:
         """The solids, and the function that puts them together again."""
-        return self.solids, _assemble_kernel_solids
+        return self.solids, partial(_assemble_kernel_solids, self.labels)
 
     def __reduce__(self) -> Any:
         return unpack_result, pack_results([self.dismantle()])
 
 
-def _assemble_kernel_solids(shapes: Sequence[Any]) -> OcctSolids:
-    return OcctSolids(tuple(map(convert.as_solid, shapes)))
+def _assemble_kernel_solids(labels: tuple[tuple[str, ...], ...], shapes: Sequence[Any]) -> OcctSolids:
+    return OcctSolids(tuple(map(convert.as_solid, shapes)), labels)
 
 
 @contextmanager

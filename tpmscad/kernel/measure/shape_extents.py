@@ -14,7 +14,7 @@ from OCP.Bnd import Bnd_Box
 from OCP.BRep import BRep_Tool
 from OCP.BRepBndLib import BRepBndLib
 from OCP.BRepClass import BRepClass_FaceClassifier
-from OCP.BRepTopAdaptor import BRepTopAdaptor_FClass2d
+from OCP.BRepTools import BRepTools
 from OCP.Geom import (
     Geom_ConicalSurface,
     Geom_CylindricalSurface,
@@ -38,6 +38,8 @@ from tpmscad.kernel.recognise.face_carriers import recognise_carrier
 
 BOUNDED_BY_EDGES = (Geom_Plane, Geom_CylindricalSurface, Geom_ConicalSurface)
 """Surfaces on which no coordinate has an extreme inside a face, but on a line that meets its edges."""
+
+TWO_PI = 2 * np.pi
 
 CLASSIFIER_TOL = 1e-9
 """Distance in parameters below which the kernel's classifier puts a point on the border of a face."""
@@ -88,9 +90,15 @@ def _find_extreme_points(face: TopoDS_Face) -> Array:
     uv = stationary_parameters(carrier, np.concatenate([-np.eye(3), np.eye(3)])).reshape(-1, 2)
     points = carrier(uv[:, 0], uv[:, 1])
     surface = ShapeAnalysis_Surface(BRep_Tool.Surface_s(face))
-    classifier = BRepTopAdaptor_FClass2d(face, CLASSIFIER_TOL)  # angles in any period, unlike BRepClass_FaceClassifier
-    own = [surface.ValueOfUV(convert.point(point), CLASSIFIER_TOL) for point in points]
-    return np.asarray(points[[classifier.Perform(at, True) != TopAbs_OUT for at in own]])
+    low_u, high_u, low_v, high_v = BRepTools.UVBounds_s(face)
+    contained = []
+    for point in points:
+        at = surface.ValueOfUV(convert.point(point), CLASSIFIER_TOL)
+        u, v = low_u + (at.X() - low_u) % TWO_PI, at.Y()
+        if isinstance(carrier, ToroidalSurface):
+            v = low_v + (v - low_v) % TWO_PI
+        contained.append(u <= high_u and low_v <= v <= high_v and face_contains(face, np.array([u, v])))
+    return np.asarray(points[contained])
 
 
 def _poles_exceed(face: TopoDS_Face, reach: Array) -> bool:

@@ -15,6 +15,7 @@ from OCP.TopLoc import TopLoc_Location
 from OCP.TopoDS import TopoDS_Solid
 
 from tpmscad._typing import Array
+from tpmscad.kernel.measure.face_table import FaceEntry
 from tpmscad.kernel.measure.mass_properties import solid_moments
 from tpmscad.kernel.measure.shape_extents import shape_bounds
 from tpmscad.kernel.occt import convert
@@ -118,12 +119,15 @@ class StepReport:
         Length units of the file.
     products : tuple of str
         Names of its products.
+    faces : tuple of tuple of FaceEntry
+        The faces of each solid, if they were asked for.
     """
 
     file: str
     shape: ShapeReport
     units: tuple[str, ...]
     products: tuple[str, ...]
+    faces: tuple[tuple[FaceEntry, ...], ...] = ()
 
     @property
     def ok(self) -> bool:
@@ -138,14 +142,17 @@ class StepReport:
     def to_dict(self) -> dict[str, Any]:
         """The report as plain values for JSON.
 
-        `file`, `units`, `products`, `notes` and the entries of `ShapeReport.to_dict`.
+        `file`, `units`, `products`, `notes`, the entries of `ShapeReport.to_dict`, and if they were asked for `face_table`, the
+        attributes of the faces of each solid.
         """
-        of_file = {
+        of_file: dict[str, Any] = {
             "file": self.file,
             "units": list(self.units),
             "products": list(self.products),
             "notes": list(self.notes),
         }
+        if self.faces:
+            of_file["face_table"] = [[asdict(face) for face in solid] for solid in self.faces]
         return of_file | self.shape.to_dict()
 
     def summary(self, *, verbose: bool = False) -> str:
@@ -195,6 +202,9 @@ class StepReport:
                 f"centroid    ({', '.join(f'{c:.9g}' for c in shape.centroid)})",
                 f"tolerance   {shape.max_tolerance:.3g} mm at most",
             ]
+        for number, solid in enumerate(self.faces, 1):
+            lines += [f"solid       {number}"] if len(self.faces) > 1 else []
+            lines += [f"face        {face}" for face in solid]
         return "\n".join(lines)
 
     def __str__(self) -> str:

@@ -14,13 +14,15 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from OCP.BOPTools import BOPTools_AlgoTools3D
 from OCP.BRep import BRep_Tool
 from OCP.BRepAdaptor import BRepAdaptor_Curve, BRepAdaptor_Curve2d
 from OCP.BRepClass3d import BRepClass3d_SolidClassifier
 from OCP.Geom import Geom_Surface
 from OCP.GeomAbs import GeomAbs_BSplineCurve, GeomAbs_Line
-from OCP.gp import gp_Dir, gp_Lin
+from OCP.gp import gp_Dir, gp_Lin, gp_Pnt, gp_Pnt2d
 from OCP.IntCurvesFace import IntCurvesFace_ShapeIntersector
+from OCP.IntTools import IntTools_Context
 from OCP.TopAbs import TopAbs_ON
 from OCP.TopoDS import TopoDS_Edge, TopoDS_Face, TopoDS_Solid
 from scipy.spatial import cKDTree
@@ -104,6 +106,16 @@ def sample_faces(faces: Sequence[TopoDS_Face], spacing: float) -> FaceSamples:
         np.concatenate([normals for _, normals in sampled]),
         np.repeat(np.arange(len(sampled)), [len(points) for points, _ in sampled]),
     )
+
+
+def interior_points(faces: Sequence[TopoDS_Face]) -> Array:
+    """A point inside each face: (n, 3); in the middle of an edge of a sliver inside which the kernel finds none."""
+    context, found = IntTools_Context(), np.empty((len(faces), 3))
+    for i, face in enumerate(faces):
+        point, uv = gp_Pnt(), gp_Pnt2d()
+        failed = BOPTools_AlgoTools3D.PointInFace_s(face, point, uv, context)
+        found[i] = sample_edge(edges_of(face)[0], 2)[1] if failed else point.Coord()
+    return found
 
 
 def find_creases(faces: Sequence[TopoDS_Face], spacing: float) -> Creases:

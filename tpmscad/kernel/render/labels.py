@@ -14,7 +14,7 @@ from tpmscad.kernel.render.palette import ColourScale
 TEXT_COLOUR = (45, 50, 58)
 FRAME_COLOUR = (120, 126, 134)
 AXIS_COLOURS = ((0.80, 0.25, 0.20), (0.20, 0.55, 0.30), (0.20, 0.40, 0.75))
-MAX_KEY_ENTRIES = 8
+MAX_KEY_ENTRIES = 20
 """Entries of the key; further ones are counted."""
 
 TEXT_FRACTION = 0.022

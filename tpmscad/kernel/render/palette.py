@@ -6,6 +6,7 @@ the sequential scale is viridis, the diverging one runs from blue through grey t
 
 from __future__ import annotations
 
+from colorsys import hls_to_rgb
 from dataclasses import dataclass
 
 import numpy as np
@@ -35,6 +36,8 @@ PIECE_COLOURS = (
     (0.55, 0.57, 0.60),
 )
 """Colours of other pieces, in turn."""
+
+GOLDEN_RATIO = 0.5 * (5.0**0.5 - 1.0)
 
 VIRIDIS = (
     (0.267, 0.005, 0.329),
@@ -85,6 +88,11 @@ class ColourScale:
 def piece_colour(name: str, number: int) -> Colour:
     """Colour of a piece by its name, or in turn by its number."""
     return DOMAIN_COLOURS.get(name) or PIECE_COLOURS[number % len(PIECE_COLOURS)]
+
+
+def numbered_colour(number: int) -> Colour:
+    """Pale colour of one of many faces; those of neighbouring numbers are far apart in hue."""
+    return hls_to_rgb(number * GOLDEN_RATIO % 1.0, 0.72, 0.5)
 
 
 def sequential_scale(title: str, values: Array) -> ColourScale:

@@ -26,13 +26,10 @@ from tpmscad._typing import Colour
 from tpmscad.kernel.occt import convert
 from tpmscad.kernel.occt.convert import encode_file_name
 from tpmscad.kernel.occt.exploration import ShapeKey, faces_of, solids_of
-from tpmscad.kernel.step.step_reader import missing_solid, require_step_file, silence_occt, unreadable_file
+from tpmscad.kernel.step.step_reader import NO_NAME, missing_solid, require_step_file, silence_occt, unreadable_file
 
 SRGB_LINEAR_LIMIT, SRGB_EXPONENT = 0.0031308, 2.4
 """IEC 61966-2-1: where the transfer curve of sRGB turns from a line to a power."""
-
-NO_NAME = "NONE"
-"""What several programs write where a face has no name."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)

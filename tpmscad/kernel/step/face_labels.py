@@ -1,37 +1,40 @@
 """Names and colours of faces in files, by the group that a face belongs to.
 
-The groups are the two sides of a lattice ("surface +" and "surface -"), the level set of a field ("surface"), gap faces ("gap")
-and the faces of what bounds the lattice from outside ("cap", "body" or "opening"); planar ones have the axis that they face:
-"cap X+".
+The groups are the two sides of a lattice ("surface +" and "surface -"), the level set of a field ("surface"), gap faces ("gap"),
+each face of a body that was filled ("body 3", with the name that its file gives it: "body 3 mounting face"), the inner side of a
+skin ("skin"), and what closes a lattice at a box ("cap") or a channel at a body ("opening"); the planar ones of the last two have
+the axis that they face: "cap X+".
 """
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from OCP.BRep import BRep_Tool
 from OCP.BRepAdaptor import BRepAdaptor_Surface
-from OCP.BRepTools import BRepTools
 from OCP.GeomAbs import GeomAbs_Plane
-from OCP.gp import gp_Pnt
 from OCP.TopoDS import TopoDS_Face
-from scipy.spatial import cKDTree
 
 from tpmscad._typing import Array, Colour
-from tpmscad.brep.boundary_representation import Brep, spline_faces
+from tpmscad.brep.boundary_representation import Brep
 from tpmscad.brep.carriers import Plane
-from tpmscad.brep.orthogonal_projection import project_to_patch
 from tpmscad.kernel.occt.exploration import ShapeKey, faces_of, orientation_sign
-from tpmscad.splines.bspline import BSplineSurface
 
 LABEL_OF_TAG = {"offset+": "surface +", "offset-": "surface -"}
 """Names of tags in files; other tags are their own names."""
 
-OUTER_TAG = "cap"
-"""Tag of the faces that close a lattice at a box or a body."""
+OPENING = "opening"
+GROUPS_BY_AXIS = ("cap", OPENING)
+"""Tags of faces whose label tells the axis that they face."""
+
+FIRST_FACE_NUMBER = 1
+"""Number of the first face of a body in labels, as CAD programs count."""
+
+MAX_NAME_CHARACTERS = 50
+"""Of a face's name in a file: the names of sets in CalculiX and Abaqus have at most 80, region and number included."""
 
 AXIS_COSINE = 1.0 - 1e-12
 """Cosine of the angle up to which a normal is along an axis: about a millionth of a radian."""
@@ -43,6 +46,7 @@ LABEL_COLOURS: Mapping[str, Colour] = {
     "gap": (0.62, 0.64, 0.66),
     "cap": (0.78, 0.80, 0.82),
     "body": (0.60, 0.70, 0.58),
+    "skin": (0.72, 0.62, 0.52),
     "opening": (0.82, 0.78, 0.50),
 }
 """Colours of the groups, as red, green and blue from 0 to 1; those of "cap X+" are those of "cap"."""
@@ -54,13 +58,14 @@ OTHER_COLOUR: Colour = (0.70, 0.70, 0.72)
 class NamedSolid:
     """A TopoDS solid with its name, the labels of its faces in the order of `faces_of`, and its colour.
 
-    Without a colour of its own its faces have those of their groups.
+    Without a colour of its own its faces have those of their groups. openings: the labels of faces through which a fluid flows.
     """
 
     name: str
     solid: Any
     labels: tuple[str, ...]
     colour: Colour | None = None
+    openings: frozenset[str] = frozenset()
 
     def colour_of(self, label: str) -> Colour:
         """Colour of the faces with a label."""
@@ -80,23 +85,35 @@ def name_axis(normal: Array) -> str | None:
     return "XYZ"[axis] + ("+" if normal[axis] > 0 else "-")
 
 
-def label_faces(brep: Brep, outer: str = OUTER_TAG) -> tuple[str, ...]:
-    """Label of each face of a boundary representation; `outer` names the group of the faces tagged "cap"."""
+def label_faces(brep: Brep) -> tuple[str, ...]:
+    """Label of each face of a boundary representation: its tag, with the axis that it faces if it is a planar cap or opening."""
     faces = brep.faces
     labels = []
-    for tag, index, sense, i in zip(
-        faces.tag.tolist(), faces.carrier.tolist(), faces.sense.tolist(), range(len(faces)), strict=True
+    for i, (tag, index, sense) in enumerate(
+        zip(faces.tag.tolist(), faces.carrier.tolist(), faces.sense.tolist(), strict=True)
     ):
-        label = LABEL_OF_TAG.get(brep.tags[tag], brep.tags[tag])
-        if label == OUTER_TAG:
-            label, carrier = outer, brep.carriers[index]
-            if isinstance(carrier, Plane):
-                motion = faces.motion[i]
-                normal = sense * float(motion.handedness) * motion.apply_to_vectors(carrier.normal)
-                axis = name_axis(normal)
-                label = outer if axis is None else f"{outer} {axis}"
+        label, carrier = LABEL_OF_TAG.get(brep.tags[tag], brep.tags[tag]), brep.carriers[index]
+        if label in GROUPS_BY_AXIS and isinstance(carrier, Plane):
+            motion = faces.motion[i]
+            normal = sense * float(motion.handedness) * motion.apply_to_vectors(carrier.normal)
+            label = _add_axis(label, normal)
         labels.append(label)
     return tuple(labels)
+
+
+def _add_axis(label: str, normal: Array) -> str:
+    """The label, with the axis if the normal is along one."""
+    axis = name_axis(normal)
+    return label if axis is None else f"{label} {axis}"
+
+
+def name_body_face(index: int, name: str = "") -> str:
+    """Label of a face of a body, by its index and its name in the file: "body 3 mounting face" for index 2.
+
+    Of the name, letters, digits and the signs _ . - are kept, which mesh formats allow, as many as set names hold.
+    """
+    words = " ".join(re.findall(r"[\w.-]+", name))[:MAX_NAME_CHARACTERS]
+    return f"body {index + FIRST_FACE_NUMBER} {words}".rstrip()
 
 
 def order_labels(shape: Any, faces: Sequence[TopoDS_Face], labels: Sequence[str]) -> tuple[str, ...]:
@@ -109,62 +126,10 @@ def label_outer_faces(shape: Any, outer: str) -> tuple[str, ...]:
     """`outer` for each face of `faces_of(shape)`, with the axis that it faces if it is planar and along one: "body X+"."""
     labels = []
     for face in faces_of(shape):
-        surface, axis = BRepAdaptor_Surface(face, False), None
+        surface, label = BRepAdaptor_Surface(face, False), outer
         if surface.GetType() == GeomAbs_Plane:
             frame = surface.Plane().Position()
-            axis = name_axis(np.cross(frame.XDirection().Coord(), frame.YDirection().Coord()) * orientation_sign(face))
-        labels.append(outer if axis is None else f"{outer} {axis}")
+            normal = np.cross(frame.XDirection().Coord(), frame.YDirection().Coord()) * orientation_sign(face)
+            label = _add_axis(outer, normal)
+        labels.append(label)
     return tuple(labels)
-
-
-def label_shape_faces(shape: Any, patches: Brep, outer: str = "body") -> tuple[str, ...]:
-    """Label of each face of `faces_of(shape)`: that of the lattice patch on which it lies, else `outer` with its axis.
-
-    `patches` are those of the lattice of which OCCT made the shape.
-    """
-    faces = faces_of(shape)
-    labels, places, free = list(label_outer_faces(shape, outer)), [], []
-    for i, face in enumerate(faces):
-        if BRep_Tool.Surface_s(face).DynamicType().Name() == "Geom_BSplineSurface":
-            u0, u1, v0, v1 = BRepTools.UVBounds_s(face)
-            point = gp_Pnt()
-            BRepAdaptor_Surface(face, False).D0(0.5 * (u0 + u1), 0.5 * (v0 + v1), point)
-            free.append(i)
-            places.append(point.Coord())
-    if free:
-        for i, tag in zip(free, find_patch_tags(patches, np.array(places)), strict=True):
-            if tag is not None:
-                labels[i] = LABEL_OF_TAG.get(tag, tag)
-    return tuple(labels)
-
-
-NODES_PER_DIRECTION = 7
-"""Nodes of every patch along u and v from which the foot point of a point is sought."""
-
-ON_PATCH_REL_TOL = 1e-6
-"""In sizes of the largest patch: distance at which a point lies on a patch."""
-
-
-def find_patch_tags(patches: Brep, points: Array) -> list[str | None]:
-    """Tag of the B-spline patch on which each point (n, 3) lies, None if it lies on none."""
-    faces, nodes, of_face, parameters = patches.faces, [], [], []
-    size = 0.0
-    for own, carrier in spline_faces(patches):
-        axes = (np.linspace(*domain, NODES_PER_DIRECTION) for domain in carrier.domain)
-        u, v = (grid.ravel() for grid in np.meshgrid(*axes, indexing="ij"))
-        local = carrier(u, v)
-        size = max(size, float(np.ptp(local, axis=0).max()))
-        nodes.append(faces.motion[own][:, None].apply(local).reshape(-1, 3))
-        of_face.append(np.repeat(own, len(u)))
-        parameters.append(np.tile(np.column_stack([u, v]), (len(own), 1)))
-    if not nodes:
-        return [None] * len(points)
-    _, nearest = cKDTree(np.concatenate(nodes)).query(points)
-    face, start = np.concatenate(of_face)[nearest], np.concatenate(parameters)[nearest]
-    near = np.full(len(points), False)
-    for index in np.unique(faces.carrier[face]).tolist():
-        at = np.flatnonzero(faces.carrier[face] == index)
-        patch, local = patches.carriers[index], faces.motion[face[at]].apply_inverse(points[at])
-        assert isinstance(patch, BSplineSurface)
-        near[at] = project_to_patch(patch, local, *start[at].T)[0] < ON_PATCH_REL_TOL * size
-    return [patches.tags[int(faces.tag[f])] if on else None for f, on in zip(face, near, strict=True)]

@@ -12,14 +12,19 @@ from OCP.IFSelect import IFSelect_RetDone
 from OCP.Message import Message
 from OCP.StepBasic import StepBasic_Product
 from OCP.STEPControl import STEPControl_Reader
+from OCP.StepRepr import StepRepr_RepresentationItem
+from OCP.TopLoc import TopLoc_Location
 from OCP.TopoDS import TopoDS_Shape, TopoDS_Solid
 
 from tpmscad.errors import InvalidRequest
 from tpmscad.kernel.occt import convert
 from tpmscad.kernel.occt.convert import encode_file_name
-from tpmscad.kernel.occt.exploration import solids_of
+from tpmscad.kernel.occt.exploration import faces_of, solids_of
 
 PART21_MAGIC = b"ISO-10303-21;"
+
+NO_NAME = "NONE"
+"""What several programs write where a face has no name."""
 
 SHAPE_FIX_MODES = (
     "FixSelfIntersectionMode",
@@ -42,12 +47,16 @@ edges are not among them: a STEP file may omit these, but OCCT requires them."""
 
 @dataclass(frozen=True, slots=True, eq=False)
 class StepContent:
-    """Content of a file: all roots as one shape, its solids in file order, its length units and product names."""
+    """Content of a file: all roots as one shape, its solids in file order, its length units and product names.
+
+    face_names: of the faces of each solid, in the order of `faces_of`; "" where the file names none.
+    """
 
     shape: TopoDS_Shape
     solids: tuple[TopoDS_Solid, ...]
     units: tuple[str, ...]
     products: tuple[str, ...]
+    face_names: tuple[tuple[str, ...], ...] = ()
 
     @property
     def wrapped(self) -> TopoDS_Shape:
@@ -74,7 +83,8 @@ def read_step(path: str | os.PathLike[str], *, healed: bool = True) -> StepConte
     solids = tuple(solids_of(shape))
     if not solids:
         raise missing_solid(path)
-    return StepContent(shape, solids, _length_units(reader), _product_names(reader))
+    names = tuple(_face_names(reader, solid) for solid in solids)
+    return StepContent(shape, solids, _length_units(reader), _product_names(reader), names)
 
 
 def require_step_file(path: Path) -> Path:
@@ -124,6 +134,16 @@ def _length_units(reader: STEPControl_Reader) -> tuple[str, ...]:
     reader.FileUnits(length, angle, solid_angle)
     names = (length.Value(i).ToCString() for i in range(1, length.Length() + 1))
     return tuple(name for name in names if name)
+
+
+def _face_names(reader: STEPControl_Reader, solid: TopoDS_Solid) -> tuple[str, ...]:
+    """Names of the faces of a solid, in the order of `faces_of`."""
+    transfer, names = reader.WS().TransferReader(), []
+    for face in faces_of(solid):
+        entity = transfer.EntityFromShapeResult(face.Located(TopLoc_Location()), 1)
+        name = entity.Name() if isinstance(entity, StepRepr_RepresentationItem) else None
+        names.append("" if name is None else name.ToCString())
+    return tuple("" if name == NO_NAME else name for name in names)
 
 
 def _product_names(reader: STEPControl_Reader) -> tuple[str, ...]:

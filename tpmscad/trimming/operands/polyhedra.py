@@ -68,7 +68,7 @@ def polyhedron(corners: ArrayLike, loops: Sequence[Sequence[int]]) -> Brep:
             loop_start=np.arange(n + 1),
             use_start=np.concatenate([[0], np.cumsum([len(loop) for loop in loops])]).astype(np.int64),
         ),
-        tags=("body",),
+        tags=("cap",),
     )
 
 

@@ -26,9 +26,6 @@ from tpmscad.trimming.rebuild.body_faces import BodySubEdges, CapBoundary, InLat
 from tpmscad.trimming.rebuild.body_pcurves import fit_edge_pcurves
 from tpmscad.trimming.rebuild.lattice_faces import EdgeUse, FaceLoops, build_lattice_faces
 
-CAP_TAG = "cap"
-"""The tag of the body's faces in the result, plane or curved."""
-
 DEVIATION_MARGIN = 1.1
 """Factor on measured deviations: between samples they are up to 4 % greater."""
 
@@ -297,7 +294,6 @@ def _compact_brep(
     """The boundary representation of parts (lattice faces, caps, senses of the lattice's faces), without unused edges."""
     lattice, body = a.operands.lattice, a.operands.body
     old, edges = lattice.faces, tables.edges
-    tags = lattice.tags if CAP_TAG in lattice.tags else (*lattice.tags, CAP_TAG)
     kept = [
         (np.array([f.face for f in faces], np.int64), np.array([f.face for f in caps], np.int64))
         for faces, caps, _ in parts
@@ -330,11 +326,13 @@ def _compact_brep(
                     for s in (part[2][k], body.brep.faces.sense[own])
                 ]
             ),
-            tag=np.concatenate([t for k, own in kept for t in (old.tag[k], np.full(len(own), tags.index(CAP_TAG)))]),
+            tag=np.concatenate(
+                [t for k, own in kept for t in (old.tag[k], len(lattice.tags) + body.brep.faces.tag[own])]
+            ),
             loop_start=loop_start,
             use_start=use_start,
         ),
-        tags=tags,
+        tags=(*lattice.tags, *body.brep.tags),
     )
 
 

@@ -1,0 +1,189 @@
+"""Groups of a filled body's faces: each face of the body as given is one, whatever made the solid."""
+
+from __future__ import annotations
+
+import re
+from collections import Counter
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import build123d as bd
+import numpy as np
+import pytest
+
+import tpmscad
+from tpmscad.kernel.body_import.cad_body import read_body
+from tpmscad.kernel.body_import.isolated_reader import read_foreign_coloured_solids
+from tpmscad.kernel.measure.mass_properties import face_moments
+from tpmscad.kernel.occt.exploration import faces_of
+from tpmscad.studies._render import find_pieces
+
+pytestmark = pytest.mark.kernel
+
+P: dict[str, Any] = {"surface": "P", "cell": 10, "thickness": 1, "tol": 0.1}
+SKIN = 1.5
+
+
+def areas_of_groups(model: Any) -> Counter[str]:
+    """The area of each group of faces."""
+    found: Counter[str] = Counter()
+    for of in model.named_solids():
+        for label, area in zip(of.labels, face_moments(faces_of(of.solid))[:, 0].tolist(), strict=True):
+            found[label] += area
+    return found
+
+
+def bored_block() -> bd.Part:
+    return bd.Box(20, 16, 14) - bd.Pos(1, 0, 0) * bd.Cylinder(2, 30)
+
+
+def stepped_block() -> bd.Part:
+    """A step as high as the skin: the skin's inner side lies in the plane of the lower face, and both look up."""
+    return bd.Box(24, 16, 14) - bd.Pos(8, 0, 7) * bd.Box(8, 16, 2 * SKIN)
+
+
+def domed_block() -> bd.Part:
+    """A block under a free-form face."""
+    outline = bd.Polyline((-8, 0), (-8, -7), (8, -7), (8, 0)) + bd.Spline((8, 0), (3, 3), (-2, 1.5), (-8, 0))
+    return bd.extrude(bd.Plane.XZ * bd.make_face(outline), 7, both=True)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("make", [bored_block, stepped_block])
+def test_each_face_with_a_skin_is_a_group_of_its_whole_area(make: Callable[[], bd.Part]) -> None:
+    body = make()
+    found = areas_of_groups(tpmscad.infill(body, **P, skin=SKIN))
+    for number, face in enumerate(body.faces(), 1):
+        assert found.pop(f"body {number}") == pytest.approx(face.area, rel=1e-9)
+    assert found.keys() == {"skin", "surface +", "surface -"}
+
+
+@pytest.mark.slow
+def test_what_is_left_of_an_open_face_is_a_group_too() -> None:
+    body = bored_block()
+    whole, opened = (areas_of_groups(tpmscad.infill(body, **P, skin=SKIN, open_faces=o)) for o in ([], [">Z"]))
+    top = 1 + int(np.argmax([face.center().Z for face in body.faces()]))
+    changed = {label for label in whole if label.startswith("body") and opened[label] != pytest.approx(whole[label])}
+    assert changed == {f"body {top}"}
+    assert 0 < opened[f"body {top}"] < whole[f"body {top}"]
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("make", [bored_block, domed_block])
+def test_the_methods_of_trimming_agree_on_the_groups(
+    make: Callable[[], bd.Part], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    body, asked = make(), P | {"phase": (0.1, 0.2, 0.3)}
+    quick = tpmscad.infill(body, **asked)
+
+    def refuse(*_: Any) -> None:
+        raise tpmscad.KernelError("trim", "not today")
+
+    monkeypatch.setattr("tpmscad.solids.boolean_strategies.trim_on_parameters", refuse)
+    if quick.trimmed_by == "kernel":
+        monkeypatch.setattr("tpmscad.solids.boolean_strategies.intersect_locally", refuse)
+    slow = tpmscad.infill(body, **asked)
+    assert slow.certificate.notes != quick.certificate.notes
+    one, other = areas_of_groups(quick), areas_of_groups(slow)
+    assert {f"body {n}" for n in range(1, len(body.faces()) + 1)} < one.keys()
+    assert other == pytest.approx(one, rel=1e-6)
+
+
+@pytest.mark.slow
+def test_the_parts_of_the_wall_on_a_face_are_on_that_face() -> None:
+    body = bored_block()
+    model = tpmscad.infill(body, **P)
+    faces = body.faces()
+    seen = set()
+    for of in model.named_solids():
+        for label, face in zip(of.labels, bd.Shape.cast(of.solid).faces(), strict=True):
+            if number := re.fullmatch(r"body (\d+)", label):
+                seen.add(label)
+                assert faces[int(number[1]) - 1].distance_to(face.position_at(0.5, 0.5)) < 1e-6 or face.inner_wires()
+    assert len(seen) == len(faces)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("make", [bored_block, domed_block])
+def test_the_wall_has_the_groups_of_the_body_and_channels_have_openings(make: Callable[[], bd.Part]) -> None:
+    domains = tpmscad.fluid_domains(make(), **P | {"phase": (0.1, 0.2, 0.3)})
+    wall = areas_of_groups(domains.wall)
+    for contact in domains.touches:
+        assert contact.label == f"body {contact.face + 1}"
+        assert wall[contact.label] == pytest.approx(contact.areas["wall"], rel=1e-6)
+    for side, channel in (("+", domains.plus), ("-", domains.minus)):
+        groups = areas_of_groups(channel)
+        assert {label.split()[0] for label in groups} == {"surface", "opening"}
+        assert groups[f"surface {side}"] == pytest.approx(wall[f"surface {side}"], rel=1e-6)
+        on_body = sum(area for label, area in groups.items() if label.startswith("opening"))
+        assert on_body == pytest.approx(sum(c.areas.get(channel.name, 0.0) for c in domains.touches), rel=1e-6)
+
+
+@pytest.mark.slow
+def test_a_face_has_the_name_that_its_file_gives_it(tmp_path: Path) -> None:
+    bd.export_step(bd.Pos(1, 2, 3) * bd.Box(10, 10, 10), tmp_path / "box.step")
+    text, names = (
+        (tmp_path / "box.step").read_text(),
+        iter(('mount "A"; left|1', "NONE", "", "gr\u00f6\u00dfe", "", "a" * 99)),
+    )
+    text = re.sub(r"ADVANCED_FACE\('[^']*'", lambda _: f"ADVANCED_FACE('{next(names)}'", text)
+    (tmp_path / "named.step").write_text(text, encoding="utf-8")
+    expected = ("body 1 mount A left 1", "body 2", "body 3", "body 4 gr\u00f6\u00dfe", "body 5", "body 6 " + "a" * 50)
+    assert read_body(tmp_path / "named.step").face_labels == expected
+    model = tpmscad.infill(tmp_path / "named.step", **P, phase=(0.1, 0.2, 0.3))
+    model.export(tmp_path / "filled.step")
+    again = read_foreign_coloured_solids(tmp_path / "filled.step")
+    assert {name for solid in again for name in solid.face_names if name.startswith("body")} == set(expected)
+
+
+def test_the_table_of_a_file_lists_the_faces_under_their_labels(tmp_path: Path) -> None:
+    body = bored_block()
+    bd.export_step(body, tmp_path / "block.step")
+    assert tpmscad.check_step(tmp_path / "block.step").faces == ()
+    report = tpmscad.check_step(tmp_path / "block.step", faces=True)
+    read = read_body(tmp_path / "block.step")
+    (table,) = report.faces
+    assert tuple(face.label for face in table) == read.face_labels
+    for entry, face in zip(table, bd.Shape.cast(read.shape).faces(), strict=True):
+        assert entry.area == pytest.approx(face.area, rel=1e-9)
+        assert face.distance_to(bd.Vector(entry.point)) < 1e-9
+        assert entry.kind.startswith(face.geom_type.name.lower())
+        assert f"face        {entry.label}: {entry.kind}, " in report.summary()
+    assert {entry.kind for entry in table} == {"cylinder", *(f"plane {axis}{s}" for axis in "XYZ" for s in "+-")}
+    assert len(report.to_dict()["face_table"][0]) == len(table)
+
+
+def test_a_picture_by_tag_tells_the_faces_of_the_body_apart() -> None:
+    model = tpmscad.infill(bd.Box(12, 11, 13), **P)
+    (piece,) = find_pieces(model, with_groups=True)
+    colours = dict(zip(piece.face_groups, piece.face_colours, strict=True))
+    assert colours.keys() == {"surface +", "surface -", *(f"body {n}" for n in range(1, 7))}
+    assert len(set(colours.values())) == len(colours)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("surface", ["gyroid", "diamond"])
+def test_the_domains_of_a_box_of_whole_cells_are_one_piece_each_as_the_lattice_there(surface: str) -> None:
+    body, asked = bd.Box(10, 10, 10, align=bd.Align.MIN), {"cell": 10, "thickness": 1, "tol": 0.05}
+    domains = tpmscad.fluid_domains(body, surface, **asked)
+    assert [domain.built.n_solids for domain in domains.domains.values()] == [1, 1, 1]
+    assert domains.wall.volume == pytest.approx(tpmscad.lattice(surface, **asked).volume, rel=1e-6)
+    assert "loose" not in repr(domains)
+    with_chips = tpmscad.fluid_domains(body, surface, **asked, phase=(0, 0, 0))
+    chips = with_chips.wall.certificate.pieces[1:]
+    assert f"3 pieces (2 of them loose, {sum(chips):.3g} mm3" in repr(with_chips)
+    assert f"3 pieces (2 of them loose, {sum(chips):.3g} mm3" in with_chips.summary()
+
+
+@pytest.mark.slow
+def test_a_pressure_on_a_face_of_the_body_is_the_force_on_that_face() -> None:
+    pytest.importorskip("gmsh")
+    body = bd.Box(10, 8, 9)
+    mesh = tpmscad.infill(body, "P", cell=10, thickness=1, tol=0.1, skin=1).mesh(2.0, order=1)
+    ((_, facets),) = mesh.facets.items()
+    a, b, c = (mesh.points[facets[:, k]] for k in range(3))
+    vectors = 0.5 * np.cross(b - a, c - a)
+    for number, face in enumerate(body.faces(), 1):
+        force = vectors[mesh.facet_groups[f"body {number}"]].sum(axis=0)
+        assert np.abs(force) == pytest.approx(np.abs(face.area * np.array([*face.normal_at()])), abs=1e-8)
