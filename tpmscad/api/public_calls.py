@@ -119,7 +119,12 @@ def _validate(
         for key, value in bound.arguments.items():
             if key in arguments:
                 bound.arguments[key] = _read_argument(arguments[key], value)
-        return target(*bound.args, **bound.kwargs)
+        try:
+            return target(*bound.args, **bound.kwargs)
+        except (
+            InvalidRequest
+        ) as error:  # the message says what to change; the frames in between say nothing to a caller
+            raise error.with_traceback(None)  # noqa: B904
 
     plain = [
         p.replace(annotation=arguments[p.name].type) if p.name in arguments else p for p in shown.parameters.values()

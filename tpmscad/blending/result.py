@@ -65,7 +65,7 @@ class DefectReport:
         return {"resolutions": self.resolutions, **counts, "hidden": self.n_subgrid}
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@dataclass(frozen=True, slots=True, eq=False, repr=False)
 class BlendResult:
     """A blend of porous structures, as `tpmscad.blend` returns it.
 
@@ -112,6 +112,20 @@ class BlendResult:
     domain: BoxBounds
     necks: tuple[Neck, ...] = ()
 
+    def __repr__(self) -> str:
+        n0, n2 = self.errors.n0, self.errors.n2
+        (x0, y0, z0), (x1, y1, z1) = self.domain
+        grids = ", ".join(" x ".join(map(str, samples)) for samples in self.errors.resolutions)
+        lines = [
+            f"blend of {len(self.weights) + 1} structures: {'no defect' if self.converged else 'NOT free of defects'}, by "
+            f"{self.method} in {self.iterations} rounds, {sum(self.seconds.values()):.3g} s of CPU",
+            f"  box        ({x0:.6g}, {y0:.6g}, {z0:.6g}) to ({x1:.6g}, {y1:.6g}, {z1:.6g}), samples {grids}",
+            f"  isolated   {_count_by_grid(n0)} components, {_count_by_grid(n2)} cavities, before to after",
+            f"  necks      {len(self.necks)} narrower than asked" if self.necks else "",
+            f"  {self.message}" if self.message else "",
+        ]
+        return "\n".join(line for line in lines if line)
+
     def to_dict(self) -> dict[str, Any]:
         """The counts and measurements as plain values. Everything but the functions, ready for JSON."""
         return {
@@ -125,6 +139,11 @@ class BlendResult:
             "necks": [asdict(neck) for neck in self.necks],
             "seconds": dict(self.seconds),
         }
+
+
+def _count_by_grid(counts: DefectCounts) -> str:
+    """The numbers of a defect before and after at each resolution."""
+    return ", ".join(f"{first} to {last}" for first, last in zip(counts.initial, counts.final, strict=True))
 
 
 def assemble_result(

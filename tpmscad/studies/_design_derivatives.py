@@ -33,7 +33,7 @@ CUTS = (3, 1)
 PARAMETERS = ("thickness", "offset", "cell")
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@dataclass(frozen=True, slots=True, eq=False, repr=False)
 class DesignDerivatives:
     """A sheet's properties per cell, and their derivatives.
 
@@ -55,6 +55,13 @@ class DesignDerivatives:
     stiffness: Array | None
     conductivity: Array | None
     derivatives: dict[str, dict[str, Any]]
+
+    def __repr__(self) -> str:
+        lines = [f"one cell: volume {self.volume:.6g} mm3, area {self.area:.6g} mm2; derivatives per mm by"]
+        for name, of in self.derivatives.items():
+            more = "".join(f", {key}" for key in of if key not in ("volume", "area"))
+            lines.append(f"  {name:<10} volume {of['volume']:.6g}, area {of['area']:.6g}{more}")
+        return "\n".join(lines)
 
 
 @validate_call()

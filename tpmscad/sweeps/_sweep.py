@@ -6,6 +6,7 @@ from collections.abc import Mapping, Sequence
 from concurrent.futures import Executor
 from dataclasses import dataclass
 from difflib import get_close_matches
+from html import escape
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -17,17 +18,17 @@ from tpmscad.atomic_file import validate_output_path
 from tpmscad.errors import InvalidRequest
 from tpmscad.parallel import run_as_completed
 from tpmscad.stage_timer import StageTimer
-from tpmscad.sweeps.cell_text import parse_cell
+from tpmscad.sweeps.cell_text import format_cell, parse_cell
 from tpmscad.sweeps.design_runs import FIGURES, METRICS, PROPERTIES, describe_failure, run_design
 from tpmscad.sweeps.parameter_table import Design, read_table
 from tpmscad.sweeps.results_plot import plot_columns
 from tpmscad.sweeps.results_table import ResultsTable, open_results, read_figure
 
-MAX_FAILURES_SHOWN = 10
+MAX_FAILURES_SHOWN = 8
 """Failures that the summary of a sweep lists."""
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, repr=False)
 class SweepResults:
     """The results of a sweep, in the order of its table.
 
@@ -145,6 +146,26 @@ class SweepResults:
         if len(failures) > MAX_FAILURES_SHOWN:
             lines.append(f"and {len(failures) - MAX_FAILURES_SHOWN} more")
         return "\n".join(lines)
+
+    def __repr__(self) -> str:
+        return str(self)
+
+    def _repr_html_(self) -> str:
+        """The rows as a table without the columns that are empty in all of them."""
+        filled = [
+            name for name in (self.rows[0] if self.rows else ()) if any(row[name] is not None for row in self.rows)
+        ]
+        head = "".join(f"<th>{escape(name)}</th>" for name in filled)
+        body = "".join(
+            "<tr>" + "".join(f"<td>{escape(_show_cell(row[name]))}</td>" for name in filled) + "</tr>"
+            for row in self.rows
+        )
+        return f"<p>{escape(str(self).splitlines()[0])}</p><table><tr>{head}</tr>{body}</table>"
+
+
+def _show_cell(value: Any) -> str:
+    """A value of a table as text for people: six digits of numbers."""
+    return f"{value:.6g}" if isinstance(value, float) else format_cell(value)
 
 
 @validate_call('sweep("designs.csv", output="results.csv")')

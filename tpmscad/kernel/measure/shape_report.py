@@ -38,7 +38,7 @@ SQUARE_TOL = 1e-15
 """Entries of a matrix below this are zeros of a motion that takes axes to axes."""
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, repr=False)
 class ShapeReport:
     """Measured properties of a shape, in its own length unit (mm for STEP files).
 
@@ -88,6 +88,9 @@ class ShapeReport:
     def to_dict(self) -> dict[str, Any]:
         """The report as plain values for JSON. All attributes and `ok`."""
         return {"ok": self.ok} | asdict(self)
+
+    def __repr__(self) -> str:
+        return str(self)
 
     def __str__(self) -> str:
         (x0, y0, z0), (x1, y1, z1) = self.bounds
