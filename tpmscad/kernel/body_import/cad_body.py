@@ -54,6 +54,8 @@ def read_body(source: Any) -> CadBody:
     Raises InvalidRequest, with a description of what was found, if there is no solid or more than one, if the solid is open,
     invalid or inside out, or if the file is no STEP file.
     """
+    if isinstance(source, CadBody):
+        return source
     foreign = read_foreign_step(source) if isinstance(source, str | os.PathLike) else None
     shape, name = (foreign.shape, str(source)) if foreign else _resolve_shape(source)
     solids = solids_of(shape)
@@ -83,8 +85,6 @@ def read_body(source: Any) -> CadBody:
 
 def _resolve_shape(source: Any) -> tuple[TopoDS_Shape, str]:
     """TopoDS shape and display name of anything but a file that `read_body` accepts."""
-    if isinstance(source, CadBody):
-        return source.shape, source.name
     if isinstance(source, PrimitiveRegion):
         return make_region_solid(source), f"the {type(source).__name__.removesuffix('Region').lower()}"
     if hasattr(source, "findSolid"):  # a CadQuery Workplane: the solid on its stack or in its parents
