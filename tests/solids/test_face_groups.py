@@ -54,7 +54,7 @@ def domed_block() -> bd.Part:
 def test_each_face_with_a_skin_is_a_group_of_its_whole_area(make: Callable[[], bd.Part]) -> None:
     body = make()
     found = areas_of_groups(tpmscad.infill(body, **P, skin=SKIN))
-    for number, face in enumerate(body.faces(), 1):
+    for number, face in enumerate(body.faces()):
         assert found.pop(f"body {number}") == pytest.approx(face.area, rel=1e-9)
     assert found.keys() == {"skin", "surface +", "surface -"}
 
@@ -63,7 +63,7 @@ def test_each_face_with_a_skin_is_a_group_of_its_whole_area(make: Callable[[], b
 def test_what_is_left_of_an_open_face_is_a_group_too() -> None:
     body = bored_block()
     whole, opened = (areas_of_groups(tpmscad.infill(body, **P, skin=SKIN, open_faces=o)) for o in ([], [">Z"]))
-    top = 1 + int(np.argmax([face.center().Z for face in body.faces()]))
+    top = int(np.argmax([face.center().Z for face in body.faces()]))
     changed = {label for label in whole if label.startswith("body") and opened[label] != pytest.approx(whole[label])}
     assert changed == {f"body {top}"}
     assert 0 < opened[f"body {top}"] < whole[f"body {top}"]
@@ -86,7 +86,7 @@ def test_the_methods_of_trimming_agree_on_the_groups(
     slow = tpmscad.infill(body, **asked)
     assert slow.certificate.notes != quick.certificate.notes
     one, other = areas_of_groups(quick), areas_of_groups(slow)
-    assert {f"body {n}" for n in range(1, len(body.faces()) + 1)} < one.keys()
+    assert {f"body {n}" for n in range(len(body.faces()))} < one.keys()
     assert other == pytest.approx(one, rel=1e-6)
 
 
@@ -100,7 +100,7 @@ def test_the_parts_of_the_wall_on_a_face_are_on_that_face() -> None:
         for label, face in zip(of.labels, bd.Shape.cast(of.solid).faces(), strict=True):
             if number := re.fullmatch(r"body (\d+)", label):
                 seen.add(label)
-                assert faces[int(number[1]) - 1].distance_to(face.position_at(0.5, 0.5)) < 1e-6 or face.inner_wires()
+                assert faces[int(number[1])].distance_to(face.position_at(0.5, 0.5)) < 1e-6 or face.inner_wires()
     assert len(seen) == len(faces)
 
 
@@ -110,7 +110,7 @@ def test_the_wall_has_the_groups_of_the_body_and_channels_have_openings(make: Ca
     domains = tpmscad.fluid_domains(make(), **P | {"phase": (0.1, 0.2, 0.3)})
     wall = areas_of_groups(domains.wall)
     for contact in domains.touches:
-        assert contact.label == f"body {contact.face + 1}"
+        assert contact.label == f"body {contact.face}"
         assert wall[contact.label] == pytest.approx(contact.areas["wall"], rel=1e-6)
     for side, channel in (("+", domains.plus), ("-", domains.minus)):
         groups = areas_of_groups(channel)
@@ -129,7 +129,7 @@ def test_a_face_has_the_name_that_its_file_gives_it(tmp_path: Path) -> None:
     )
     text = re.sub(r"ADVANCED_FACE\('[^']*'", lambda _: f"ADVANCED_FACE('{next(names)}'", text)
     (tmp_path / "named.step").write_text(text, encoding="utf-8")
-    expected = ("body 1 mount A left 1", "body 2", "body 3", "body 4 gr\u00f6\u00dfe", "body 5", "body 6 " + "a" * 50)
+    expected = ("body 0 mount A left 1", "body 1", "body 2", "body 3 gr\u00f6\u00dfe", "body 4", "body 5 " + "a" * 50)
     read = read_body(tmp_path / "named.step")
     assert read.face_labels == read_body(read).face_labels == expected
     model = tpmscad.infill(tmp_path / "named.step", **P, phase=(0.1, 0.2, 0.3))
@@ -159,7 +159,7 @@ def test_a_picture_by_tag_tells_the_faces_of_the_body_apart() -> None:
     model = tpmscad.infill(bd.Box(12, 11, 13), **P)
     (piece,) = find_pieces(model, with_groups=True)
     colours = dict(zip(piece.face_groups, piece.face_colours, strict=True))
-    assert colours.keys() == {"surface +", "surface -", *(f"body {n}" for n in range(1, 7))}
+    assert colours.keys() == {"surface +", "surface -", *(f"body {n}" for n in range(6))}
     assert len(set(colours.values())) == len(colours)
 
 
@@ -185,6 +185,6 @@ def test_a_pressure_on_a_face_of_the_body_is_the_force_on_that_face() -> None:
     ((_, facets),) = mesh.facets.items()
     a, b, c = (mesh.points[facets[:, k]] for k in range(3))
     vectors = 0.5 * np.cross(b - a, c - a)
-    for number, face in enumerate(body.faces(), 1):
+    for number, face in enumerate(body.faces()):
         force = vectors[mesh.facet_groups[f"body {number}"]].sum(axis=0)
         assert np.abs(force) == pytest.approx(np.abs(face.area * np.array([*face.normal_at()])), abs=1e-8)

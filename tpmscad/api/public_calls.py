@@ -121,10 +121,9 @@ def _validate(
                 bound.arguments[key] = _read_argument(arguments[key], value)
         try:
             return target(*bound.args, **bound.kwargs)
-        except (
-            InvalidRequest
-        ) as error:  # the message says what to change; the frames in between say nothing to a caller
-            raise error.with_traceback(None)  # noqa: B904
+        except InvalidRequest as error:
+            # Its message says what to change; frames inside the package say nothing to the caller. Its cause is kept.
+            raise error.with_traceback(None) from error.__cause__
 
     plain = [
         p.replace(annotation=arguments[p.name].type) if p.name in arguments else p for p in shown.parameters.values()

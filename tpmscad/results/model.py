@@ -341,7 +341,7 @@ class Model:
         -------
         VolumeMesh
             Nodes, elements, facets, and groups: the elements are the group "body", the facets have the names of faces in STEP
-            files, such as "surface +", "surface -", "cap X+" or "gap"; those of a filled body are "body 1", "body 2" and
+            files, such as "surface +", "surface -", "cap X+" or "gap"; those of a filled body are "body 0", "body 1" and
             so on, one group for each of its faces, and "skin" for the inner side of a skin. `write` stores it as .msh, .inp or
             .vtu.
 

@@ -36,7 +36,7 @@ class CadBody:
 
     @property
     def face_labels(self) -> tuple[str, ...]:
-        """Labels of the faces in the order of `faces_of`, "body 1" and so on, with their names in the file."""
+        """Labels of the faces in the order of `faces_of`, "body 0" and so on, with their names in the file."""
         names = self.face_names or [""] * len(faces_of(self.shape))
         return tuple(name_body_face(index, name) for index, name in enumerate(names))
 

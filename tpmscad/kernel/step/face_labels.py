@@ -30,9 +30,6 @@ OPENING = "opening"
 GROUPS_BY_AXIS = ("cap", OPENING)
 """Tags of faces whose label tells the axis that they face."""
 
-FIRST_FACE_NUMBER = 1
-"""Number of the first face of a body in labels, as CAD programs count."""
-
 MAX_NAME_CHARACTERS = 50
 """Of a face's name in a file: the names of sets in CalculiX and Abaqus have at most 80, region and number included."""
 
@@ -108,12 +105,13 @@ def _add_axis(label: str, normal: Array) -> str:
 
 
 def name_body_face(index: int, name: str = "") -> str:
-    """Label of a face of a body, by its index and its name in the file: "body 3 mounting face" for index 2.
+    """Label of a face of a body, by its index and its name in the file: "body 3 mounting face" for index 3.
 
-    Of the name, letters, digits and the signs _ . - are kept, which mesh formats allow, as many as set names hold.
+    The number is that of `open_faces` and of `faces()` of the shape. Of the name, letters, digits and the signs _ . - are kept,
+    which mesh formats allow, as many as set names hold.
     """
     words = " ".join(re.findall(r"[\w.-]+", name))[:MAX_NAME_CHARACTERS]
-    return f"body {index + FIRST_FACE_NUMBER} {words}".rstrip()
+    return f"body {index} {words}".rstrip()
 
 
 def order_labels(shape: Any, faces: Sequence[TopoDS_Face], labels: Sequence[str]) -> tuple[str, ...]:
