@@ -72,11 +72,16 @@ def test_a_blend_with_errors_left_ends_in_1_with_its_message_and_no_model(capsys
     assert run("blend torn.toml --dry-run --allow-errors") == 0
 
 
+def test_a_dry_run_names_the_file_that_it_does_not_write(capsys: pytest.CaptureFixture[str]) -> None:
+    assert run("blend scaffold.toml --dry-run -o out.step") == 0
+    assert capsys.readouterr().out.endswith("out.step would be written\n")
+    assert made() == []
+
+
 @pytest.mark.parametrize(
     "line",
     [
         "blend scaffold.toml",
-        "blend scaffold.toml --dry-run -o out.step",
         "blend missing.toml -o out.step",
         "blend scaffold.toml -o out.obj",
         "blend scaffold.toml -o nowhere/out.step",

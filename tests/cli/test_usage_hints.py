@@ -46,7 +46,8 @@ def read_error(line: str, capsys: pytest.CaptureFixture[str]) -> str:
         ("lattice gyroid --cell 10 --thickness 0.6mm -o a.step", "'0.6mm' is not a number: leave the unit out"),
         ("lattice gyroid --cell 10 --thickness 0,6 -o a.step", "'0,6' is not a number: write a decimal point"),
         ("lattice gyroid --cell 10 --thickness thin -o a.step", "--thickness': 'thin' is not a number ("),
-        ("lattice gyroid --cell 10 --porosity 70% -o a.step", "'70%' is not a number: leave the sign out, 0.7 is 70 %"),
+        ("lattice gyroid --cell 10 --porosity 70% -o a.step", "'70%' is not a number: write 0.7"),
+        ("lattice gyroid --cell 10 --infill 30% -o a.step", "did you mean --volume-fraction or --porosity? "),
         ("lattice gyroid --cell 10 --jobs 2.5 -o a.step", "'2.5' is not a whole number"),
         ("lattice gyriod --cell 10 -o a.step", "did you mean 'gyroid'?"),
         (

@@ -37,11 +37,9 @@ def parse_labels(text: str) -> Any:
 def remedy_for_number(text: str) -> str:
     """What to write for a number with a unit or a decimal comma, after a colon; "" for other texts."""
     if match := _NUMBER_WITH_UNIT.match(text):
-        return (
-            ": leave the sign out, 0.7 is 70 %"
-            if match[1] == "%"
-            else ": leave the unit out, lengths are in mm and angles in degrees"
-        )
+        if match[1] == "%":
+            return f": write {float(text.strip().rstrip('%').replace(',', '.')) / 100:g}"
+        return ": leave the unit out, lengths are in mm and angles in degrees"
     return ": write a decimal point" if _DECIMAL_COMMA.match(text) else ""
 
 

@@ -125,8 +125,18 @@ def write_model(model: Any, writing: OutputRequest, progress: Progress) -> None:
     model.export(writing.output, **writing.format_options)
 
 
+def describe_file(path: Path | None, begun: float) -> str:
+    """The line that tells a file, its size, and the time that passed since `begun` on the monotonic clock."""
+    if path is None:
+        return ""
+    size = path.stat().st_size
+    unit, scale = next((u, s) for u, s in (("MB", 1e6), ("kB", 1e3), ("bytes", 1.0)) if size >= s or s == 1.0)
+    return f"wrote       {path}, {size / scale:.3g} {unit}, after {time.monotonic() - begun:.1f} s in all"
+
+
 def make_and_write(title: str, make: Callable[[Progress], Any], writing: OutputRequest) -> None:
     """Make a model, write it and its certificate (that of an exchanger with its domains) as JSON, and print its summary."""
+    begun = time.monotonic()
     with report_unmet_request(writing.report):
         with progress_bar(title, writing.quiet) as progress:
             model = make(progress)
@@ -134,6 +144,7 @@ def make_and_write(title: str, make: Callable[[Progress], Any], writing: OutputR
         write_report(writing.report, model.to_dict() if hasattr(model, "domains") else model.certificate.to_dict())
     if not writing.quiet:
         print(summarise(model, verbose=writing.verbose))
+        print(describe_file(writing.output, begun))
 
 
 def summarise(model: Any, *, verbose: bool) -> str:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from collections.abc import Callable
 from typing import TYPE_CHECKING
 
@@ -22,7 +23,15 @@ from tpmscad.cli.options import (
     RecipeArgument,
     SpacingOption,
 )
-from tpmscad.cli.output import OutputRequest, progress_bar, report_unmet_request, summarise, write_model, write_report
+from tpmscad.cli.output import (
+    OutputRequest,
+    describe_file,
+    progress_bar,
+    report_unmet_request,
+    summarise,
+    write_model,
+    write_report,
+)
 from tpmscad.errors import InvalidRequest
 
 if TYPE_CHECKING:
@@ -106,16 +115,18 @@ def solidify(
 
 def _run(title: str, read: ReadRun, writing: OutputRequest, dry_run: bool) -> None:
     """Read a recipe and make its solid, or describe it in a dry run."""
-    if dry_run == (writing.output is not None):
-        raise InvalidRequest("give either `output`, the file to write, or `dry_run`, which makes no solid")
+    if not dry_run and writing.output is None:
+        raise InvalidRequest("give `output`, the file to write, or `dry_run`, which makes no solid")
+    begun = time.monotonic()
     with report_unmet_request(writing.report), progress_bar(title, writing.quiet) as progress:
         run = read(progress)
         if dry_run:
             text, content = run.describe()
+            text += f"\nfile        {writing.output} would be written" if writing.output else ""
         else:
             model, content = run.make(progress)
             write_model(model, writing, progress)
-            text = summarise(model, verbose=writing.verbose)
+            text = f"{summarise(model, verbose=writing.verbose)}\n{describe_file(writing.output, begun)}"
         write_report(writing.report, content)
     if not writing.quiet:
         print(speak_in_options(text, RENAMED_KEYWORDS))

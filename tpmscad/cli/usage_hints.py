@@ -14,6 +14,9 @@ from tpmscad.errors import InvalidRequest
 OPTION_SYNONYMS: Mapping[str, tuple[str, ...]] = {
     **{f"--{word.replace('_', '-')}": (f"--{keyword.replace('_', '-')}",) for word, keyword in SYNONYMS.items()},
     "--density": ("--volume-fraction", "--porosity"),
+    "--infill": ("--volume-fraction", "--porosity"),
+    "--fill": ("--volume-fraction", "--porosity"),
+    "--fill-density": ("--volume-fraction", "--porosity"),
     "--solid-fraction": ("--volume-fraction",),
     "--thickness": ("--volume-fraction",),  # of commands without a length
     "--void-fraction": ("--porosity",),

@@ -45,6 +45,11 @@ SHAPE_FIX_MODES = (
 edges are not among them: a STEP file may omit these, but OCCT requires them."""
 
 
+MESH_SUFFIXES = (".stl", ".3mf", ".obj", ".ply", ".glb")
+MESH_REMEDY = " (it is a mesh of triangles: export the part as .step to check, measure or draw it)"
+"""What to do with a file of triangles where a STEP file is read."""
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class StepContent:
     """Content of a file: all roots as one shape, its solids in file order, its length units and product names.
@@ -98,7 +103,8 @@ def require_file(path: Path, kind: str, magic: bytes) -> Path:
         raise InvalidRequest(f"there is no file {path}")
     with path.open("rb") as file:
         if magic not in file.read(1024):
-            raise InvalidRequest(f"{path} is not a {kind} file: it does not begin with {magic.decode()}")
+            remedy = MESH_REMEDY if path.suffix.lower() in MESH_SUFFIXES else ""
+            raise InvalidRequest(f"{path} is not a {kind} file: it does not begin with {magic.decode()}{remedy}")
     return path
 
 
