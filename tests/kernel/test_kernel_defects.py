@@ -12,6 +12,7 @@ import pytest
 
 pytestmark = pytest.mark.kernel
 
+import build123d as bd
 from OCP.Bnd import Bnd_Box
 from OCP.BRepAdaptor import BRepAdaptor_Curve2d
 from OCP.BRepAlgoAPI import BRepAlgoAPI_Common, BRepAlgoAPI_Cut, BRepAlgoAPI_Fuse
@@ -267,6 +268,19 @@ def test_a_file_with_a_point_marker_is_read_with_its_names(tmp_path: Path) -> No
 
 def read_names(path: Path) -> tuple[str, ...]:
     return read_step(path).products
+
+
+@pytest.mark.xfail(
+    convert.OCCT_VERSION < (8,),
+    strict=True,
+    raises=AssertionError,
+    reason=f"OCCT {VERSION}: a swept surface is sampled, and its box is that of the samples; 8 bounds it by its poles",
+)
+def test_the_box_of_an_extruded_spline_contains_it() -> None:
+    spline = bd.Spline((-8, 0, 0), (3, 0, 3), (4, 0, -1), (8, 0, 0))
+    box = Bnd_Box()
+    BRepBndLib.Add_s(bd.Face.extrude(bd.Edge(spline.wrapped), (0, 5, 0)).wrapped, box, False)
+    assert box.CornerMax().Z() >= max((spline @ (t / 1000)).Z for t in range(1001))
 
 
 @pytest.mark.xfail(

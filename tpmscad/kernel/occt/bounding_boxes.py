@@ -9,21 +9,26 @@ import numpy as np
 from OCP.Bnd import Bnd_Box
 from OCP.BRep import BRep_Tool
 from OCP.BRepBndLib import BRepBndLib
+from OCP.Geom import Geom_OffsetSurface, Geom_SweptSurface
 from OCP.TopAbs import TopAbs_EDGE, TopAbs_FACE
 from OCP.TopoDS import TopoDS_Face, TopoDS_Shape
 
 from tpmscad._typing import Array
 from tpmscad.kernel.occt import convert
-from tpmscad.kernel.occt.exploration import count_subshape_uses
+from tpmscad.kernel.occt.exploration import count_subshape_uses, faces_of
 
 
 def enclosing_box(shape: TopoDS_Shape) -> tuple[Array, Array]:
     """Opposite corners (3,), (3,) of a box that contains the shape.
 
-    The box is exact for plane and quadric faces and too large for others. It is infinite for an unbounded shape.
+    The box is exact for plane and quadric faces and too large for splines. It is infinite for an unbounded shape. OCCT 7.9
+    samples swept and offset surfaces and bounds the samples only, so that these have the kernel's optimal box, too.
     """
     box = Bnd_Box()
     BRepBndLib.Add_s(shape, box, False)
+    for face in faces_of(shape):
+        if isinstance(BRep_Tool.Surface_s(face), Geom_SweptSurface | Geom_OffsetSurface):
+            BRepBndLib.AddOptimal_s(face, box, False, False)
     if box.IsVoid() or box.IsOpen():
         return np.full(3, -np.inf), np.full(3, np.inf)
     return box_corners(box)
