@@ -86,7 +86,9 @@ def infill(options: InfillOptions) -> Model:
                 raise InvalidRequest(f"no lattice lies in {read.name}: shift it by phase, or make the cell smaller")
         result, dropped = _drop_loose_solids(result, options.loose)
         if result.brep is None:
-            result = replace(result, built=label_cut_solids(result.solids, block.patches, read))
+            result = replace(
+                result, built=label_cut_solids(result.solids, block.patches, read, has_skin=skin is not None)
+            )
     with stages("check"):
         notes = (*read.notes, *result.notes, *dropped.notes)
         certificate = certify_cut_solids(

@@ -29,8 +29,8 @@ from tpmscad.kernel.occt.exploration import ShapeKey, faces_of
 from tpmscad.kernel.step.face_labels import LABEL_OF_TAG
 from tpmscad.splines.bspline import BSplineSurface
 
-SKIN = "skin"
-"""Label of the faces that lie neither on the lattice nor on the body."""
+SKIN, UNKNOWN = "skin", "other"
+"""Labels of the faces that lie neither on the lattice nor on the body: with a skin its inner side, else the kernel's own."""
 
 NODES_PER_DIRECTION = 7
 """Nodes of every patch along u and v from which the foot point of a point is sought."""
@@ -46,7 +46,7 @@ ON_BODY_TOL = 1e-5
 splits; skins are many times as thick."""
 
 
-def label_cut_solids(solids: Sequence[Any], patches: Brep, body: CadBody) -> OcctSolids:
+def label_cut_solids(solids: Sequence[Any], patches: Brep, body: CadBody, *, has_skin: bool = False) -> OcctSolids:
     """Solids that the kernel made of a lattice's patches and a body, with the label of each face."""
     counts = [len(faces_of(solid)) for solid in solids]
     faces = [face for solid in solids for face in faces_of(solid)]
@@ -58,7 +58,7 @@ def label_cut_solids(solids: Sequence[Any], patches: Brep, body: CadBody) -> Occ
     others = [i for i, label in enumerate(labels) if not label]
     owners = find_body_faces([faces[i] for i in others], points[others], faces_of(body.shape))
     for i, owner in zip(others, owners.tolist(), strict=True):
-        labels[i] = names[owner] if owner >= 0 else SKIN
+        labels[i] = names[owner] if owner >= 0 else SKIN if has_skin else UNKNOWN
     ends = np.cumsum([0, *counts]).tolist()
     return OcctSolids(tuple(solids), tuple(tuple(labels[i:j]) for i, j in pairwise(ends)))
 
