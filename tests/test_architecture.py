@@ -24,6 +24,7 @@ GROUND = {
     "catalogue",
     "errors",
     "fallbacks",
+    "kernel_wheels",
     "memory_limit",
     "parallel",
     "progress_display",

@@ -6,7 +6,10 @@ the CAD kernel, which takes seconds.
 """
 
 from tpmscad._lazy_import import attach_stub
+from tpmscad.kernel_wheels import warn_of_conflict
 
 __getattr__, __dir__, __all__ = attach_stub(__name__, __file__)
 
 __version__ = "0.1.0"
+
+warn_of_conflict()

@@ -43,5 +43,11 @@ try:
 except RuntimeError:  # numba finds no folder that it can write to
     keep_in_temporary_folder()
 
+
+def cache_folder() -> Path:
+    """The folder below which compiled functions are kept: numba's own, or that of the package."""
+    return Path(numba.config.CACHE_DIR) if numba.config.CACHE_DIR else Path(__file__).parent
+
+
 njit_cached = numba.njit(cache=True, error_model="numpy")
 """Decorator of compiled loops: compiled on first use and cached on disk; a division by zero gives inf or nan, as in NumPy."""

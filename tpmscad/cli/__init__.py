@@ -174,6 +174,12 @@ COMMANDS = (
             "permeability P --cell 8 --thickness 0.8 --side + --report p.json",
         ),
     ),
+    Command(
+        LOOK,
+        "doctor_command.doctor",
+        "Show versions, kernel, cache and memory, and what is wrong.",
+        ("doctor", "doctor --json"),
+    ),
     Command(LOOK, "reference_commands.surfaces", "List the catalogue of surfaces.", ("surfaces", "surfaces --json")),
 )
 """The commands in the order of the help."""
