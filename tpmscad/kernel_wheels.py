@@ -1,8 +1,8 @@
 """The wheels that bring the CAD kernel: two of them write the same module `OCP`, and of two versions only one is there.
 
-CadQuery depends on `cadquery-ocp`, build123d on `cadquery-ocp-novtk`. pip takes them for unrelated, so that the one installed last
-overwrites files of the other; if the versions differ, what is imported is a mixture, or the older kernel under a library for the
-newer one. Only the names of folders of metadata are read here: `importlib.metadata` would take 40 ms of every import.
+CadQuery depends on `cadquery-ocp`, build123d on `cadquery-ocp-novtk`. pip takes them for unrelated, so that the one installed
+last overwrites files of the other; if the versions differ, what is imported is a mixture, or the older kernel under a library for
+the newer one. Only the names of folders of metadata are read here: `importlib.metadata` would take 40 ms of every import.
 """
 
 from __future__ import annotations

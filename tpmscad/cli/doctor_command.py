@@ -14,7 +14,6 @@ from typing import Annotated, Any
 
 import typer
 
-from tpmscad.errors import TpmscadError
 from tpmscad.kernel_wheels import (
     CADQUERY,
     WHEELS,
@@ -60,8 +59,9 @@ def doctor(as_json: JsonOption = False) -> None:
     stated = next((installed[name] for name in WHEELS if name in installed), loaded)
     if loaded and not stated.startswith(loaded):
         fault = f"it is OCCT {loaded}, its wheel is {stated}"
-    problems = [describe_conflict(installed), _explain_kernel(fault, installed), cache_fault]
-    if CADQUERY in installed:
+    conflict = describe_conflict(installed)
+    problems = [conflict or _explain_kernel(fault, installed), cache_fault]
+    if CADQUERY in installed and not problems[0]:
         problems.append(_explain_cadquery(_load("import cadquery")[1]))
     facts: dict[str, Any] = {
         "tpmscad": f"{tpmscad.__version__} in {Path(tpmscad.__file__).parent}",
@@ -82,7 +82,8 @@ def doctor(as_json: JsonOption = False) -> None:
             if name != "problems":
                 print(f"{name:<11} {fact}")
     if facts["problems"]:
-        raise TpmscadError("\n".join(facts["problems"]))
+        print("\n".join(facts["problems"]), file=sys.stderr)
+        raise typer.Exit(1)
     if not as_json:
         print("all is well")
 
