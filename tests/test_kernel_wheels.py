@@ -10,7 +10,13 @@ from pathlib import Path
 
 import pytest
 
-from tpmscad.kernel_wheels import WITH_CADQUERY, WITHOUT_CADQUERY, describe_conflict, find_installed_versions
+from tpmscad.kernel_wheels import (
+    WITH_CADQUERY,
+    WITHOUT_CADQUERY,
+    describe_conflict,
+    find_installed_versions,
+    is_overwritten,
+)
 
 ROOT = Path(__file__).resolve().parents[1]
 
@@ -43,20 +49,37 @@ def test_versions_are_read_from_the_names_of_the_metadata(tmp_path: Path) -> Non
 @pytest.mark.parametrize(
     ("installed", "mends"),
     [
-        ({}, ""),
-        ({"cadquery-ocp-novtk": "8.0.1.1.0"}, ""),
-        ({"cadquery-ocp": "7.9.3.1.1", "cadquery-ocp-novtk": "7.9.3.1.1", "cadquery": "2.8.0"}, ""),
+        ({}, None),
+        ({"cadquery-ocp-novtk": "8.0.1.1.0"}, None),
+        ({"cadquery-ocp": "7.9.3.1.1", "cadquery-ocp-novtk": "7.9.3.1.1", "cadquery": "2.8.0"}, None),
         ({"cadquery-ocp": "7.9.3.1.1", "cadquery-ocp-novtk": "8.0.1.1.0", "cadquery": "2.8.0"}, WITH_CADQUERY),
         ({"cadquery-ocp": "7.9.3.1.1", "cadquery-ocp-novtk": "8.0.1.1.0"}, WITHOUT_CADQUERY),
     ],
 )
-def test_two_versions_are_a_conflict_and_one_is_none(installed: dict[str, str], mends: str) -> None:
+def test_two_versions_are_a_conflict_and_one_is_none(installed: dict[str, str], mends: tuple[str, str] | None) -> None:
     found = describe_conflict(installed)
     assert bool(found) == bool(mends)
     if mends:
         lines = found.splitlines()
-        assert [line.strip() for line in lines[1:]] == ["pip uninstall -y cadquery-ocp cadquery-ocp-novtk", mends]
+        assert tuple(line.strip() for line in lines[1:]) == mends
         assert all(f"{name} {number}" in lines[0] for name, number in installed.items() if name != "cadquery")
+
+
+def test_the_wheel_without_vtk_over_the_other_of_the_same_version_is_noticed(tmp_path: Path) -> None:
+    names = "cadquery_ocp-7.9.3.1.1", "cadquery_ocp_novtk-7.9.3.1.1", "cadquery-2.8.0"
+    folder = install(tmp_path, *names)
+    library = folder / "OCP" / "OCP.cpython-311.so"
+    library.parent.mkdir()
+    library.write_bytes(b"with VTK")
+    record = folder / f"{names[0]}.dist-info" / "RECORD"
+    record.write_text("OCP/__init__.py,sha256=x,55\nOCP/OCP.cpython-311.so,sha256=y,8\n")
+    assert not is_overwritten([str(folder)])
+    library.write_bytes(b"without it")
+    assert is_overwritten([str(folder)])
+    installed = find_installed_versions([str(folder)])
+    assert describe_conflict(installed, False) == ""
+    assert "CadQuery misses what needs VTK" in describe_conflict(installed, True)
+    assert describe_conflict({name: of for name, of in installed.items() if name != "cadquery"}, True) == ""
 
 
 def test_a_conflict_is_told_once_at_import(tmp_path: Path) -> None:
@@ -76,7 +99,7 @@ def test_the_doctor_tells_what_is_installed_and_what_is_wrong(tmp_path: Path) ->
     ill = run("-m", "tpmscad", "doctor", path=install(tmp_path / "ill", "cadquery_ocp-1.2.3", "cadquery_ocp_novtk-4.5"))
     assert ill.returncode == 1
     assert "two CAD kernels are installed over each other" in ill.stderr
-    assert "pip uninstall -y cadquery-ocp cadquery-ocp-novtk" in ill.stderr
+    assert "\n    pip uninstall -y cadquery-ocp cadquery-ocp-novtk\n" in ill.stderr
 
 
 @pytest.mark.kernel

@@ -8,11 +8,12 @@ import time
 from types import SimpleNamespace
 from typing import Any
 
+import numba
 import pytest
 import rich.progress  # noqa: F401 - its first import takes longer than the stages below
 
 from tpmscad import progress_display
-from tpmscad.stage_timer import StageTimer
+from tpmscad.stage_timer import COMPILING, StageTimer, show_compiling
 
 
 class Terminal(io.StringIO):
@@ -105,3 +106,17 @@ def test_a_notebook_shows_a_line_and_empties_it(terminal: Terminal, monkeypatch:
     work(StageTimer(None), 0.2)
     assert lines == ["fit", "fit: 25 %", "fit: 100 %", ""] or lines == ["fit", "fit: 25 %", ""]
     assert terminal.getvalue() == ""
+
+
+def test_a_stage_says_when_functions_are_being_compiled_and_goes_on_under_its_name(terminal: Terminal) -> None:
+    reports: list[tuple[str, float]] = []
+    with StageTimer(lambda stage, done: reports.append((stage, done)))("fit") as report:
+        report(0.5)
+        numba.njit(lambda x: x + 1)(2.0)  # not kept: it is compiled here
+    assert reports == [("fit", 0.0), ("fit", 0.5), (COMPILING, 0.0), ("fit", 0.5), ("fit", 1.0)]
+    with StageTimer(None)("grow"):
+        time.sleep(0.2)
+        show_compiling(True)
+        time.sleep(0.2)
+        show_compiling(False)
+    assert COMPILING in terminal.getvalue()

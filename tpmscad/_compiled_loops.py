@@ -9,6 +9,9 @@ import warnings
 from pathlib import Path
 
 import numba
+from numba.core import event
+
+from tpmscad.stage_timer import show_compiling
 
 
 def keep_in_temporary_folder() -> Path:
@@ -48,6 +51,25 @@ def cache_folder() -> Path:
     """The folder below which compiled functions are kept: numba's own, or that of the package."""
     return Path(numba.config.CACHE_DIR) if numba.config.CACHE_DIR else Path(__file__).parent
 
+
+class _CompilationListener(event.Listener):  # type: ignore[misc]  # numba has no types
+    """Shows in the progress of what is going on that a function is being compiled."""
+
+    def __init__(self) -> None:
+        self._depth = 0
+
+    def on_start(self, _: event.Event) -> None:
+        self._depth += 1
+        if self._depth == 1:
+            show_compiling(True)
+
+    def on_end(self, _: event.Event) -> None:
+        self._depth -= 1
+        if self._depth == 0:
+            show_compiling(False)
+
+
+event.register("numba:compile", _CompilationListener())
 
 njit_cached = numba.njit(cache=True, error_model="numpy")
 """Decorator of compiled loops: compiled on first use and cached on disk; a division by zero gives inf or nan, as in NumPy."""

@@ -28,6 +28,9 @@ class Display(Protocol):
     def update(self, done: float) -> None:
         """Show the fraction that is done, 0 if it is not known."""
 
+    def rename(self, stage: str) -> None:
+        """Show another name for what is going on."""
+
     def close(self) -> None:
         """Remove the display."""
 
@@ -41,18 +44,22 @@ def find_display() -> Callable[[str], Display] | None:
 
 
 @contextmanager
-def show_stage(stage: str, begun: float) -> Iterator[FractionProgress]:
-    """Show the progress of a stage from `DELAY_SECONDS` after `begun` (`time.monotonic`) on; yields the function for reports."""
+def show_stage(stage: str, begun: float) -> Iterator[tuple[FractionProgress, Callable[[str], None]]]:
+    """Show the progress of a stage from `DELAY_SECONDS` after `begun` (`time.monotonic`) on.
+
+    Yields the function for reports and one that shows another name.
+    """
     open_display = find_display()
     if open_display is None:
-        yield lambda done: None
+        yield lambda done: None, lambda name: None
         return
     lock, shown, fraction, ended = threading.Lock(), list[Display](), [0.0], threading.Event()
+    names = [stage]
 
     def begin() -> None:
         with lock:
             if not ended.is_set():
-                shown.append(open_display(stage))
+                shown.append(open_display(names[-1]))
                 shown[0].update(fraction[0])
 
     def report(done: float) -> None:
@@ -60,6 +67,12 @@ def show_stage(stage: str, begun: float) -> Iterator[FractionProgress]:
             fraction[0] = done
             for display in shown:
                 display.update(done)
+
+    def rename(name: str) -> None:
+        with lock:
+            names[-1] = name
+            for display in shown:
+                display.rename(name)
 
     wait = begun + DELAY_SECONDS - time.monotonic()
     timer = threading.Timer(wait, begin)
@@ -69,7 +82,7 @@ def show_stage(stage: str, begun: float) -> Iterator[FractionProgress]:
     else:
         begin()
     try:
-        yield report
+        yield report, rename
     finally:
         ended.set()
         timer.cancel()
@@ -94,6 +107,10 @@ class TerminalBar:
         """Show the fraction that is done."""
         self._bar.update(self._task, completed=done, total=1.0 if done else None)
 
+    def rename(self, stage: str) -> None:
+        """Show another name before the bar."""
+        self._bar.update(self._task, description=stage)
+
     def close(self) -> None:
         """Remove the bar."""
         self._bar.stop()
@@ -115,6 +132,11 @@ class NotebookLine:
             self._latest = time.monotonic()
             share = f": {round(100 * done)} %" if done else " ..."
             self._handle.update({"text/plain": self._stage + share}, raw=True)
+
+    def rename(self, stage: str) -> None:
+        """Show another name, until the next report with a percentage."""
+        self._stage = stage
+        self._handle.update({"text/plain": f"{stage} ..."}, raw=True)
 
     def close(self) -> None:
         """Empty the line."""

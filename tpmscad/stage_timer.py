@@ -11,6 +11,18 @@ from tpmscad._typing import FractionProgress, ProgressOption
 from tpmscad.api.public_calls import call_user_function
 from tpmscad.progress_display import show_stage
 
+COMPILING = "compiling, once"
+"""Name that is shown while functions are compiled, which are then kept on disk."""
+
+_open_stages: list[Callable[[bool], None]] = []
+"""What shows in the stages that are open that functions are being compiled, and that they are no more."""
+
+
+def show_compiling(is_compiling: bool) -> None:
+    """Show in the innermost open stage that functions are being compiled, or its own name again."""
+    if _open_stages:
+        _open_stages[-1](is_compiling)
+
 
 @dataclass(slots=True)
 class StageTimer:
@@ -33,22 +45,33 @@ class StageTimer:
     def __call__(self, stage: str) -> Iterator[FractionProgress]:
         """Time a stage: a context manager that yields the function for reports in between."""
         begun = self.clock()
-        with self._open_report(stage) as report:
+        with self._open_report(stage) as (report, show):
             report(0.0)
+            _open_stages.append(show)
             try:
                 yield report
             finally:
+                _open_stages.remove(show)
                 self.seconds[stage] = self.seconds.get(stage, 0.0) + self.clock() - begun
             report(1.0)
 
     @contextmanager
-    def _open_report(self, stage: str) -> Iterator[FractionProgress]:
-        """The function that reports the fraction of the stage that is done."""
+    def _open_report(self, stage: str) -> Iterator[tuple[FractionProgress, Callable[[bool], None]]]:
+        """The function that reports the fraction of the stage that is done, and one that shows that functions are compiled."""
         call = self.progress
         if callable(call):
-            yield lambda done: call_user_function("progress", call, stage, done)
+            done = [0.0]
+
+            def report(fraction: float) -> None:
+                done[0] = fraction
+                call_user_function("progress", call, stage, fraction)
+
+            yield (
+                report,
+                lambda on: call_user_function("progress", call, *((COMPILING, 0.0) if on else (stage, done[0]))),
+            )
         elif call is False:
-            yield lambda done: None
+            yield lambda fraction: None, lambda on: None
         else:
-            with show_stage(stage, self.begun) as report:
-                yield report
+            with show_stage(stage, self.begun) as (show_fraction, rename):
+                yield show_fraction, lambda on: rename(COMPILING if on else stage)

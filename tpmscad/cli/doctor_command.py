@@ -19,7 +19,7 @@ from tpmscad.kernel_wheels import (
     WHEELS,
     WITH_CADQUERY,
     WITHOUT_CADQUERY,
-    describe_conflict,
+    find_conflict,
     find_installed_versions,
 )
 from tpmscad.memory_limit import format_bytes, physical_memory
@@ -59,7 +59,7 @@ def doctor(as_json: JsonOption = False) -> None:
     stated = next((installed[name] for name in WHEELS if name in installed), loaded)
     if loaded and not stated.startswith(loaded):
         fault = f"it is OCCT {loaded}, its wheel is {stated}"
-    conflict = describe_conflict(installed)
+    conflict = find_conflict()
     problems = [conflict or _explain_kernel(fault, installed), cache_fault]
     if CADQUERY in installed and not problems[0]:
         problems.append(_explain_cadquery(_load("import cadquery")[1]))
@@ -107,13 +107,14 @@ def _explain_kernel(fault: str, installed: Mapping[str, str]) -> str:
         return ""
     if "libGL" in fault:
         return f"the kernel does not load ({fault}): apt-get install libgl1"
-    mend = WITH_CADQUERY if CADQUERY in installed else WITHOUT_CADQUERY
-    return f"the kernel does not load ({fault}). These two lines mend it:\n    pip uninstall -y {' '.join(WHEELS)}\n    {mend}"
+    mend = "\n    ".join(WITH_CADQUERY if CADQUERY in installed else WITHOUT_CADQUERY)
+    return f"the kernel does not load ({fault}). These two lines mend it:\n    {mend}"
 
 
 def _explain_cadquery(fault: str) -> str:
     """Why CadQuery does not load beside this package, and what to do."""
-    return fault and f"CadQuery does not load ({fault}): {WITH_CADQUERY}"
+    mend = "\n    ".join(WITH_CADQUERY)
+    return fault and f"CadQuery does not load ({fault}). These two lines mend it:\n    {mend}"
 
 
 def _find_version(name: str) -> str:

@@ -230,8 +230,9 @@ class _Evaluator:
 
     def _run(self, program: Program, tables: Axes, ends: IntArray, inputs: Array, coordinates: Any) -> Array:
         found = np.empty((len(self.outputs), tables[0].shape[1] * tables[1].shape[1] * tables[2].shape[1]))
+        coefficients = program.tables if len(program.tables) else None
         place, point = run_tape(
-            program.code, program.parameters, program.tables, program.n_rows, *tables, ends, inputs, found
+            program.code, program.parameters, coefficients, program.n_rows, *tables, ends, inputs, found
         )
         if place >= 0:
             shape = [len(axis) for axis in coordinates] if isinstance(coordinates, tuple) else None

@@ -339,7 +339,7 @@ def run_tape(code, parameters, tables, n_rows, x_table, y_table, z_table, ends, 
 
     An operation is its code, the rows of up to four results, the rows of up to three operands, the place of its parameters, and
     the row of the mask of the columns at which it is needed, -1 for all. Only operations that take long look at their mask.
-    The coefficients of splines are in `tables`. Blocks begin and end at the columns `ends` of the z table, at most BLOCK apart.
+    The coefficients of splines are in `tables`, None if there are none. Blocks begin and end at the columns `ends` of the z table, at most BLOCK apart.
     Returns the parameter place of the first check that failed and the point, at which found[0] is the value checked; or -1, -1.
     """
     nx, ny, nz = x_table.shape[1], y_table.shape[1], z_table.shape[1]
@@ -429,10 +429,6 @@ def run_tape(code, parameters, tables, n_rows, x_table, y_table, z_table, ends, 
                         rows[d, i] = np.sqrt(rows[a, i])
                 elif kind == _PIECEWISE:
                     _piecewise(rows, n, d, op[2], a, p, parameters)
-                elif kind == _TENSOR:
-                    _tensor(rows, n, op, p, parameters, tables)
-                elif kind == _PERIODIC_SPLINE:
-                    _periodic_spline(rows, n, op, p, parameters, tables)
                 elif kind == _CHECK:
                     low, high = parameters[p], parameters[p + 1]
                     for i in range(n):
@@ -440,6 +436,13 @@ def run_tape(code, parameters, tables, n_rows, x_table, y_table, z_table, ends, 
                             found[0, at + i] = rows[a, i]
                             return p, at + i
                         rows[d, i] = rows[a, i]
+                elif tables is not None:  # numba leaves this out for None, and does not compile the splines
+                    if kind == _TENSOR:
+                        _tensor(rows, n, op, p, parameters, tables)
+                    elif kind == _PERIODIC_SPLINE:
+                        _periodic_spline(rows, n, op, p, parameters, tables)
+                    else:
+                        _elementary(rows, n, kind, d, a, b, parameters[p])
                 else:
                     _elementary(rows, n, kind, d, a, b, parameters[p])
     return -1, -1
