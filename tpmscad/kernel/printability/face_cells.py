@@ -73,7 +73,7 @@ def cell_fitter(faces: Sequence[TopoDS_Face]) -> CellFit:
             points[own] = surfaces[number](parameters[own].reshape(-1, 2))[0].reshape(len(own), -1, 3)
         n = (DEGREE + 1) ** 2
         nodes = points[:, :n].reshape(-1, DEGREE + 1, DEGREE + 1, 3)
-        nets = np.einsum("ia,jb,nabc->nijc", _TO_POLES, _TO_POLES, nodes, optimize=True)
+        nets = np.ascontiguousarray(np.einsum("ia,jb,nabc->nijc", _TO_POLES, _TO_POLES, nodes, optimize=True))
         fitted = np.einsum("ka,lb,nabc->nklc", between, between, nets, optimize=True).reshape(len(box), -1, 3)
         return nets, PAD_FACTOR * np.linalg.norm(fitted - points[:, n:], axis=2).max(axis=1)
 
