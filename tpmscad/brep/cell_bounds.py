@@ -1,11 +1,11 @@
-"""Compiled loops over bicubic nets (n, 4, 4, 3): balls around them, cones of their normals, and their halves."""
+"""Compiled loops over cells: balls around bicubic nets (n, 4, 4, 3), cones of normals, halves, and chords that meet rectangles."""
 
 from __future__ import annotations
 
 import numpy as np
 
 from tpmscad._compiled_loops import njit_cached
-from tpmscad._typing import Array, IntArray
+from tpmscad._typing import Array, BoolArray, IntArray
 
 REGULAR_RATIO = 1e-9
 """Of the longest sampled normal of a cell: shorter ones, at poles of the surface, have no direction."""
@@ -139,3 +139,25 @@ def find_longer_directions(nets: Array, axis: IntArray) -> None:  # pragma: no c
                 row, column = row + np.sqrt(u), column + np.sqrt(v)
             along, across = max(along, row), max(across, column)
         axis[n] = 1 if across > along else 0
+
+
+def chords_meet_boxes(chords: Array, slack: Array, box: Array) -> BoolArray:
+    """Whether chords (m, 2, 2), widened by their slack (m, 2), meet rectangles (m, 2, 2)."""
+    meets = np.empty(len(chords), np.bool_)
+    _clip_chords(chords, slack, box, meets)
+    return meets
+
+
+@njit_cached
+def _clip_chords(chords: Array, slack: Array, box: Array, meets: BoolArray) -> None:  # pragma: no cover - compiled
+    for m in range(len(chords)):
+        enter, leave = 0.0, 1.0
+        for a in range(2):
+            low, high = box[m, a, 0] - slack[m, a], box[m, a, 1] + slack[m, a]
+            start, way = chords[m, 0, a], chords[m, 1, a] - chords[m, 0, a]
+            if way != 0.0:
+                one, two = (low - start) / way, (high - start) / way
+                enter, leave = max(enter, min(one, two)), min(leave, max(one, two))
+            elif not low <= start <= high:
+                leave = -np.inf
+        meets[m] = enter <= leave

@@ -35,9 +35,11 @@ class CellBounds(NamedTuple):
         Cones of the outward normals.
     solid, group : (n,), (n,)
         Solid and smooth group of each cell.
-    edge_keys : (n, k)
-        Numbers of the sharp edges near each cell, -1 for none.
-    more_edges : (n,)
+    edge_row : (n,)
+        Row of each cell in `edge_keys` and `more_edges`, -1 where no sharp edge is near.
+    edge_keys : (m, k)
+        Numbers of the sharp edges near, -1 for none.
+    more_edges : (m,)
         Whether there may be others.
     """
 
@@ -49,6 +51,7 @@ class CellBounds(NamedTuple):
     angle: Array
     solid: IntArray
     group: IntArray
+    edge_row: IntArray
     edge_keys: IntArray
     more_edges: BoolArray
 
@@ -164,13 +167,13 @@ def _heights(cells: CellBounds, i: int, j: int, direction: Array) -> tuple[float
 
 
 @njit_cached
-def ends_at_edge(
-    cells: CellBounds, i: int, j: int, n_groups: int, surely: bool
-) -> bool:  # pragma: no cover - compiled
+def ends_at_edge(cells: CellBounds, i: int, j: int, n_groups: int, surely: bool) -> bool:  # pragma: no cover - compiled
     """Whether a sharp edge that is not one between both sides may end (surely: ends) one of them in its cell."""
     one, two = cells.group[i], cells.group[j]
     between = min(one, two) * n_groups + max(one, two)
-    for k in (i, j):
+    for k in (cells.edge_row[i], cells.edge_row[j]):
+        if k < 0:
+            continue
         for m in range(cells.edge_keys.shape[1]):
             if cells.edge_keys[k, m] >= 0 and cells.edge_keys[k, m] != between:
                 return True

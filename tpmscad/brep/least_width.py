@@ -165,18 +165,18 @@ class _Search:
         self.center, self.radius = cells.balls()
         self.axis, self.angle = cells.normal_cones()
         self.whole = cells.whole()
-        edge_keys, more_edges = np.full((len(cells), 1), -1), np.zeros(len(cells), bool)
+        edge_row, edge_keys, more_edges = np.full(len(cells), -1), np.empty((0, 1), np.int64), np.empty(0, bool)
         if self.edge_tree is not None:
-            k = min(NEAREST_EDGE_SAMPLES, len(self.edge_key))
-            away, at = self.edge_tree.query(
-                self.center, k=np.arange(1, k + 1), distance_upper_bound=float(self.radius.max()) + self.edges.spacing
-            )
-            meets = away <= (self.radius + self.edges.spacing)[:, None]
-            edge_keys = np.where(meets, self.edge_key[np.minimum(at, len(self.edge_key) - 1)], -1)
-            more_edges = meets[:, -1] & (k < len(self.edge_key))
+            k, reach = min(NEAREST_EDGE_SAMPLES, len(self.edge_key)), self.radius + self.edges.spacing
+            nearest, _ = self.edge_tree.query(self.center, distance_upper_bound=float(reach.max()))
+            near = np.flatnonzero(nearest <= reach)
+            away, at = self.edge_tree.query(self.center[near], k=np.arange(1, k + 1))
+            meets = away <= reach[near, None]
+            edge_row[near] = np.arange(len(near))
+            edge_keys, more_edges = np.where(meets, self.edge_key[at], -1), meets[:, -1] & (k < len(self.edge_key))
         solid, group = self.solid[cells.face], self.group[cells.face]
         balls_and_cones = (self.center, self.radius, self.axis, self.angle)
-        self.bounds = CellBounds(cells.nets, cells.pad, *balls_and_cones, solid, group, edge_keys, more_edges)
+        self.bounds = CellBounds(cells.nets, cells.pad, *balls_and_cones, solid, group, edge_row, edge_keys, more_edges)
 
     def _bisect(self, pairs: IntArray) -> tuple[IntArray, IntArray]:
         """Bisect the larger ones of the cells in pairs, and drop the other cells.

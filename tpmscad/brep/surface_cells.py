@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from tpmscad._typing import Array, BoolArray, IntArray
-from tpmscad.brep.cell_bounds import bound_nets, bound_normals, find_longer_directions, halve_nets
+from tpmscad.brep.cell_bounds import bound_nets, bound_normals, chords_meet_boxes, find_longer_directions, halve_nets
 from tpmscad.brep.loops import points_in_polygons
 from tpmscad.splines.basis import bernstein_basis
 
@@ -101,6 +101,8 @@ class SurfaceCells:
 
     def select(self, kept: IntArray) -> SurfaceCells:
         """Some of the cells (ascending numbers)."""
+        if len(kept) == len(self):
+            return self
         number = np.full(len(self), -1)
         number[kept] = np.arange(len(kept))
         own = number[self.chord_cell] >= 0
@@ -145,7 +147,7 @@ class SurfaceCells:
             self.reference_points()[parent[child]], cells.reference_points()[child], self.chords[chord]
         )
         odd = np.bincount(child[crossed], minlength=len(cells)) % 2 == 1
-        meets = _chords_meet_boxes(self.chords[chord], self.slack[chord], box[child])
+        meets = chords_meet_boxes(self.chords[chord], self.slack[chord], box[child])
         cells, kept = replace(cells, inside=inside ^ odd, chord_cell=child[meets], chord=chord[meets]).drop_outside()
         return cells, parent[kept]
 
@@ -201,7 +203,7 @@ def trim_cells(
         cells = np.arange(*np.searchsorted(face, [i, i + 1]))
         inside[cells] = points_in_polygons(lines[:, 0], lines[:, 1], reference[cells])
         owner, number = (a.ravel() for a in np.meshgrid(cells, np.arange(len(lines)), indexing="ij"))
-        meets = _chords_meet_boxes(lines[number], slack[number], box[owner])
+        meets = chords_meet_boxes(lines[number], slack[number], box[owner])
         near = SIDE_TOL * np.ptp(lines, axis=(0, 1))
         start, end = lines[number, 0], lines[number, 1]
         on_side = np.abs(start[:, :, None] - box[owner]).min(axis=2) <= near
@@ -242,16 +244,3 @@ def _segments_cross(start: Array, end: Array, chords: Array) -> BoolArray:
 
     one, two = chords[:, 0], chords[:, 1]
     return (side(start, end, one) != side(start, end, two)) & (side(one, two, start) != side(one, two, end))
-
-
-def _chords_meet_boxes(chords: Array, slack: Array, box: Array) -> BoolArray:
-    """Whether chords (m, 2, 2), widened by their slack (m, 2), meet rectangles (m, 2, 2)."""
-    low, high = box[:, :, 0] - slack, box[:, :, 1] + slack
-    start, way = chords[:, 0], chords[:, 1] - chords[:, 0]
-    with np.errstate(divide="ignore", invalid="ignore"):
-        t = np.sort(np.stack([(low - start) / way, (high - start) / way]), axis=0)
-    level = way == 0.0
-    between = (start >= low) & (start <= high)
-    enter = np.where(level, np.where(between, -np.inf, np.inf), t[0])
-    leave = np.where(level, np.where(between, np.inf, -np.inf), t[1])
-    return np.asarray(np.maximum(enter.max(axis=1), 0.0) <= np.minimum(leave.min(axis=1), 1.0))
