@@ -1,4 +1,4 @@
-"""Compiled loops over cells: balls around bicubic nets (n, 4, 4, 3), cones of normals, halves, and chords that meet rectangles."""
+"""Compiled loops over cells: balls around bicubic nets (n, 4, 4, 3), cones of normals, halves, and chords in rectangles."""
 
 from __future__ import annotations
 
