@@ -146,7 +146,8 @@ class _Search:
         """Find the least width below the value, and bound it from below."""
         self._take(cells)
         while (large := self.radius > max(2.0 * np.median(self.radius), 0.5 * self.value)).any():
-            self._take(self.cells.bisect(large)[0].tighten(PAD_FRACTION * self.value))
+            parts, parent = self.cells.bisect(large)
+            self._take(parts.tighten(PAD_FRACTION * self.value), parent)
         self._attain_by_balls()
         pairs = cKDTree(self.center).query_pairs(2.0 * self.radius.max() + self.value, output_type="ndarray")
         pairs = np.concatenate([pairs.astype(np.int64), np.repeat(np.arange(len(self.cells))[:, None], 2, axis=1)])
@@ -159,8 +160,9 @@ class _Search:
             self.bound = min(self.bound, float(low[~near | small].min(initial=np.inf)))
             pairs, first = self._bisect(pairs[near & ~small])
 
-    def _take(self, cells: SurfaceCells) -> None:
-        """Make these the cells under search."""
+    def _take(self, cells: SurfaceCells, parent: IntArray | None = None) -> None:
+        """Make these the cells under search; with their parents among those so far, whose parts alone are near edges."""
+        sought = np.arange(len(cells)) if parent is None else np.flatnonzero(self.bounds.edge_row[parent] >= 0)
         self.cells = cells
         self.center, self.radius = cells.balls()
         self.axis, self.angle = cells.normal_cones()
@@ -168,8 +170,8 @@ class _Search:
         edge_row, edge_keys, more_edges = np.full(len(cells), -1), np.empty((0, 1), np.int64), np.empty(0, bool)
         if self.edge_tree is not None:
             k, reach = min(NEAREST_EDGE_SAMPLES, len(self.edge_key)), self.radius + self.edges.spacing
-            nearest, _ = self.edge_tree.query(self.center, distance_upper_bound=float(reach.max()))
-            near = np.flatnonzero(nearest <= reach)
+            nearest, _ = self.edge_tree.query(self.center[sought], distance_upper_bound=float(reach.max()))
+            near = sought[nearest <= reach[sought]]
             away, at = self.edge_tree.query(self.center[near], k=np.arange(1, k + 1))
             meets = away <= reach[near, None]
             edge_row[near] = np.arange(len(near))
@@ -190,7 +192,7 @@ class _Search:
         kept, number = np.flatnonzero(used), np.cumsum(used) - 1
         radius = self.radius[kept]
         cells, parent = self.cells.select(kept).bisect(radius > 0.7 * radius.max())
-        self._take(cells.tighten(PAD_FRACTION * self.value))
+        self._take(cells.tighten(PAD_FRACTION * self.value), kept[parent])
         return number[pairs], np.searchsorted(parent, np.arange(len(kept) + 1))
 
     def _select_pairs(self, parents: IntArray, first: IntArray) -> tuple[IntArray, Array]:
@@ -199,7 +201,9 @@ class _Search:
         pairs, low = np.empty((count, 2), np.int64), np.empty(count)
         found = select_facing(self.bounds, parents, first, self.value, self.through, self.n_groups, pairs, low)
         pairs, low = pairs[:found], low[:found]
-        keep = ~self._in_wedge(pairs, low) & ~self._is_blocked(pairs, low)
+        keep = np.ones(found, bool)
+        near = low < self.value * (1.0 - RESOLUTION)  # the others are not followed
+        keep[near] = ~(self._in_wedge(pairs[near], low[near]) | self._is_blocked(pairs[near], low[near]))
         return pairs[keep], low[keep]
 
     @property
