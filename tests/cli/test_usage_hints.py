@@ -33,6 +33,10 @@ def read_error(line: str, capsys: pytest.CaptureFixture[str]) -> str:
         ("homogenize gyroid --thickness 1", "did you mean --volume-fraction? "),
         ("homogenize gyroid", "give exactly one of --volume-fraction, --porosity; here: none of them"),
         ("homogenize gyroid --porosity 0.3 --volume-fraction 0.7", "here: both"),
+        (
+            "homogenize gyroid --porosity 70",
+            "porosity 70.0 must lie below 1; it takes a number between 0 and 1, as in --porosity",
+        ),
         ("permeability gyroid", "give exactly one of --porosity, --thickness; here: none of them"),
         ("permeability gyroid --porosity 0.3 --thickness 0.1", "here: both"),
         ("permeability gyroid --porosity 1.2", "--porosity 1.2 must lie between 0 and 1"),
@@ -99,20 +103,6 @@ def test_every_word_leads_to_an_option_or_command_that_there_is() -> None:
 def test_numbers_are_separated_by_commas_or_by_x(recorder: Recorder) -> None:  # noqa: F811
     assert run("lattice gyroid --cell 10 --cells 2x3X1 --thickness 1 -o a.step") == 0
     assert recorder.called["cells"] == (2.0, 3.0, 1.0)
-
-
-def test_the_porosity_of_a_lattice_to_homogenize_is_the_rest_of_its_volume(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    called = {}
-
-    def record(surface: str, **request: object) -> SimpleNamespace:
-        called.update(request)
-        return SimpleNamespace(to_dict=dict)
-
-    monkeypatch.setitem(vars(tpmscad), "homogenize", record)
-    assert run("homogenize gyroid --porosity 0.75") == 0
-    assert called["volume_fraction"] == 0.25
 
 
 @pytest.mark.parametrize(

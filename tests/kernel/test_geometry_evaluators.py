@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from OCP.BRepAdaptor import BRepAdaptor_Surface
 
-from tpmscad.kernel.slicing.geometry_evaluators import SplineSurfaceEvaluator, edge_evaluator, face_evaluator
+from tpmscad.kernel.occt.geometry_evaluators import SplineSurfaceEvaluator, edge_evaluator, face_evaluator
 from tpmscad.splines.bspline import BSplineSurface
 
 pytestmark = pytest.mark.kernel

@@ -274,9 +274,19 @@ def test_inp_files_name_sets_surfaces_and_ties(tmp_path: Path) -> None:
     assert format_name("cap X+") == "CAP_X_PLUS"
 
 
+def test_inp_files_of_27_nodes_are_those_of_20_nodes_with_a_note(tmp_path: Path) -> None:
+    """CalculiX and Abaqus have no C3D27; the nodes of C3D20 come first in both."""
+    full, plain = (block(f"hexahedron{count}", 0.05) for count in (27, 20))
+    for mesh, name in ((full, "full.inp"), (plain, "plain.inp")):
+        mesh.write(tmp_path / name)
+    head, note, *rest = (tmp_path / "full.inp").read_text().split("\n", 3)[1:]
+    assert head == "PART"
+    assert note.startswith(f"** C3D20: the {len(full.points) - len(plain.points)} nodes inside")
+    assert rest[0] == (tmp_path / "plain.inp").read_text().split("\n", 2)[2]
+    assert "TYPE=C3D20," in rest[0]
+
+
 def test_formats_refuse_what_they_cannot_hold(tmp_path: Path) -> None:
-    with pytest.raises(InvalidRequest, match="no hexahedron27"):
-        block("hexahedron27").write(tmp_path / "block.inp")
     with pytest.raises(InvalidRequest, match=r"2\.2"):
         block("tetra").write(tmp_path / "block.vtu", version="2.2")
     with pytest.raises(InvalidRequest, match="one kind"):

@@ -138,3 +138,61 @@ def test_material_cards_hold_the_constants(tmp_path: Path) -> None:
     assert "C11," in (tmp_path / "card.csv").read_text()
     with pytest.raises(InvalidRequest):
         found.write(tmp_path / "card.txt")
+
+
+def read_deck(path: Path) -> tuple[Array, Array, list[list[tuple[int, int, float]]]]:
+    """Nodes (n, 3), elements (m, k) and equations, (node, freedom, factor) each, of an input of CalculiX, numbered from 0."""
+    blocks: dict[str, list[list[float]]] = {}
+    lines = [line for line in path.read_text().splitlines() if not line.startswith("**")]
+    for line in lines:
+        if line.startswith("*"):
+            keyword = line.split(",")[0]
+            blocks.setdefault(keyword, [])
+        else:
+            blocks[keyword].append([float(word) for word in line.split(",") if word.strip().lstrip("-")[:1].isdigit()])
+    nodes = np.array(blocks["*NODE"])[:, 1:]
+    elements = np.array(blocks["*ELEMENT"]).astype(int)[:, 1:] - 1
+    numbers, equations = [x for row in blocks["*EQUATION"] for x in row], []
+    while numbers:
+        terms, numbers = np.reshape(numbers[1 : 1 + 3 * int(numbers[0])], (-1, 3)), numbers[1 + 3 * int(numbers[0]) :]
+        equations.append([(int(node) - 1, int(freedom) - 1, factor) for node, freedom, factor in terms.tolist()])
+    return nodes, elements, equations
+
+
+@pytest.mark.parametrize("sides", [((0, 0),), ((1, 1),), ((1, 1), (2, 2)), ((1, 2),)])
+def test_the_energy_of_a_calculix_deck_is_that_of_the_effective_stiffness(
+    sides: tuple[tuple[int, int], ...], tmp_path: Path
+) -> None:
+    """What the guide says to read: twice the energy over the box' volume, with the reference nodes (axis, freedom) moved."""
+    import skfem
+    from skfem.models.elasticity import linear_elasticity
+
+    mesh = plate("tetra10")
+    mesh.write(tmp_path / "cell.inp")
+    nodes, elements, equations = read_deck(tmp_path / "cell.inp")
+    count = len(nodes) - 3
+    of_skfem = skfem.MeshTet(nodes[: elements[:, :4].max() + 1].T, elements[:, :4].T.copy())
+    basis = skfem.Basis(of_skfem, skfem.ElementVector(skfem.ElementTetP1()))
+    stiffness = linear_elasticity(*STEEL.lame).assemble(basis)
+    freedoms = basis.N + 9
+    dof = np.full((len(nodes), 3), -1)
+    dof[: of_skfem.p.shape[1]] = basis.nodal_dofs.T
+    dof[count:] = basis.N + np.arange(9).reshape(3, 3)
+    ties = [[(dof[n, f], x) for n, f, x in terms] for terms in equations if all(dof[n, f] >= 0 for n, f, _ in terms)]
+    moved, strain = np.zeros(9), np.zeros((3, 3))
+    for axis, freedom in sides:
+        moved[3 * axis + freedom], strain[axis, freedom] = mesh.periods[axis], 1.0
+    rows = [(k, *term) for k, terms in enumerate(ties) for term in terms]
+    rows += [(len(ties) + k, basis.N + k, 1.0) for k in range(9)]
+    row, column, factor = zip(*rows, strict=True)
+    constraints = sparse.csr_matrix((factor, (row, column)), (len(ties) + 9, freedoms)).toarray()
+    full = np.zeros((freedoms, freedoms))
+    full[: basis.N, : basis.N] = stiffness.toarray()
+    n = len(constraints)
+    saddle = np.block([[full, constraints.T], [constraints, np.zeros((n, n))]])
+    right = np.concatenate([np.zeros(freedoms + len(ties)), moved])
+    found = np.linalg.lstsq(saddle, right, rcond=1e-12)[0][:freedoms]
+    strain = 0.5 * (strain + strain.T)
+    voigt = np.array([*np.diag(strain), 2 * strain[1, 2], 2 * strain[0, 2], 2 * strain[0, 1]])
+    expected = voigt @ solve_cell(mesh, STEEL).stiffness @ voigt
+    assert found @ full @ found / np.prod(mesh.periods) == pytest.approx(expected, abs=1e-6)

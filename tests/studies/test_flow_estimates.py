@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 from dataclasses import replace
 from typing import Any
 
@@ -153,6 +154,28 @@ def test_the_figures_are_plain_values_and_the_text_names_sources_and_scatter() -
         assert words in text
 
 
+@pytest.mark.parametrize("velocity", [1e-6, 0.05, 0.3])
+@pytest.mark.parametrize("cross_section", [None, 1024.0])
+def test_where_no_pressure_drop_is_known_the_stated_limit_has_one(velocity: float, cross_section: float | None) -> None:
+    """The remedies are tried: the velocity and the volume flow that are named, and the permeability."""
+    try:
+        said = estimate(velocity=velocity, cross_section=cross_section).remedy
+    except tpmscad.InvalidRequest as error:
+        said = str(error)
+    assert said is not None
+    assert ("write_openfoam" in said) == (velocity > 0.01)
+    figures = re.findall(r"(velocity|volume flow) of (\S+) m", said)
+    assert [name for name, _ in figures] == ["velocity", "volume flow"][: 1 if cross_section is None else 2]
+    for name, figure in figures:
+        found = estimate(**{name.replace(" ", "_"): float(figure)}, cross_section=cross_section)
+        assert found.pressure_drops[0].within_range
+        assert found.remedy is None
+    if velocity < 0.01:
+        assert estimate(velocity=velocity, permeability=0.05).pressure_drops[-1].within_range
+    else:
+        assert said in repr(estimate(velocity=velocity, cross_section=cross_section))
+
+
 @pytest.mark.parametrize(
     ("surface", "given", "said"),
     [
@@ -161,7 +184,11 @@ def test_the_figures_are_plain_values_and_the_text_names_sources_and_scatter() -
             {"velocity": 20.0},
             r"pressure drop, Gajetti et al. 2025: Reynolds number 7.484e\+04 is outside 0.3 to 100",
         ),
-        ("gyroid", {"velocity": 1e-6}, "Reynolds number 1 is a velocity of 0.0002672 m/s: change `velocity`"),
+        (
+            "gyroid",
+            {"velocity": 1e-6},
+            "values from Reynolds number 0.3, here a velocity of 8.06e-05 m/s; below, give `permeability`",
+        ),
         ("P", {"velocity": 0.02}, "no correlation of the schwarz_p, only of diamond and gyroid: give `permeability`"),
         ("gyroid", {}, "exactly one of `velocity`, `volume_flow`; here: none of them"),
         ("gyroid", {"velocity": 1.0, "volume_flow": 1.0}, "here: both"),

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 from pathlib import Path
 
 import build123d as bd
@@ -50,6 +51,18 @@ def test_a_thin_fin_is_found_where_it_is() -> None:
     assert x == pytest.approx(1.0)
     assert abs(y) <= 2.5
     assert 6.0 <= z <= 8.0
+
+
+def test_the_text_of_a_wall_and_a_gap_names_value_bound_and_both_places() -> None:
+    report = check(bd.Pos(0, 0, 3) * bd.Box(6, 6, 6) - bd.Pos(1, 0, 5) * bd.Box(0.3, 6, 4))
+    for finding in (report.smallest_wall, report.smallest_gap):
+        assert finding.places is not None
+        ends = np.array([[float(x) for x in at.split(", ")] for at in re.findall(r"\(([^)]*)\)", str(finding))])
+        np.testing.assert_allclose(ends, finding.places, atol=1e-3)
+        assert np.linalg.norm(ends[1] - ends[0]) == pytest.approx(finding.value, abs=2e-3)
+        assert f"{finding.value:.4g} mm from (" in str(finding)
+        assert f"proven: none below {finding.bound:.4g}" in str(finding)
+        assert str(finding) in str(report)
 
 
 def test_a_narrow_slot_is_found_where_it_is() -> None:

@@ -20,18 +20,13 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from tpmscad._typing import Array, BoolArray, IntArray
+from tpmscad.brep.facing_pairs import MAX_TAPER, STRAIGHT, CellBounds, ends_at_edge, select_facing
 from tpmscad.brep.local_thickness import shrink_tangent_balls
 from tpmscad.brep.patch_pairs import approach_places, settle_places, shoot_normals, unit_vectors
 from tpmscad.brep.surface_cells import SurfaceCells, evaluate_cells
 
 RESOLUTION = 0.02
 """Of the least distance: by how much the bound may stay below the value."""
-
-STRAIGHT = np.radians(0.25)
-"""Angle within which a segment is along a normal: kinks of smooth joints, and the Newton steps that end there, are smaller."""
-
-MAX_TAPER = np.radians(20.0)
-"""Greatest angle between the segment and one of its normals where a sharp edge ends a side."""
 
 WEDGE_REACH = 20.0
 """Widths within which sides that meet in a sharp edge form a wedge."""
@@ -61,11 +56,11 @@ them bounds the distance."""
 NEAREST_EDGE_SAMPLES = 16
 """Samples of sharp edges looked at around a cell; a cell with more of them is taken for one at the end of a side."""
 
-PAIRS_AT_ONCE = 100_000
-"""Pairs of cells compared at a time, about 200 MB."""
-
 REFINED_PAIRS = 256
 """Pairs of each round between which places are sought, those with the least bounds."""
+
+CANDIDATES = 64 * REFINED_PAIRS
+"""Pairs of each round, those with the least bounds, of which those are refined that a normal may join."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -151,87 +146,64 @@ class _Search:
         """Find the least width below the value, and bound it from below."""
         self._take(cells)
         while (large := self.radius > max(2.0 * np.median(self.radius), 0.5 * self.value)).any():
-            self._take(self.cells.bisect(large)[0].tighten(PAD_FRACTION * self.value))
+            parts, parent = self.cells.bisect(large)
+            self._take(parts.tighten(PAD_FRACTION * self.value), parent)
         self._attain_by_balls()
         pairs = cKDTree(self.center).query_pairs(2.0 * self.radius.max() + self.value, output_type="ndarray")
         pairs = np.concatenate([pairs.astype(np.int64), np.repeat(np.arange(len(self.cells))[:, None], 2, axis=1)])
+        first = np.arange(len(self.cells) + 1)
         while len(pairs):
-            pairs, low = self._select_pairs(pairs)
+            pairs, low = self._select_pairs(pairs, first)
             self._attain(pairs, low)
             near = low < self.value * (1.0 - RESOLUTION)
             small = self.radius[pairs].max(axis=1) < self._least_cell
             self.bound = min(self.bound, float(low[~near | small].min(initial=np.inf)))
-            pairs = self._bisect(pairs[near & ~small])
+            pairs, first = self._bisect(pairs[near & ~small])
 
-    def _take(self, cells: SurfaceCells) -> None:
-        """Make these the cells under search."""
+    def _take(self, cells: SurfaceCells, parent: IntArray | None = None) -> None:
+        """Make these the cells under search; with their parents among those so far, whose parts alone are near edges."""
+        sought = np.arange(len(cells)) if parent is None else np.flatnonzero(self.bounds.edge_row[parent] >= 0)
         self.cells = cells
         self.center, self.radius = cells.balls()
         self.axis, self.angle = cells.normal_cones()
         self.whole = cells.whole()
-        self.edge_keys_near = np.full((len(cells), 1), -1)
-        self.more_edges_near = np.zeros(len(cells), bool)
+        edge_row, edge_keys, more_edges = np.full(len(cells), -1), np.empty((0, 1), np.int64), np.empty(0, bool)
         if self.edge_tree is not None:
-            k = min(NEAREST_EDGE_SAMPLES, len(self.edge_key))
-            away, at = self.edge_tree.query(
-                self.center, k=np.arange(1, k + 1), distance_upper_bound=float(self.radius.max()) + self.edges.spacing
-            )
-            meets = away <= (self.radius + self.edges.spacing)[:, None]
-            self.edge_keys_near = np.where(meets, self.edge_key[np.minimum(at, len(self.edge_key) - 1)], -1)
-            self.more_edges_near = meets[:, -1] & (k < len(self.edge_key))
+            k, reach = min(NEAREST_EDGE_SAMPLES, len(self.edge_key)), self.radius + self.edges.spacing
+            nearest, _ = self.edge_tree.query(self.center[sought], distance_upper_bound=float(reach.max()))
+            near = sought[nearest <= reach[sought]]
+            away, at = self.edge_tree.query(self.center[near], k=np.arange(1, k + 1))
+            meets = away <= reach[near, None]
+            edge_row[near] = np.arange(len(near))
+            edge_keys, more_edges = np.where(meets, self.edge_key[at], -1), meets[:, -1] & (k < len(self.edge_key))
+        solid, group = self.solid[cells.face], self.group[cells.face]
+        balls_and_cones = (self.center, self.radius, self.axis, self.angle)
+        self.bounds = CellBounds(cells.nets, cells.pad, *balls_and_cones, solid, group, edge_row, edge_keys, more_edges)
 
-    def _bisect(self, pairs: IntArray) -> IntArray:
-        """Bisect the larger ones of the cells in pairs, drop the other cells, and return the pairs of their parts."""
+    def _bisect(self, pairs: IntArray) -> tuple[IntArray, IntArray]:
+        """Bisect the larger ones of the cells in pairs, and drop the other cells.
+
+        Returns the pairs by numbers of parents, and the first part of each parent, with the number of all parts at the end.
+        """
         if not len(pairs):
-            return pairs
-        used, numbers = np.unique(pairs, return_inverse=True)
-        i, j = numbers.reshape(-1, 2).T
-        radius = self.radius[used]
-        cells, parent = self.cells.select(used).bisect(radius > 0.7 * radius.max())
-        self._take(cells.tighten(PAD_FRACTION * self.value))
-        first = np.searchsorted(parent, np.arange(len(used) + 1))
-        count = np.diff(first)
-        parts = count[i] * count[j]
-        pair = np.repeat(np.arange(len(i)), parts)
-        within = np.arange(len(pair)) - np.repeat(np.cumsum(parts) - parts, parts)
-        a, b = first[i[pair]] + within // count[j[pair]], first[j[pair]] + within % count[j[pair]]
-        return np.stack([a, b], axis=1)[(i[pair] != j[pair]) | (a <= b)]
+            return pairs, np.zeros(1, np.int64)
+        used = np.zeros(len(self.cells), bool)
+        used[pairs] = True
+        kept, number = np.flatnonzero(used), np.cumsum(used) - 1
+        radius = self.radius[kept]
+        cells, parent = self.cells.select(kept).bisect(radius > 0.7 * radius.max())
+        self._take(cells.tighten(PAD_FRACTION * self.value), kept[parent])
+        return number[pairs], np.searchsorted(parent, np.arange(len(kept) + 1))
 
-    def _select_pairs(self, pairs: IntArray) -> tuple[IntArray, Array]:
-        """The pairs with places that may face each other nearer than the value, and lower bounds of their distances."""
-        parts = [self._select_some(pairs[at : at + PAIRS_AT_ONCE]) for at in range(0, len(pairs), PAIRS_AT_ONCE)]
-        kept, low = (np.concatenate(part) for part in zip(*parts, strict=True))
-        return kept, low
-
-    def _select_some(self, pairs: IntArray) -> tuple[IntArray, Array]:
-        i, j = pairs.T
-        way = self.center[j] - self.center[i]
-        apart, reach = np.linalg.norm(way, axis=1), self.radius[i] + self.radius[j]
-        one_solid = self._of_one_solid(pairs)
-        keep = apart - reach < self.value
-        if self.through < 0.0:
-            keep &= one_solid
-        pairs, way, apart, reach, one_solid = (a[keep] for a in (pairs, way, apart, reach, one_solid))
-        i, j = pairs.T
-        unit = way / np.maximum(apart, 1e-300)[:, None]
-        taper = STRAIGHT + (MAX_TAPER - STRAIGHT) * self._end_at_edges(pairs)
-        turn = _angle(self.axis[i], self.axis[j])
-        facing = turn + self.angle[i] + self.angle[j] >= np.pi - taper
-        spread = np.where(apart > reach, np.arcsin(np.clip(reach / np.maximum(apart, 1e-300), 0.0, 1.0)), np.pi)
-        tilt = np.sort(
-            [
-                _angle(self.through * unit, self.axis[i]) - spread - self.angle[i],
-                _angle(-self.through * unit, self.axis[j]) - spread - self.angle[j],
-            ],
-            axis=0,
-        )
-        facing &= (tilt[0] <= STRAIGHT) & (tilt[1] <= taper)
-        keep = facing | ~one_solid
-        pairs, unit = pairs[keep], unit[keep]
-        low = self._bound_distance(pairs, unit)
-        keep = low < self.value
-        pairs, low = pairs[keep], low[keep]
-        keep = ~self._in_wedge(pairs, low) & ~self._is_blocked(pairs, low)
+    def _select_pairs(self, parents: IntArray, first: IntArray) -> tuple[IntArray, Array]:
+        """The pairs of parts with places that may face each other nearer than the value, and lower bounds of their distances."""
+        count = int(np.diff(first)[parents].prod(axis=1).sum())
+        pairs, low = np.empty((count, 2), np.int64), np.empty(count)
+        found = select_facing(self.bounds, parents, first, self.value, self.through, self.n_groups, pairs, low)
+        pairs, low = pairs[:found], low[:found]
+        keep = np.ones(found, bool)
+        near = low < self.value * (1.0 - RESOLUTION)  # the others are not followed
+        keep[near] = ~(self._in_wedge(pairs[near], low[near]) | self._is_blocked(pairs[near], low[near]))
         return pairs[keep], low[keep]
 
     @property
@@ -248,32 +220,9 @@ class _Search:
         """Numbers of the two smooth groups of each pair, those of the sharp edges where they meet: (n,)."""
         return np.asarray(np.sort(self.group[self.cells.face[pairs]], axis=1) @ np.array([self.n_groups, 1]))
 
-    def _end_at_edges(self, pairs: IntArray, surely: bool = False) -> BoolArray:
-        """Whether a sharp edge that is not one between both sides may end (surely: ends) one of them in its cell: (n,)."""
-        key, result = self._keys(pairs)[:, None], np.zeros(len(pairs), bool)
-        for cell in pairs.T:
-            near = self.edge_keys_near[cell]
-            result |= ((near >= 0) & (near != key)).any(axis=1)
-            if not surely:
-                result |= self.more_edges_near[cell]
-        return result
-
-    def _bound_distance(self, pairs: IntArray, unit: Array) -> Array:
-        """Lower bounds (n,) of the distances of cells, by their hulls along four directions; inf if they face the other way."""
-        i, j = pairs.T
-        nets_i, nets_j = (self.cells.nets[k].reshape(-1, 16, 3) for k in (i, j))
-        pad = self.cells.pad[i] + self.cells.pad[j]
-        out_i, out_j = self.through * self.axis[i], -self.through * self.axis[j]
-        mean = out_i + out_j
-        mean /= np.maximum(np.linalg.norm(mean, axis=1), 1e-300)[:, None]
-        low, away = np.zeros(len(pairs)), np.zeros(len(pairs), bool)
-        for direction, cone in ((unit, None), (mean, None), (out_i, self.angle[i]), (out_j, self.angle[j])):
-            height_i, height_j = (np.einsum("nkc,nc->nk", nets, direction) for nets in (nets_i, nets_j))
-            low = np.maximum(low, height_j.min(axis=1) - height_i.max(axis=1) - pad)
-            if cone is not None:
-                ahead = height_j.max(axis=1) - height_i.min(axis=1) + pad
-                away |= (ahead < 0.0) & (cone < 0.5 * np.pi - MAX_TAPER)
-        return np.where(away & self._of_one_solid(pairs), np.inf, low)
+    def _end_at_edges(self, pairs: IntArray) -> BoolArray:
+        """Whether a sharp edge that is not one between both sides surely ends one of them in its cell: (n,)."""
+        return np.array([ends_at_edge(self.bounds, i, j, self.n_groups, True) for i, j in pairs.tolist()], bool)
 
     def _in_wedge(self, pairs: IntArray, low: Array) -> BoolArray:
         """Whether the sides of pairs meet in a sharp edge near all places of their cells: (n,)."""
@@ -297,9 +246,13 @@ class _Search:
     def _is_blocked(self, pairs: IntArray, low: Array) -> BoolArray:
         """Whether other parts of the surface lie in the balls on all segments of pairs: (n,)."""
         i, j = pairs.T
-        away, _ = self.samples.query(0.5 * (self.center[i] + self.center[j]))
-        farthest = away + self.radius[pairs].max(axis=1)
-        return np.asarray((farthest < 0.5 * low * (1.0 - MAX_OVERLAP)) & self._of_one_solid(pairs))
+        reach = 0.5 * low * (1.0 - MAX_OVERLAP) - self.radius[pairs].max(axis=1)
+        result = (reach > 0.0) & self._of_one_solid(pairs)
+        if result.any():
+            middles = 0.5 * (self.center[i[result]] + self.center[j[result]])
+            away, _ = self.samples.query(middles, distance_upper_bound=float(reach.max()))
+            result[result] = away < reach[result]
+        return np.asarray(result)
 
     def _attain_by_balls(self) -> None:
         """Attain a first width between cells whose middles touch an empty ball on opposite sides."""
@@ -317,7 +270,8 @@ class _Search:
 
     def _attain(self, pairs: IntArray, low: Array) -> None:
         """Attain lesser widths between places of the cells with the least bounds."""
-        order = np.argsort(low, kind="stable")
+        order = np.argpartition(low, CANDIDATES)[:CANDIDATES] if len(low) > CANDIDATES else np.arange(len(low))
+        order = order[np.argsort(low[order], kind="stable")]
         both = np.concatenate([pairs[order], pairs[order, ::-1]])
         pairs = pairs[order[:REFINED_PAIRS]]
         self._take_least(pairs, approach_places(self.cells.nets[pairs]))
@@ -338,7 +292,7 @@ class _Search:
         ]
         unit = self.through * unit_vectors(q - p)
         tilt = np.sort([_angle(unit, normals[0]), _angle(-unit, normals[1])], axis=0)
-        taper = STRAIGHT + (MAX_TAPER - STRAIGHT) * self._end_at_edges(pairs, surely=True)
+        taper = STRAIGHT + (MAX_TAPER - STRAIGHT) * self._end_at_edges(pairs)
         one_solid = self._of_one_solid(pairs)
         counts = (distance > 0.0) & (distance < self.value)
         counts &= ((tilt[0] <= STRAIGHT) & (tilt[1] <= taper)) | ~one_solid

@@ -13,8 +13,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from tpmscad._typing import Array, BoolArray, IntArray
+from tpmscad.brep.cell_bounds import bound_nets, bound_normals, chords_meet_boxes, find_longer_directions, halve_nets
 from tpmscad.brep.loops import points_in_polygons
-from tpmscad.splines.basis import bernstein_basis, halving_matrix
+from tpmscad.splines.basis import bernstein_basis
 
 DEGREE = 3
 """Of the cells' patches in both directions."""
@@ -25,20 +26,11 @@ REFERENCE = np.array([0.4871, 0.5317])
 SIDE_TOL = 1e-9
 """Of the parameters of a face: within this a chord runs along a side of a cell, which it leaves whole."""
 
-REGULAR_RATIO = 1e-9
-"""Of the longest sampled normal of a cell: shorter ones, at poles of the surface, have no direction."""
-
-LEAST_MEAN = 1e-3
-"""Length of the sum of a cell's sampled unit normals below which they have no mean direction."""
-
-CONE_MARGIN = 1.3
-"""Widening of the cone of a cell's sampled normals, of which a bicubic patch has more extreme ones between the samples."""
-
 CONE_SAMPLES = np.linspace(0.0, 1.0, 5)
 """Grid lines in both directions on which a cell's normals are sampled."""
 
 
-_CONE_ROWS = [bernstein_basis(DEGREE, CONE_SAMPLES, order) for order in (0, 1)]
+_CONE_ROWS = tuple(np.ascontiguousarray(bernstein_basis(DEGREE, CONE_SAMPLES, order)) for order in (0, 1))
 
 CellFit = Callable[[IntArray, Array], tuple[Array, Array]]
 """Takes faces (n,) and rectangles of their parameters (n, 2, 2) to nets (n, 4, 4, 3) and pads (n,)."""
@@ -89,25 +81,15 @@ class SurfaceCells:
 
     def balls(self) -> tuple[Array, Array]:
         """Centres (n, 3) and radii (n,) of balls that contain the cells."""
-        poles = self.nets.reshape(-1, (DEGREE + 1) ** 2, 3)
-        center = 0.5 * (poles.min(axis=1) + poles.max(axis=1))
-        return center, np.linalg.norm(poles - center[:, None], axis=2).max(axis=1) + self.pad
+        center, radius = np.empty((len(self), 3)), np.empty(len(self))
+        bound_nets(self.nets, center, radius)
+        return center, radius + self.pad
 
     def normal_cones(self) -> tuple[Array, Array]:
         """Unit axes (n, 3) and half angles (n,) of cones that contain the outward normals."""
-        (rows, slopes), nets = _CONE_ROWS, self.nets
-        along_u = np.einsum("ka,lb,nabc->nklc", slopes, rows, nets, optimize=True)
-        along_v = np.einsum("ka,lb,nabc->nklc", rows, slopes, nets, optimize=True)
-        normals = np.cross(along_u, along_v).reshape(len(nets), -1, 3)
-        length = np.linalg.norm(normals, axis=2, keepdims=True)
-        regular = length > REGULAR_RATIO * np.maximum(length.max(axis=1, keepdims=True), 1e-300)
-        normals = np.divide(normals, length, out=np.zeros_like(normals), where=regular) * self.sign[:, None, None]
-        axis = normals.sum(axis=1)
-        size = np.linalg.norm(axis, axis=1, keepdims=True)
-        axis = np.divide(axis, size, out=np.zeros_like(axis), where=size > LEAST_MEAN)
-        cosine = np.where(regular[..., 0], (normals * axis[:, None]).sum(axis=2), 1.0).min(axis=1)
-        angle = np.where(size[:, 0] > LEAST_MEAN, CONE_MARGIN * np.arccos(np.clip(cosine, -1.0, 1.0)), np.pi)
-        return axis, np.minimum(angle, np.pi)
+        axis, angle = np.empty((len(self), 3)), np.empty(len(self))
+        bound_normals(self.nets, self.sign, *_CONE_ROWS, axis, angle)
+        return axis, angle
 
     def reference_points(self) -> Array:
         """Parameters (n, 2) of the reference points."""
@@ -119,6 +101,8 @@ class SurfaceCells:
 
     def select(self, kept: IntArray) -> SurfaceCells:
         """Some of the cells (ascending numbers)."""
+        if len(kept) == len(self):
+            return self
         number = np.full(len(self), -1)
         number[kept] = np.arange(len(kept))
         own = number[self.chord_cell] >= 0
@@ -136,18 +120,15 @@ class SurfaceCells:
 
     def bisect(self, chosen: BoolArray) -> tuple[SurfaceCells, IntArray]:
         """The cells with the chosen ones bisected across their longer direction, and the parent of each (ascending)."""
-        steps = [np.linalg.norm(np.diff(self.nets, axis=axis), axis=-1).sum(axis=axis).max(axis=1) for axis in (1, 2)]
-        axis = (steps[1] > steps[0]).astype(np.int64)
-        parent = np.repeat(np.arange(len(self)), 1 + chosen)
-        half = np.where(np.diff(parent, prepend=-1) > 0, 0, 1)
-        split = chosen[parent]
-        nets, box = self.nets[parent], self.box[parent].copy()
-        for a in (0, 1):
-            for h in (0, 1):
-                own = np.flatnonzero(split & (axis[parent] == a) & (half == h))
-                equation = "ij,njbc->nibc" if a == 0 else "ij,najc->naic"
-                nets[own] = np.einsum(equation, halving_matrix(DEGREE, h + 1), nets[own])
-                box[own, a, 1 - h] = self.box[parent[own], a].mean(axis=1)
+        axis, parent = np.empty(len(self), np.int64), np.repeat(np.arange(len(self)), 1 + chosen)
+        find_longer_directions(self.nets, axis)
+        half = np.where(chosen[parent], np.diff(parent, prepend=-1) == 0, -1)
+        nets, box = np.empty((len(parent), DEGREE + 1, DEGREE + 1, 3)), self.box[parent]
+        halve_nets(self.nets, parent, half, axis, nets)
+        for h in (0, 1):
+            own = np.flatnonzero(half == h)
+            across = axis[parent[own]]
+            box[own, across, 1 - h] = self.box[parent[own], across].mean(axis=1)
         child, chord = self._chords_of_children(parent)
         inside = self.inside[parent]
         cells = replace(
@@ -166,7 +147,7 @@ class SurfaceCells:
             self.reference_points()[parent[child]], cells.reference_points()[child], self.chords[chord]
         )
         odd = np.bincount(child[crossed], minlength=len(cells)) % 2 == 1
-        meets = _chords_meet_boxes(self.chords[chord], self.slack[chord], box[child])
+        meets = chords_meet_boxes(self.chords[chord], self.slack[chord], box[child])
         cells, kept = replace(cells, inside=inside ^ odd, chord_cell=child[meets], chord=chord[meets]).drop_outside()
         return cells, parent[kept]
 
@@ -222,7 +203,7 @@ def trim_cells(
         cells = np.arange(*np.searchsorted(face, [i, i + 1]))
         inside[cells] = points_in_polygons(lines[:, 0], lines[:, 1], reference[cells])
         owner, number = (a.ravel() for a in np.meshgrid(cells, np.arange(len(lines)), indexing="ij"))
-        meets = _chords_meet_boxes(lines[number], slack[number], box[owner])
+        meets = chords_meet_boxes(lines[number], slack[number], box[owner])
         near = SIDE_TOL * np.ptp(lines, axis=(0, 1))
         start, end = lines[number, 0], lines[number, 1]
         on_side = np.abs(start[:, :, None] - box[owner]).min(axis=2) <= near
@@ -263,16 +244,3 @@ def _segments_cross(start: Array, end: Array, chords: Array) -> BoolArray:
 
     one, two = chords[:, 0], chords[:, 1]
     return (side(start, end, one) != side(start, end, two)) & (side(one, two, start) != side(one, two, end))
-
-
-def _chords_meet_boxes(chords: Array, slack: Array, box: Array) -> BoolArray:
-    """Whether chords (m, 2, 2), widened by their slack (m, 2), meet rectangles (m, 2, 2)."""
-    low, high = box[:, :, 0] - slack, box[:, :, 1] + slack
-    start, way = chords[:, 0], chords[:, 1] - chords[:, 0]
-    with np.errstate(divide="ignore", invalid="ignore"):
-        t = np.sort(np.stack([(low - start) / way, (high - start) / way]), axis=0)
-    level = way == 0.0
-    between = (start >= low) & (start <= high)
-    enter = np.where(level, np.where(between, -np.inf, np.inf), t[0])
-    leave = np.where(level, np.where(between, np.inf, -np.inf), t[1])
-    return np.asarray(np.maximum(enter.max(axis=1), 0.0) <= np.minimum(leave.min(axis=1), 1.0))

@@ -23,9 +23,6 @@ VersionOption = Annotated[
 MeshFileOption = Annotated[
     Path, output_option("The file to write: .msh (gmsh), .inp (Abaqus, CalculiX) or .vtu (VTK).")
 ]
-VoidFractionOption = Annotated[
-    float | None, typer.Option("--porosity", metavar="0..1", help="Void fraction: 1 - the volume fraction.")
-]
 ReferenceOption = Annotated[
     str | None,
     typer.Option(
@@ -112,17 +109,11 @@ def mesh(
 @take_options_of(HomogenizeOptions, panel="Lattice and material")
 def homogenize(
     request: Request,
-    porosity: VoidFractionOption = None,
     output: CardOption = None,
     report: ReportOption = None,
     quiet: QuietOption = False,
 ) -> None:
     """Compute stiffness and conductivity of a lattice that repeats, with an error by refinement; needs scikit-fem."""
-    if ("volume_fraction" in request) == (porosity is not None):
-        here = "none of them" if porosity is None else "both"
-        raise InvalidRequest(f"give exactly one of --volume-fraction, --porosity; here: {here}")
-    if porosity is not None:
-        request["volume_fraction"] = 1.0 - porosity
     if output is not None:
         validate_output_path(output, (".inp", ".csv"))
     with report_unmet_request(report):

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterator, Mapping
+from dataclasses import replace
 from pathlib import Path
 from types import MappingProxyType
 
@@ -14,17 +15,27 @@ import numpy as np
 
 from tpmscad._typing import IntArray
 from tpmscad.atomic_file import atomic_write
-from tpmscad.errors import InvalidRequest
+from tpmscad.meshing.element_shapes import SHAPES
 from tpmscad.meshing.facet_search import owners_of_facets
-from tpmscad.meshing.mesh_arrays import AXES, MeshArrays
+from tpmscad.meshing.mesh_arrays import AXES, M, MeshArrays, sort_nodes
 
 ABAQUS_KINDS: Mapping[str, str] = MappingProxyType(
     {"tetra": "C3D4", "tetra10": "C3D10", "hexahedron": "C3D8", "hexahedron20": "C3D20"}
 )
 """Name of each kind of element; the order of nodes is VTK's."""
 
+PLAINER_KINDS: Mapping[str, str] = MappingProxyType({"hexahedron27": "hexahedron20", "quad9": "quad8"})
+"""For kinds of elements and facets that they lack, those of the same first nodes, without the nodes inside faces and elements."""
+
 COORDINATE = ".13g"
 """Format of a coordinate: CalculiX reads 20 characters of a number, and would cut the exponent of a longer one."""
+
+REFERENCE_NODES = """\
+** Reference nodes: displacements of one side of the cell against the other along x, y, z.
+** No element has them: CalculiX prints 0 for their reactions. The stiffness follows from the energy (*EL PRINT,
+** ELSET=EALL, TOTALS=ONLY with ELSE), which is half the box' volume times strain . stiffness . strain.
+*NODE
+"""
 
 NUMBERS_IN_A_LINE = 12
 """Numbers in a line of a set or an element, of 16 that are allowed."""
@@ -37,17 +48,27 @@ def format_name(name: str) -> str:
 
 
 def write_inp(mesh: MeshArrays, path: Path) -> None:
-    """Write a mesh as an input of Abaqus and CalculiX; InvalidRequest if they have no such elements."""
-    unknown = [kind for kind in mesh.cells if kind not in ABAQUS_KINDS]
-    if unknown:
-        raise InvalidRequest(
-            f"CalculiX and Abaqus have no {unknown[0]}: make a mesh of {', '.join(ABAQUS_KINDS)} (hexahedra of 20 nodes are "
-            "those with serendipity), or write .msh or .vtu"
-        )
+    """Write a mesh as an input of Abaqus and CalculiX, hexahedra of 27 nodes as C3D20, which the file notes."""
+    plainer = drop_inner_nodes(mesh)
+    notes = ""
+    if plainer is not mesh:
+        notes = f"** C3D20: the {len(mesh.points) - len(plainer.points)} nodes inside faces and elements of 27 are left out\n"
     with atomic_write(path) as aside, aside.open("w", encoding="ascii", newline="\n") as file:
-        file.write(f"*HEADING\n{format_name(mesh.name)}\n")
-        for text in (*_mesh_lines(mesh), *_set_lines(mesh), *_periodic_lines(mesh)):
+        file.write(f"*HEADING\n{format_name(mesh.name)}\n{notes}")
+        for text in (*_mesh_lines(plainer), *_set_lines(plainer), *_periodic_lines(plainer)):
             file.write(text)
+
+
+def drop_inner_nodes(mesh: M) -> M:
+    """The mesh with hexahedra of 20 nodes in place of those of 27, which agree on edges; itself if it has none."""
+    if not set(mesh.cells) & set(PLAINER_KINDS):
+        return mesh
+
+    def drop(blocks: Mapping[str, IntArray]) -> dict[str, IntArray]:
+        plain = {kind: PLAINER_KINDS.get(kind, kind) for kind in blocks}
+        return {plain[kind]: nodes[:, : len(SHAPES[plain[kind]].nodes)] for kind, nodes in blocks.items()}
+
+    return sort_nodes(replace(mesh, cells=drop(mesh.cells), facets=drop(mesh.facets)))
 
 
 def _mesh_lines(mesh: MeshArrays) -> Iterator[str]:
@@ -84,7 +105,7 @@ def _periodic_lines(mesh: MeshArrays) -> Iterator[str]:
     if not mesh.periodic:
         return
     count = len(mesh.points)
-    yield "** Reference nodes: displacements of one side of the cell against the other along x, y, z\n*NODE\n"
+    yield REFERENCE_NODES
     yield "".join(f"{count + 1 + axis}, 0., 0., 0.\n" for axis in range(3))
     for axis, name in enumerate(AXES):
         yield f"*NSET, NSET=N_PERIOD_{name.upper()}\n{count + 1 + axis}\n"

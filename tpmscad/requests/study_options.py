@@ -284,8 +284,10 @@ class HomogenizeOptions:
     volume_fraction: Annotated[
         float | None,
         FRACTION,
-        "Volume of the solid over that of the cell; needed with a name, and not taken with a model.",
+        "Volume of the solid over that of the cell. With a name, give exactly one of `volume_fraction` and `porosity`; a model "
+        "takes neither.",
     ] = None
+    porosity: Annotated[float | None, FRACTION, "Void fraction of the cell, 1 - volume fraction."] = None
     kind: Annotated[
         str, choice_of("sheet", "skeletal"), "A wall, or the solid on one side of the surface; with a name."
     ] = "sheet"

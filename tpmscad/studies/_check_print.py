@@ -78,7 +78,7 @@ class PrintFinding:
     places: tuple[Place, Place] | None = None
 
     def __str__(self) -> str:
-        at = "" if self.place is None else " at (" + ", ".join(f"{x:.4g}" for x in self.place) + ")"
+        at = "" if self.place is None else f" at {_format_place(self.place)}"
         if self.check == "cavities":
             found = f"{self.value:g} closed, {self.volume:.6g} mm3 in all,{at}" if self.value else "none closed"
         elif self.value is None:
@@ -87,7 +87,11 @@ class PrintFinding:
             beyond = "" if self.area is None else f", {self.area:.6g} mm2 beyond the limit"
             found = f"{self.value:.4g} degrees{at}{beyond}"
         else:
-            found = f"{self.value:.4g} mm{at}" + ("" if self.bound is None else f", none below {self.bound:.4g}")
+            if self.places is not None:
+                at = " from {} to {}".format(*map(_format_place, self.places))
+            found = f"{self.value:.4g} mm{at}" + (
+                "" if self.bound is None else f", proven: none below {self.bound:.4g}"
+            )
         limit = "" if self.limit is None or self.check == "cavities" else f", limit {self.limit:g}"
         return f"{'ok   ' if self.met else 'FAULT'} {TITLES[self.check]:15} {found}{limit}"
 
@@ -253,6 +257,11 @@ def _judge_width(check: str, found: LeastWidth | None, limit: float | None) -> P
         bound=found.bound,
         places=(_place(first), _place(second)),
     )
+
+
+def _format_place(place: Place) -> str:
+    """A place in words, to four digits."""
+    return "(" + ", ".join(f"{round(x, 9) + 0.0:.4g}" for x in place) + ")"
 
 
 def _place(point: Array) -> Place:

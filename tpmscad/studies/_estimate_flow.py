@@ -19,7 +19,7 @@ from tpmscad.simulation.flow_correlations import (
     FlowCorrelation,
     darcy_law,
 )
-from tpmscad.studies.flow_results import FlowEstimate, FlowEstimateRow
+from tpmscad.studies.flow_results import SOLVE_FLOW, FlowEstimate, FlowEstimateRow, suggest_remedy
 
 METRES = 1e-3
 """Metres in a model unit, mm."""
@@ -165,7 +165,7 @@ def estimate_flow(
         heats = tuple(
             _estimate_heat_transfer(of, flow, conductivity) for of in HEAT_TRANSFER if geometry.surface in of.surfaces
         )
-    _require_a_value(geometry.surface, drops, heats, flow)
+    _require_a_value(geometry.surface, drops, heats, suggest_remedy(drops, flow.reynolds, velocity, volume_flow))
     return FlowEstimate(
         f"{geometry.surface} channel {geometry.side}",
         geometry.hydraulic_diameter,
@@ -256,24 +256,20 @@ def _estimate_heat_transfer(of: FlowCorrelation, flow: ChannelFlow, conductivity
 
 
 def _require_a_value(
-    surface: str, drops: Sequence[FlowEstimateRow], heats: Sequence[FlowEstimateRow], flow: ChannelFlow
+    surface: str, drops: Sequence[FlowEstimateRow], heats: Sequence[FlowEstimateRow], remedy: str | None
 ) -> None:
-    """InvalidRequest if no correlation applies; the message names each with its limit."""
+    """InvalidRequest if no correlation applies; the message names each with its limit, and the remedy."""
     if any(row.within_range for row in (*drops, *heats)):
         return
-    remedy = "solve the flow (`FluidDomains.mesh` and `write_openfoam`)"
     if not drops and not heats:
         known = " and ".join(sorted({name for of in PRESSURE_DROP for name in of.surfaces}))
         raise InvalidRequest(
             f"there is no correlation of the {surface}, only of {known}: give `permeability`, of tpmscad.permeability, for "
-            f"Darcy's law at Reynolds numbers up to 1, or {remedy}"
+            f"Darcy's law at Reynolds numbers up to 1, or {SOLVE_FLOW}"
         )
     reasons = "; ".join(
         f"{quantity}, {row.correlation.name}: {' and '.join(row.outside)}"
         for quantity, rows in (("pressure drop", drops), ("heat transfer", heats))
         for row in rows
     )
-    raise InvalidRequest(
-        f"no correlation of the {surface} covers this flow ({reasons}). Here Reynolds number 1 is a velocity of "
-        f"{flow.velocity / flow.reynolds:.4g} m/s: change `velocity`, `cell` or `thickness`, or {remedy}"
-    )
+    raise InvalidRequest(f"no correlation of the {surface} covers this flow ({reasons}): {remedy or SOLVE_FLOW}")

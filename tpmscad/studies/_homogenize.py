@@ -73,13 +73,16 @@ def homogenize(options: HomogenizeOptions) -> HomogenizedProperties:
     if size is not None and elements == "hexahedra":
         raise InvalidRequest("size is that of tetrahedra: leave it out, or elements")
     wants_tetrahedra = elements == "tetrahedra" or size is not None
+    fractions = [name for name in ("volume_fraction", "porosity") if getattr(options, name) is not None]
     if isinstance(surface, Model):
-        if options.volume_fraction is not None or options.kind != "sheet" or options.reference is not None:
-            raise InvalidRequest("a model has its own volume_fraction, kind and reference: leave them out")
+        if fractions or options.kind != "sheet" or options.reference is not None:
+            own = ", ".join([*(fractions or ["volume_fraction"]), "kind"])
+            raise InvalidRequest(f"a model has its own {own} and reference: leave them out")
         model = surface
     else:
-        if options.volume_fraction is None:
-            raise InvalidRequest(f'homogenize("{surface}") needs volume_fraction=, as in volume_fraction=0.2')
+        if len(fractions) != 1:
+            here = "both" if fractions else "none of them"
+            raise InvalidRequest(f"give exactly one of `volume_fraction`, `porosity`; here: {here}")
         with stages("lattice"):
             model = _make_cell(options, wants_tetrahedra)
     if not wants_tetrahedra and (elements == "hexahedra" or _repeats_as_hexahedra(model)):
@@ -129,6 +132,7 @@ def _make_cell(options: HomogenizeOptions, in_box: bool) -> Model:
         str(options.surface),
         cell=1.0,
         volume_fraction=options.volume_fraction,
+        porosity=options.porosity,
         kind=options.kind,
         reference=options.reference,
         progress=False,

@@ -2,10 +2,17 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, fields
 from typing import Any
 
 from tpmscad.simulation.flow_correlations import FlowCorrelation
+
+SOLVE_FLOW = "solve the flow: `tpmscad.fluid_domains(...)`, its `mesh(size, order=1)`, and `write_openfoam` of that"
+"""The remedy where no correlation holds."""
+
+ROUNDING = 0.005
+"""Of a figure of three digits at most: what is named as a limit lies inside it."""
 
 
 def _round(value: float | None) -> str:
@@ -80,6 +87,26 @@ class FlowEstimateRow:
         return f"{of.name}: {found}; scatter: {of.scatter}{unknown}"
 
 
+def suggest_remedy(
+    rows: Sequence[FlowEstimateRow], reynolds: float, velocity: float, volume_flow: float | None
+) -> str | None:
+    """What to do where no correlation of the pressure drop covers a flow; None if one does, or if there is none."""
+    published = [row for row in rows if row.correlation.surfaces]
+    if not published or any(row.within_range for row in rows):
+        return None
+    fitting = [row.correlation.reynolds for row in published if len(row.outside) == 1 and "Reynolds" in row.outside[0]]
+    if not fitting:
+        return f"change `thickness`, on which the porosity depends, or {SOLVE_FLOW}"
+    low, high = min(low for low, _ in fitting), max(high for _, high in fitting)
+    limit, margin = (high, 1.0 - ROUNDING) if reynolds > high else (low, 1.0 + ROUNDING)
+    share = margin * limit / reynolds
+    flow = "" if volume_flow is None else f" or a volume flow of {share * volume_flow:.3g} m3/s"
+    here = f"Reynolds number {limit:g}, here a velocity of {share * velocity:.3g} m/s{flow}"
+    if reynolds > high:
+        return f"there are values up to {here}; beyond, {SOLVE_FLOW}"
+    return f"there are values from {here}; below, give `permeability`, of tpmscad.permeability, for Darcy's law up to 1"
+
+
 @dataclass(frozen=True, slots=True, repr=False)
 class FlowEstimate:
     """Estimates of the flow through a channel, one row for each published correlation.
@@ -115,6 +142,11 @@ class FlowEstimate:
     pressure_drops: tuple[FlowEstimateRow, ...]
     heat_transfers: tuple[FlowEstimateRow, ...]
 
+    @property
+    def remedy(self) -> str | None:
+        """Up to which velocity there are pressure drops, and what to do beyond, if there is none of this flow."""
+        return suggest_remedy(self.pressure_drops, self.reynolds, self.velocity, self.volume_flow)
+
     def to_dict(self) -> dict[str, Any]:
         """All figures as plain values, ready for JSON.
 
@@ -137,4 +169,6 @@ class FlowEstimate:
         ):
             if rows:
                 lines += [f"{title}, estimated by correlations:", *(f"  {row}" for row in rows)]
+            if title == "pressure drop" and self.remedy:
+                lines.append(f"  {self.remedy}")
         return "\n".join(lines)

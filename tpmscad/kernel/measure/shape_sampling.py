@@ -18,7 +18,6 @@ from OCP.BOPTools import BOPTools_AlgoTools3D
 from OCP.BRep import BRep_Tool
 from OCP.BRepAdaptor import BRepAdaptor_Curve, BRepAdaptor_Curve2d
 from OCP.BRepClass3d import BRepClass3d_SolidClassifier
-from OCP.Geom import Geom_Surface
 from OCP.GeomAbs import GeomAbs_BSplineCurve, GeomAbs_Line
 from OCP.gp import gp_Dir, gp_Lin, gp_Pnt, gp_Pnt2d
 from OCP.IntCurvesFace import IntCurvesFace_ShapeIntersector
@@ -35,11 +34,11 @@ from tpmscad.kernel.occt.convert import CONFUSION_TOLERANCE
 from tpmscad.kernel.occt.exploration import (
     ShapeKey,
     edges_of,
-    evaluate_pointwise,
     faces_of,
     orientation_sign,
     solids_of,
 )
+from tpmscad.kernel.occt.geometry_evaluators import SplineSurfaceEvaluator, face_evaluator
 from tpmscad.splines.bspline import BSplineSurface
 
 CREASE_COSINE = np.cos(np.radians(15.0))
@@ -186,15 +185,15 @@ class _FaceSurface:
     """Points and outward normals of a face's surface at given parameters."""
 
     def __init__(self, face: TopoDS_Face) -> None:
-        self.geometry: Geom_Surface = BRep_Tool.Surface_s(face)
+        self.evaluate = face_evaluator(face)
         self.sign = orientation_sign(face)
 
     def spline(self) -> BSplineSurface | None:
         """The surface as arrays if it is a polynomial, non-periodic B-spline, else None."""
-        return convert.surface_from_occt(self.geometry) if convert.is_plain_spline(self.geometry) else None
+        return self.evaluate.spline if isinstance(self.evaluate, SplineSurfaceEvaluator) else None
 
     def __call__(self, uv: Array) -> tuple[Array, Array]:
-        points, along_u, along_v = evaluate_pointwise(self.geometry, uv)
+        points, along_u, along_v = self.evaluate(uv)
         return points, self.unit(along_u, along_v)
 
     def unit(self, du: Array, dv: Array) -> Array:

@@ -14,7 +14,7 @@ from tpmscad._typing import Array, IntArray
 from tpmscad.brep.surface_cells import DEGREE, CellFit, SurfaceCells, trim_cells
 from tpmscad.kernel.measure.shape_sampling import divide_pcurves
 from tpmscad.kernel.occt.exploration import orientation_sign
-from tpmscad.kernel.slicing.geometry_evaluators import face_evaluator
+from tpmscad.kernel.occt.geometry_evaluators import SplineSurfaceEvaluator, SurfaceEvaluator, face_evaluator
 from tpmscad.splines.basis import bernstein_basis, bezier_interpolation
 
 CHECKED = np.array([0.125, 0.375, 0.625, 0.875])
@@ -65,27 +65,31 @@ def cell_fitter(faces: Sequence[TopoDS_Face]) -> CellFit:
     between = bernstein_basis(DEGREE, CHECKED)
 
     def fit(face: IntArray, box: Array) -> tuple[Array, Array]:
-        parameters = np.concatenate([_grid(box, _NODES), _grid(box, CHECKED)], axis=1)
-        points = np.empty((*parameters.shape[:2], 3))
+        (nodes, checks), lines = np.empty((2, len(face), 4, 4, 3)), [_grid_lines(box, t) for t in (_NODES, CHECKED)]
         order = np.argsort(face, kind="stable")
         numbers, first = np.unique(face[order], return_index=True)
         for number, own in zip(numbers.tolist(), np.split(order, first[1:]), strict=True):
-            points[own] = surfaces[number](parameters[own].reshape(-1, 2))[0].reshape(len(own), -1, 3)
-        n = (DEGREE + 1) ** 2
-        nodes = points[:, :n].reshape(-1, DEGREE + 1, DEGREE + 1, 3)
-        nets = np.einsum("ia,jb,nabc->nijc", _TO_POLES, _TO_POLES, nodes, optimize=True)
-        fitted = np.einsum("ka,lb,nabc->nklc", between, between, nets, optimize=True).reshape(len(box), -1, 3)
-        return nets, PAD_FACTOR * np.linalg.norm(fitted - points[:, n:], axis=2).max(axis=1)
+            for points, (u, v) in zip((nodes, checks), lines, strict=True):
+                points[own] = _evaluate_grids(surfaces[number], u[own], v[own])
+        nets = np.ascontiguousarray(np.einsum("ia,jb,nabc->nijc", _TO_POLES, _TO_POLES, nodes, optimize=True))
+        fitted = np.einsum("ka,lb,nabc->nklc", between, between, nets, optimize=True)
+        return nets, PAD_FACTOR * np.linalg.norm(fitted - checks, axis=3).max(axis=(1, 2))
 
     return fit
 
 
-def _grid(boxes: Array, t: Array) -> Array:
-    """Parameters (n, k^2, 2) of the grids t x t (k,) in rectangles (n, 2, 2)."""
-    at = boxes[:, :, :1] + t * (boxes[:, :, 1:] - boxes[:, :, :1])
-    uv = np.empty((len(boxes), len(t), len(t), 2))
-    uv[..., 0], uv[..., 1] = at[:, 0, :, None], at[:, 1, None, :]
-    return uv.reshape(len(boxes), -1, 2)
+def _grid_lines(boxes: Array, t: Array) -> tuple[Array, Array]:
+    """Parameters u and v, (n, k) each, of the grid lines t (k,) of rectangles (n, 2, 2)."""
+    low, size = boxes[:, :, :1], boxes[:, :, 1:] - boxes[:, :, :1]
+    return low[:, 0] + t * size[:, 0], low[:, 1] + t * size[:, 1]
+
+
+def _evaluate_grids(surface: SurfaceEvaluator, u: Array, v: Array) -> Array:
+    """Points (n, k, k, 3) on the grids of parameters u (n, k) with v (n, k)."""
+    if isinstance(surface, SplineSurfaceEvaluator):
+        return surface.evaluate_grids(u, v)
+    uv = np.stack(np.broadcast_arrays(u[:, :, None], v[:, None]), axis=-1)
+    return surface(uv.reshape(-1, 2))[0].reshape(*uv.shape[:3], 3)
 
 
 def _trimming_chords(face: TopoDS_Face) -> tuple[Array, Array]:

@@ -18,8 +18,8 @@ from tpmscad.kernel.measure.shape_extents import face_contains
 from tpmscad.kernel.measure.shape_report import ShapeReport
 from tpmscad.kernel.measure.shape_sampling import find_creases
 from tpmscad.kernel.occt.exploration import faces_of, solids_of
+from tpmscad.kernel.occt.geometry_evaluators import face_evaluator
 from tpmscad.kernel.printability.face_cells import face_cells
-from tpmscad.kernel.slicing.geometry_evaluators import face_evaluator
 
 EDGE_SPACING = 0.25
 """Distance of samples of sharp edges, in units of volume / area, which is half the wall of a sheet."""

@@ -19,7 +19,7 @@ from tpmscad.kernel.export.solid_mesh import ParametricMesh, mesh_parametrically
 from tpmscad.kernel.measure.mass_properties import face_moments
 from tpmscad.kernel.occt.bounding_boxes import box_diagonal
 from tpmscad.kernel.occt.exploration import orientation_sign, unwrap
-from tpmscad.kernel.slicing.geometry_evaluators import SurfaceEvaluator, face_evaluator
+from tpmscad.kernel.occt.geometry_evaluators import SurfaceEvaluator, face_evaluator
 
 MESH_ANGLE = 0.25
 """Radians between neighbouring facets of the triangulation that carries the quadrature."""

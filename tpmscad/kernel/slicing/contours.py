@@ -17,7 +17,7 @@ import numpy as np
 
 from tpmscad._typing import Array, BoolArray, IntArray
 from tpmscad.kernel.export.solid_mesh import mesh_parametrically
-from tpmscad.kernel.slicing.geometry_evaluators import SurfaceEvaluator
+from tpmscad.kernel.occt.geometry_evaluators import SurfaceEvaluator
 from tpmscad.kernel.slicing.level_crossings import Crossings, find_crossings, group_by
 from tpmscad.kernel.slicing.level_refinement import resolve_levels
 from tpmscad.kernel.slicing.surface_triangulation import SurfaceTriangulation, triangulation_of

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from tpmscad._typing import Array, IntArray
-from tpmscad.kernel.slicing.geometry_evaluators import CurveEvaluator, SurfaceEvaluator
+from tpmscad.kernel.occt.geometry_evaluators import CurveEvaluator, SurfaceEvaluator
 from tpmscad.kernel.slicing.surface_triangulation import SurfaceTriangulation
 
 MAX_ROOT_STEPS = 60

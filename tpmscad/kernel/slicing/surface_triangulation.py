@@ -12,7 +12,7 @@ import numpy as np
 
 from tpmscad._typing import Array, IntArray
 from tpmscad.kernel.export.solid_mesh import EdgeSegments, ParametricMesh
-from tpmscad.kernel.slicing.geometry_evaluators import (
+from tpmscad.kernel.occt.geometry_evaluators import (
     CurveEvaluator,
     LineEvaluator,
     PlaneEvaluator,
