@@ -12,6 +12,7 @@ import numba
 import pytest
 import rich.progress  # noqa: F401 - its first import takes longer than the stages below
 
+import tpmscad._compiled_loops  # noqa: F401 - reports what is compiled
 from tpmscad import progress_display
 from tpmscad.stage_timer import COMPILING, StageTimer, show_compiling
 

@@ -339,7 +339,7 @@ def run_tape(code, parameters, tables, n_rows, x_table, y_table, z_table, ends, 
 
     An operation is its code, the rows of up to four results, the rows of up to three operands, the place of its parameters, and
     the row of the mask of the columns at which it is needed, -1 for all. Only operations that take long look at their mask.
-    The coefficients of splines are in `tables`, None if there are none. Blocks begin and end at the columns `ends` of the z table,
+    The coefficients of splines are in `tables`, None without splines. Blocks begin and end at the columns `ends` of the z table,
     at most BLOCK apart.
     Returns the parameter place of the first check that failed and the point, at which found[0] is the value checked; or -1, -1.
     """
