@@ -24,6 +24,7 @@ from benchmarks.trial_judges import (
     judge_stl,
     signed_distance,
 )
+from benchmarks.trial_statements import judge_statements
 from tpmscad.catalogue import CATALOGUE
 
 MAX_FACES_FOR_GMSH = 700
@@ -50,9 +51,20 @@ def _triple(rng: np.random.Generator, low: float, high: float, digits: int = 3) 
 
 
 def _judged(
-    model: Any, folder: Path, region: Region | None, rng: np.random.Generator
+    model: Any,
+    folder: Path,
+    region: Region | None,
+    rng: np.random.Generator,
+    *,
+    wall: float | None = None,
+    envelope: float | None = None,
+    body: Any = None,
+    box: np.ndarray | None = None,
 ) -> tuple[bool, str, Callable[[], list[str]]]:
-    """Export a model that meets its request to STEP and STL, and judge it, its file and its mesh."""
+    """Export a model that meets its request to STEP and STL, and judge it, its file, its mesh and what is stated of it.
+
+    The keywords are those of `judge_statements`.
+    """
     c = model.certificate
     if not c.met:
         return False, "; ".join(c.shortfalls), list
@@ -73,7 +85,8 @@ def _judged(
             faults += judge_stl(folder / "made.stl", c.volume, max(c.tol, 2e-3 * c.volume / c.area), c.area)
         if region is not None:
             faults += judge_solid(region, c.volume, c.area, c.betti[0], c.dropped)
-        return faults
+        stated = {"wall": wall, "envelope": envelope, "body": body, "box": box}
+        return faults + judge_statements(model, folder / "made.step", **stated)
 
     return True, "", judge
 
@@ -148,7 +161,10 @@ def draw_lattice(rng: np.random.Generator) -> Drawn:
                 MINIMAL_OFF[name] * cell * 1.3 * (0.2 if options.get("kind") != "skeletal" else 1.0) if exact else 0.0
             )
             region = Region(_around(f, limits, float(edges.min())), np.zeros(3), edges * cells, smear)
-        return _judged(model, folder, region, rng)
+        stated: dict[str, Any] = {"wall": options.get("thickness"), "envelope": float(np.prod(edges * cells))}
+        if options.get("boundary") != "natural":
+            stated["box"] = np.array([np.zeros(3), edges * cells])
+        return _judged(model, folder, region, rng, **stated)
 
     return Drawn(
         _written(f"tpmscad.lattice({name!r}, ", options).replace("(, ", "(").replace(", , ", ", "), make, FILES
@@ -295,7 +311,7 @@ def draw_infill(rng: np.random.Generator) -> Drawn:
             )
             smear = 0.2 * MINIMAL_OFF.get(name, 0.0) * cell
             region = Region(lambda p: in_body(p) & wall(p), low, high, smear)
-        return _judged(model, folder, region, rng)
+        return _judged(model, folder, region, rng, wall=options["thickness"], envelope=body.volume, body=body)
 
     return Drawn(_written(f"tpmscad.infill({body_text}, {name!r}, ", options).replace(", , ", ", "), make, FILES)
 
@@ -373,7 +389,8 @@ def draw_field(rng: np.random.Generator) -> Drawn:
 
     def make(folder: Path) -> tuple[bool, str, Callable[[], list[str]]]:
         model = tpmscad.solidify(eval(text, {"fields": fields}), ((0, 0, 0), tuple(high)), tol=tol, progress=False)
-        return _judged(model, folder, Region(lambda p: value(p) < 0, np.zeros(3), high), rng)
+        region = Region(lambda p: value(p) < 0, np.zeros(3), high)
+        return _judged(model, folder, region, rng, envelope=float(high.prod()), box=np.array([np.zeros(3), high]))
 
     return Drawn(f"tpmscad.solidify({text}, ((0, 0, 0), {tuple(high.tolist())}), tol={tol})", make, FILES)
 

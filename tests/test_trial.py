@@ -4,13 +4,17 @@ from __future__ import annotations
 
 import subprocess
 import sys
+from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 
 import build123d as bd
 import numpy as np
 import pytest
 
+import tpmscad
 from benchmarks.trial_judges import NodalFunction, Region, judge_solid, judge_step_text, judge_stl, signed_distance
+from benchmarks.trial_statements import judge_fraction, judge_labels, judge_size, judge_walls, triangulate
 from tpmscad import catalogue, fields
 
 pytestmark = pytest.mark.kernel
@@ -83,3 +87,33 @@ def test_an_open_mesh_and_an_edge_used_once_are_noticed(tmp_path: Path) -> None:
         + rest.replace(",.T.)", ",.X.)", 1).replace(",.F.)", ",.T.)", 1).replace(",.X.)", ",.F.)", 1)
     )
     assert judge_step_text(step, 1, 6) == ["an edge of the file is not used once in each direction"]
+
+
+def test_wrong_statements_of_a_solid_are_noticed(tmp_path: Path) -> None:
+    """Each judge of what is stated is given something wrong: a size, a wall, a fraction, a label."""
+    body = bd.Box(8, 8, 8)
+    model = tpmscad.infill(body, "P", cell=8, thickness=0.8, tol=0.05)
+    path = tmp_path / "made.step"
+    model.export(path)
+    vertices, triangles = triangulate(model.wrapped, 0.02)
+    assert judge_size(model, path, vertices, 0.02) == []
+    assert "outside its box" in judge_size(model, path, vertices * 1.1, 0.02)[0]
+    assert "larger than the solid" in judge_size(model, path, vertices * 0.9, 0.02)[0]
+    report = model.check_print()
+    assert judge_walls(report, vertices, triangles, 0.02, 0.8) == []
+    wall = report.smallest_wall
+    assert "sampled is one of" in judge_walls(replaced(report, wall, bound=1.2), vertices, triangles, 0.02, 0.8)[0]
+    assert "asked for were" in judge_walls(report, vertices, triangles, 0.02, 0.5)[0]
+    assert judge_fraction(model, 512.0) == []
+    assert "the envelope" in judge_fraction(model, 500.0)[0]
+    low, high = np.full(3, -4.0), np.full(3, 4.0)
+    assert judge_labels(model, low, high, body) == []
+    assert "off that face of the body" in judge_labels(model, low, high, bd.Pos(1, 2, 3) * body)[0]
+    lattice = tpmscad.lattice("P", cell=8, thickness=0.8, tol=0.1)
+    assert judge_labels(lattice, np.zeros(3), np.full(3, 8.0), None) == []
+    assert "lies off" in judge_labels(lattice, np.zeros(3), np.full(3, 8.1), None)[0]
+
+
+def replaced(report: object, wall: object, **changes: float) -> object:
+    """A print report with another smallest wall."""
+    return SimpleNamespace(smallest_wall=replace(wall, **changes))  # type: ignore[type-var]
