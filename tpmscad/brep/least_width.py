@@ -119,6 +119,10 @@ class _Search:
     ) -> None:
         """through: -1 for the material, 1 for the void. samples: points of the surface, which tell whether balls are empty."""
         self.through, self.group, self.solid, self.edges = through, group, solid, edges
+        self.cells: SurfaceCells
+        self.center: Array
+        self.radius: Array
+        self.bounds: CellBounds
         self.n_groups = 1 + int(group.max())
         self.edge_key = edges.groups @ np.array([self.n_groups, 1])
         self.edge_tree = cKDTree(edges.points) if len(edges.points) else None

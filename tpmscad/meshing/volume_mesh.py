@@ -78,7 +78,8 @@ class VolumeMesh(MeshArrays):
             str | Path,
             PATH,
             "``.msh``: gmsh, with groups as physical groups and periodic nodes. ``.inp``: Abaqus and CalculiX, with "
-            "node sets, element sets, surfaces, and equations that tie periodic nodes to three reference nodes. "
+            "node sets, element sets, surfaces, and equations that tie periodic nodes to three reference nodes; hexahedra of 27 "
+            "nodes as C3D20, without the nodes inside faces and elements, which a comment says. "
             "``.vtu``: VTK, with a column for each group, which ParaView, meshio and scikit-fem read; by meshio.",
         ],
         *,
