@@ -108,6 +108,11 @@ def _sample_surface(cells: SurfaceCells, radius: float) -> Array:
 class _Search:
     """The cells under search, the least width so far, and the bound of the pairs dropped."""
 
+    cells: SurfaceCells
+    bounds: CellBounds
+    center: Array
+    radius: Array
+
     def __init__(
         self,
         cells: SurfaceCells,
