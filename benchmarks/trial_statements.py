@@ -12,8 +12,8 @@ from typing import Any
 import numpy as np
 from scipy.spatial import cKDTree
 
-OPPOSITE_COSINE = -0.95
-"""Normals of two sides of a wall, as sampled; the search takes less opposite ones, too."""
+OPPOSITE_COSINE = -0.998
+"""Normals of two sides of a wall, within 3.6 degrees: sides that meet in an edge are a wedge, whose width is no wall's."""
 
 MAX_FACES = 260
 """Faces up to which walls are measured, and labels are looked at."""
@@ -29,7 +29,7 @@ def triangulate(shape: Any, deviation: float) -> tuple[np.ndarray, np.ndarray]:
     """Vertices (n, 3) within the deviation of the faces of a shape, and triangles (m, 3), turned outwards."""
     import build123d as bd
 
-    vertices, triangles = bd.Compound(shape).tessellate(deviation, 0.2)
+    vertices, triangles = bd.Compound(shape).tessellate(deviation, 0.1)
     return np.array([tuple(v) for v in vertices]), np.array(triangles)
 
 
@@ -69,7 +69,7 @@ def judge_walls(
     across = centers[near] - centers[:, None]
     inwards = -(across * normals[:, None]).sum(axis=-1)
     opposite = (normals[near] * normals[:, None]).sum(axis=-1) < OPPOSITE_COSINE
-    is_wall = opposite & (inwards > 0.95 * distance) & (distance > 10 * deviation)
+    is_wall = opposite & (inwards > -OPPOSITE_COSINE * distance) & (distance > 10 * deviation)
     sampled = float(distance[is_wall].min(initial=np.inf))
     if found is None or found.value is None:
         return [f"no wall is stated, sampled is one of {sampled:.4g}"] if np.isfinite(sampled) else []
