@@ -50,7 +50,7 @@ def test_tetrahedra_and_hexahedra_agree() -> None:
 
 
 def test_requests_that_fit_no_cell_are_refused() -> None:
-    with pytest.raises(InvalidRequest, match="needs volume_fraction"):
+    with pytest.raises(InvalidRequest, match="give exactly one of `volume_fraction`, `porosity`"):
         tpmscad.homogenize("gyroid")
     with pytest.raises(InvalidRequest, match=r"from 0 to 0\.49"):
         tpmscad.homogenize("gyroid", volume_fraction=0.2, poisson_ratio=0.5)

@@ -35,7 +35,7 @@ from tpmscad.kernel.measure.spline_face_moments import (
     trimmed_face_moments,
 )
 from tpmscad.kernel.occt import convert
-from tpmscad.kernel.occt.bounding_boxes import box_center
+from tpmscad.kernel.occt.bounding_boxes import box_center, box_corners, box_of_edges
 from tpmscad.kernel.occt.exploration import edges_of, faces_of, orientation_sign
 from tpmscad.splines.bspline import BSplineSurface
 
@@ -108,7 +108,8 @@ def solid_moments(solid: TopoDS_Shape) -> Array:
     They are integrated about the centre of its bounding box: faces agree along their edges to a tolerance only, and what is
     missing between them counts with its distance from the origin.
     """
-    centre = box_center(solid)
+    edges = box_of_edges(solid)
+    centre = box_center(solid) if edges.IsVoid() else np.mean(box_corners(edges), axis=0)
     shift = gp_Trsf()
     shift.SetTranslation(gp_Vec(*(-centre).tolist()))
     moments = face_moments(faces_of(solid.Moved(TopLoc_Location(shift)))).sum(axis=0)
