@@ -7,12 +7,15 @@ from typing import Any
 import build123d as bd
 import numpy as np
 import pytest
+from scipy.spatial import cKDTree
 
 import tpmscad
 from tpmscad import fields
-from tpmscad.brep.least_width import RESOLUTION, LeastWidth
+from tpmscad.brep.least_width import RESOLUTION, LeastWidth, SharpEdges, _Search
 from tpmscad.kernel.measure.shape_report import check_shape
-from tpmscad.kernel.occt.exploration import require_shape
+from tpmscad.kernel.measure.shape_sampling import find_creases
+from tpmscad.kernel.occt.exploration import faces_of, require_shape
+from tpmscad.kernel.printability.face_cells import face_cells
 from tpmscad.kernel.printability.least_widths import measure_least_widths
 
 pytestmark = pytest.mark.kernel
@@ -63,6 +66,26 @@ def test_print_check_faults_the_wall_that_samples_overlook() -> None:
     assert report.smallest_wall is report["wall"]
     assert report.smallest_gap is report["gap"]
     assert tpmscad.measure(part).smallest_wall.width == pytest.approx(0.1, abs=2 * FIELD_TOL)  # type: ignore[union-attr]
+
+
+def test_a_wall_is_found_behind_any_number_of_pairs_with_lower_bounds() -> None:
+    """Pairs of cells that no normal joins may have the least bounds: the value must fall all the same, or the search swells."""
+    shape = require_shape(bd.Box(10, 10, 1))
+    report, faces = check_shape(shape), faces_of(shape)
+    creases = find_creases(faces, 0.1)
+    edges = SharpEdges(creases.points, np.sort(creases.smooth_group[creases.faces], axis=1), 0.1)
+    cells = face_cells(faces, 0.01 * report.volume / report.area)
+    for _ in range(4):
+        cells, _ = cells.bisect(np.ones(len(cells), bool))
+    search = _Search(cells, -1.0, creases.smooth_group, np.zeros(len(faces), int), edges, cKDTree(edges.points))
+    search.value = 16.0
+    top, below = (np.flatnonzero(search.axis[:, 2] * sign > 0.99) for sign in (1.0, -1.0))
+    one = top[np.argmin(np.linalg.norm(search.center[top, :2], axis=1))]
+    other = top[np.argmax(np.linalg.norm(search.center[top] - search.center[one], axis=1))]
+    opposite = below[np.argmin(np.linalg.norm(search.center[below] - search.center[one], axis=1))]
+    pairs = np.array([[one, other]] * 40_000 + [[opposite, one]])
+    search._attain(pairs, np.append(np.zeros(40_000), 0.9))
+    assert search.value == pytest.approx(1.0)
 
 
 def test_a_tube_has_its_wall_and_its_bore() -> None:

@@ -59,9 +59,6 @@ NEAREST_EDGE_SAMPLES = 16
 REFINED_PAIRS = 256
 """Pairs of each round between which places are sought, those with the least bounds."""
 
-CANDIDATES = 64 * REFINED_PAIRS
-"""Pairs of each round, those with the least bounds, of which those are refined that a normal may join."""
-
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SharpEdges:
@@ -279,14 +276,17 @@ class _Search:
 
     def _attain(self, pairs: IntArray, low: Array) -> None:
         """Attain lesser widths between places of the cells with the least bounds."""
-        order = np.argpartition(low, CANDIDATES)[:CANDIDATES] if len(low) > CANDIDATES else np.arange(len(low))
-        order = order[np.argsort(low[order], kind="stable")]
-        both = np.concatenate([pairs[order], pairs[order, ::-1]])
-        pairs = pairs[order[:REFINED_PAIRS]]
-        self._take_least(pairs, approach_places(self.cells.nets[pairs]))
+        order = np.argsort(low, kind="stable")
+        nearest = pairs[order[:REFINED_PAIRS]]
+        self._take_least(nearest, approach_places(self.cells.nets[nearest]))
+        both = np.stack([pairs[order], pairs[order, ::-1]], axis=1).reshape(-1, 2)
         way, normal = self.center[both[:, 1]] - self.center[both[:, 0]], self.axis[both[:, 0]]
         aside = np.linalg.norm(way - (way * normal).sum(axis=1, keepdims=True) * normal, axis=1)
-        both = both[aside < self.radius[both[:, 1]]][: 4 * REFINED_PAIRS]
+        both = both[aside < self.radius[both[:, 1]]]
+        # the least bounds may all be of pairs that do not face each other: some of all others, too
+        both = np.concatenate(
+            [both[: 2 * REFINED_PAIRS], both[2 * REFINED_PAIRS :: 1 + len(both) // (2 * REFINED_PAIRS)]]
+        )
         ends = shoot_normals(self.cells.nets[both])
         self._take_least(both, ends)
         self._take_least(both, settle_places(self.cells.nets[both], ends))
