@@ -184,6 +184,6 @@ class InfillOptions(SolidOptions, BodyOptions):
         Iterable[Any],
         FACES,
         "Plane faces of the body that get no skin, so that powder or fluid can pass; they may be adjacent. Faces of "
-        "that very shape, their numbers in its order from 0, or text such as '>Z,<Z': '>Z' for the faces at one "
-        "end of an axis, '|Z' for those square to it, '#Z' for those along it, '+Z' and '-Z' by the outward normal.",
+        "that very shape, their numbers in its order from 0, or text such as `>Z,<Z`: `>Z` for the faces at one "
+        "end of an axis, `|Z` for those square to it, `#Z` for those along it, `+Z` and `-Z` by the outward normal.",
     ] = ()
