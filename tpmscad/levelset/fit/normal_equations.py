@@ -1,4 +1,4 @@
-"""Batched normal equations for the poles of curves and patches on a level set, with direction-dependent weights, compiled.
+"""Batched normal equations for the poles of curves and patches on a level set, with direction-dependent weights.
 
 Residuals count fully along the normal of the level set and with a small weight along it, where the place of a point hardly
 matters (tangent-distance minimisation; Wang, Pottmann and Liu, "Fitting B-spline curves to point clouds by curvature-based
@@ -10,9 +10,14 @@ from __future__ import annotations
 
 import numpy as np
 
-from tpmscad._compiled_loops import njit_cached
 from tpmscad._typing import Array, IntArray
-from tpmscad.levelset.fit.equality_constraints import EqualityConstraints, add_row_sum
+from tpmscad.levelset.fit.equality_constraints import EqualityConstraints
+
+_ROW, _COLUMN = np.tril_indices(3)
+"""Rows and columns of the six entries of a symmetric metric."""
+
+MAX_SUMS = 2**20
+"""Sums of pairs that are formed at once: what fits into a cache of a few MiB is not slower than less."""
 
 Basis = tuple[Array, Array]
 """Values of the basis functions in u, (a, k), and in v, (b, l): together k l functions at a b points, u first."""
@@ -53,75 +58,41 @@ class NormalEquations:
         return conditions.minimise(self.matrix, self.rhs, target).reshape(len(self.rhs), -1, 3)
 
     def _add(self, basis: Basis, normal: Array, target: Array, weight: float, tangential_weight: float) -> None:
-        rows, columns = (np.ascontiguousarray(each) for each in basis)
-        _add_rows(rows, columns, normal, target, weight**2, tangential_weight**2, self.matrix, self.rhs)
+        """Add the rows of points; the metric of a residual is less I + (full - less) n n', with the squares of the weights."""
+        (rows, columns), full, less = basis, weight**2, tangential_weight**2
+        (m, k), (w, l) = rows.shape, columns.shape  # noqa: E741
+        pairs_u, pairs_v = _products_of_pairs(rows), _products_of_pairs(columns)
+        entry = _spread_pairs(k, l, pairs_v.shape[1])
+        n_at_once = max(1, MAX_SUMS // (6 * pairs_u.shape[1] * pairs_v.shape[1]))
+        for first in range(0, len(self.rhs), n_at_once):
+            part = slice(first, first + n_at_once)
+            n, t = (each[part].reshape(-1, m, w, 3) for each in (normal, target))
+            metric = (full - less) * n[..., _ROW] * n[..., _COLUMN] + less * (_ROW == _COLUMN)
+            sums = _sum_products(metric, pairs_u, pairs_v)
+            self.matrix[part] += np.take(sums.reshape(len(n), -1), entry, axis=1)
+            weighted = less * t + (full - less) * (n * t).sum(axis=-1, keepdims=True) * n
+            self.rhs[part] += _sum_products(weighted, rows, columns).transpose(0, 1, 3, 2).reshape(len(n), -1)
 
 
-@njit_cached
-def _products_of_pairs(basis: Array) -> Array:  # pragma: no cover
+def _products_of_pairs(basis: Array) -> Array:
     """Products (m, k (k + 1) / 2) of basis functions i >= j, at the column i (i + 1) / 2 + j."""
-    m, k = basis.shape
-    products = np.empty((m, k * (k + 1) // 2))
-    for a in range(m):
-        for i in range(k):
-            for j in range(i + 1):
-                products[a, i * (i + 1) // 2 + j] = basis[a, i] * basis[a, j]
-    return products
+    i, j = np.tril_indices(basis.shape[1])
+    return np.asarray(basis[:, i] * basis[:, j])
 
 
-@njit_cached
-def _add_rows(
-    rows: Array, columns: Array, normal: Array, target: Array, full: float, less: float, matrix: Array, rhs: Array
-) -> None:  # pragma: no cover
-    """Add the rows of points to the normal equations; the metric of a residual is less I + (full - less) n n'."""
-    (m, k), (w, l) = rows.shape, columns.shape  # noqa: E741
-    pairs_u, pairs_v = _products_of_pairs(rows), _products_of_pairs(columns)
-    n_pairs = pairs_v.shape[1]
-    metric, weighted, factors = np.empty((6, w)), np.empty((3, w)), np.empty(m)
-    # sums over the points along v, then over those along u, of the products of pairs with the six entries of the metric
-    along_v, along_u = np.empty((m, 6 * n_pairs)), np.empty(6 * n_pairs)
-    targets_v, targets_u = np.empty((m, 3 * l)), np.empty(3 * l)
-    for each in range(len(matrix)):
-        along_v[:] = 0.0
-        targets_v[:] = 0.0
-        for a in range(m):
-            for b in range(w):
-                n, t = normal[each, a * w + b], target[each, a * w + b]
-                component = n[0] * t[0] + n[1] * t[1] + n[2] * t[2]
-                for x in range(3):
-                    weighted[x, b] = less * t[x] + (full - less) * component * n[x]
-                    for y in range(x + 1):
-                        metric[x * (x + 1) // 2 + y, b] = (full - less) * n[x] * n[y] + (less if x == y else 0.0)
-            for e in range(6):
-                add_row_sum(along_v[a, e * n_pairs :], 1.0, metric[e], pairs_v, w, 0, n_pairs)
-            for x in range(3):
-                add_row_sum(targets_v[a, x * l :], 1.0, weighted[x], columns, w, 0, l)
-        for i in range(k):
-            for a in range(m):
-                factors[a] = rows[a, i]
-            targets_u[:] = 0.0
-            add_row_sum(targets_u, 1.0, factors, targets_v, m, 0, 3 * l)
-            for j in range(l):
-                for x in range(3):
-                    rhs[each, 3 * (i * l + j) + x] += targets_u[x * l + j]
-            for other in range(i + 1):
-                for a in range(m):
-                    factors[a] = pairs_u[a, i * (i + 1) // 2 + other]
-                along_u[:] = 0.0
-                add_row_sum(along_u, 1.0, factors, along_v, m, 0, 6 * n_pairs)
-                _add_block(along_u, n_pairs, l, matrix[each], 3 * i * l, 3 * other * l)
+def _sum_products(values: Array, along_u: Array, along_v: Array) -> Array:
+    """Sums (n, p, e, q) over points (a, b) of along_u (a, p) times values (n, a, b, e) times along_v (b, q)."""
+    n, m, _, e = values.shape
+    over_v = values.swapaxes(2, 3) @ along_v
+    return (along_u.T @ over_v.reshape(n, m, -1)).reshape(n, -1, e, along_v.shape[1])
 
 
-@njit_cached
-def _add_block(sums: Array, n_pairs: int, count: int, matrix: Array, row: int, column: int) -> None:  # pragma: no cover
-    """Add the sums (6 n_pairs,) to the block (3 count, 3 count) of a symmetric matrix at `row`, `column`, and to its mirror."""
-    for i in range(count):
-        for j in range(count):
-            pair = i * (i + 1) // 2 + j if i >= j else j * (j + 1) // 2 + i
-            for x in range(3):
-                for y in range(3):
-                    entry = x * (x + 1) // 2 + y if x >= y else y * (y + 1) // 2 + x
-                    value = sums[entry * n_pairs + pair]
-                    matrix[row + 3 * i + x, column + 3 * j + y] += value
-                    if row != column:
-                        matrix[column + 3 * j + y, row + 3 * i + x] += value
+def _spread_pairs(k: int, l: int, n_pairs: int) -> IntArray:  # noqa: E741
+    """For each element of a matrix (3 k l, 3 k l), pole by pole, its place among the sums of pairs along u, entries and pairs along v."""
+
+    def number(count: int) -> IntArray:
+        i, j = np.indices((count, count))
+        return np.maximum(i, j) * (np.maximum(i, j) + 1) // 2 + np.minimum(i, j)
+
+    u, v, x = number(k)[:, None, None, :, None, None], number(l)[:, None, None, :, None], number(3)[:, None, None, :]
+    return ((u * 6 + x) * n_pairs + v).reshape(3 * k * l, 3 * k * l)
