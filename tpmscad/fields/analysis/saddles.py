@@ -202,14 +202,16 @@ def _find_cells(samples: tuple[Array, Array], where: BoolArray, spacing: Array, 
     free = np.array(value.shape) > 1
     found = np.zeros(np.maximum(1, np.array(value.shape) - 1), bool)
     diagonal, least = float(np.linalg.norm(spacing[free])), float(spacing[free].min())
-    _mark_cells(value, gradient, np.ascontiguousarray(where), free, diagonal, least, closest, found)
+    # one layout in memory, that of the samples, so that one function is compiled
+    derivatives = np.ascontiguousarray(np.moveaxis(gradient, -1, 0))
+    _mark_cells(value, derivatives, np.ascontiguousarray(where), free, diagonal, least, closest, found)
     return np.argwhere(found)
 
 
 @njit_cached
 def _mark_cells(
     value: Array,
-    gradient: Array,
+    derivatives: Array,
     where: BoolArray,
     free: BoolArray,
     diagonal: float,
@@ -234,7 +236,7 @@ def _mark_cells(
                         for a in range(di + 1):
                             for b in range(dj + 1):
                                 for c in range(dk + 1):
-                                    slope = gradient[i + a, j + b, k + c, axis]
+                                    slope = derivatives[axis, i + a, j + b, k + c]
                                     low, high = min(low, slope), max(high, slope)
                         is_candidate = low <= 0.0 <= high
                         curvature = max(curvature, (high - low) / least_spacing)
@@ -250,7 +252,7 @@ def _mark_cells(
                             square = 0.0
                             for axis in range(3):
                                 if free[axis]:
-                                    square += gradient[i + a, j + b, k + c, axis] ** 2
+                                    square += derivatives[axis, i + a, j + b, k + c] ** 2
                             steepest = max(steepest, square)
                 reach = np.sqrt(steepest) * diagonal + curvature * closest**2 / 2
                 found[i, j, k] = is_inside and steepest > 0.0 and least <= REACH_FACTOR * reach

@@ -26,9 +26,9 @@ BLOCK_SIZE = 32
 class EqualityConstraints:
     """Linear conditions rows @ x = target on the unknowns of n problems, redundant ones among them.
 
-    `involved` (k,) are the unknowns that the conditions contain, `rank` (n,) tells how many of the m conditions of a problem count.
-    `null_space` (n, k, d) holds an orthonormal basis of the changes that keep the conditions, one column for each of k - rank, and
-    zeros in columns after them; `inverse` (n, k, m) gives the least change that meets a target.
+    `involved` (k,) are the unknowns that the conditions contain, `rank` (n,) tells how many of the m conditions of a problem
+    count. The first k - rank columns of `null_space` (n, k, d) are an orthonormal basis of the changes that keep the conditions,
+    the others are zero; `inverse` (n, k, m) gives the least change that meets a target.
     """
 
     involved: IntArray

@@ -88,7 +88,7 @@ def _sum_products(values: Array, along_u: Array, along_v: Array) -> Array:
 
 
 def _spread_pairs(k: int, l: int, n_pairs: int) -> IntArray:  # noqa: E741
-    """For each element of a matrix (3 k l, 3 k l), pole by pole, its place among the sums of pairs along u, entries and pairs along v."""
+    """Places of the elements of a matrix (3 k l, 3 k l) among the sums of pairs along u, entries and pairs along v."""
 
     def number(count: int) -> IntArray:
         i, j = np.indices((count, count))
