@@ -65,6 +65,11 @@ def gyroid(wall: float) -> Any:
     return tpmscad.lattice("gyroid", cell=10, thickness=wall, tol=0.002, boundary="natural").wrapped
 
 
+def turned_diamond(wall: float) -> Any:
+    lattice = tpmscad.lattice("diamond", cell=10, thickness=wall, tol=0.002, boundary="natural").wrapped
+    return TILT * bd.Compound(lattice)
+
+
 def skin(wall: float) -> Any:
     return tpmscad.infill(bd.Box(16, 16, 16), "schwarz_p", cell=8, thickness=1.5, skin=wall, tol=0.01).wrapped
 
@@ -87,6 +92,7 @@ def rows() -> Iterator[Row]:
         yield f"balls, gap {gap}", lambda g=gap: spheres_across_a_seam(g), 4.0, gap
     for wall in (0.1, 0.2, 0.3, 0.4):
         yield f"gyroid sheet, {wall}", lambda w=wall: gyroid(w), wall, None
+    yield "diamond sheet, 0.2, rotated", lambda: turned_diamond(0.2), 0.2, None
     for wall in (0.4, 0.8):
         yield f"skin, {wall}", lambda w=wall: skin(w), wall, None
     yield "waist", lambda: bd.Cylinder(1, 4) - bd.Torus(2.17, 2), 0.34, None
