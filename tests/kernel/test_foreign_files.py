@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import re
 import signal
 import subprocess
 import sys
@@ -12,6 +13,9 @@ from pathlib import Path
 
 import build123d as bd
 import pytest
+from OCP.BRep import BRep_Tool
+from OCP.Interface import Interface_Static
+from OCP.STEPControl import STEPControl_AsIs, STEPControl_Reader, STEPControl_Writer
 
 import tpmscad
 from tpmscad.kernel.body_import.cad_body import read_body
@@ -23,8 +27,9 @@ from tpmscad.kernel.occt import child_process
 from tpmscad.kernel.occt.child_process import ChildFailure, call_in_child
 from tpmscad.kernel.occt.construction import make_compound
 from tpmscad.kernel.occt.convert import shape_from_bytes, shape_to_bytes
+from tpmscad.kernel.occt.exploration import edges_of
 from tpmscad.kernel.step.coloured_reader import read_coloured_solids
-from tpmscad.kernel.step.step_reader import read_step
+from tpmscad.kernel.step.step_reader import read_step, silence_occt
 
 pytestmark = pytest.mark.kernel
 
@@ -228,3 +233,28 @@ except InvalidRequest as error:
     assert done.returncode == 0, done.stderr
     assert "refused" in done.stdout
     assert [os.fsencode(p.name) for p in tmp_path.iterdir()] == ["körper.brep".encode()]
+
+
+def test_edges_without_pcurves_are_read_to_the_kernels_precision_whatever_accuracy_the_file_states(
+    tmp_path: Path,
+) -> None:
+    body = bd.Sphere(10) - bd.Pos(3, 2, 0) * bd.Rot(20, 10, 0) * bd.Cylinder(3, 40)
+    path, writer = tmp_path / "pierced.step", STEPControl_Writer()
+    before = Interface_Static.IVal_s("write.surfacecurve.mode")
+    Interface_Static.SetIVal_s("write.surfacecurve.mode", 0)
+    try:
+        with silence_occt():
+            writer.Transfer(body.wrapped, STEPControl_AsIs)
+            writer.Write(str(path))
+    finally:
+        Interface_Static.SetIVal_s("write.surfacecurve.mode", before)
+    text = path.read_text()
+    assert "PCURVE" not in text
+    stated = "UNCERTAINTY_MEASURE_WITH_UNIT(LENGTH_MEASURE("
+    path.write_text(re.sub(re.escape(stated) + r"[^)]*", f"{stated}1.E-02", text))
+    assert f"{stated}1.E-02" in path.read_text()
+    for read in (lambda: [read_step(path).shape], lambda: [part.solid for part in read_coloured_solids(path)]):
+        tolerances = [BRep_Tool.Tolerance_s(edge) for shape in read() for edge in edges_of(shape)]
+        assert max(tolerances) < 1e-6  # .0068 mm otherwise
+    STEPControl_Reader().ReadFile(str(path))
+    assert Interface_Static.IVal_s("read.precision.mode") == 0

@@ -26,7 +26,14 @@ from tpmscad._typing import Colour
 from tpmscad.kernel.occt import convert
 from tpmscad.kernel.occt.convert import encode_file_name
 from tpmscad.kernel.occt.exploration import ShapeKey, faces_of, solids_of
-from tpmscad.kernel.step.step_reader import NO_NAME, missing_solid, require_step_file, silence_occt, unreadable_file
+from tpmscad.kernel.step.step_reader import (
+    NO_NAME,
+    fine_precision,
+    missing_solid,
+    require_step_file,
+    silence_occt,
+    unreadable_file,
+)
 
 SRGB_LINEAR_LIMIT, SRGB_EXPONENT = 0.0031308, 2.4
 """IEC 61966-2-1: where the transfer curve of sRGB turns from a line to a power."""
@@ -54,7 +61,7 @@ def read_coloured_solids(path: str | os.PathLike[str]) -> tuple[ColouredSolid, .
     reader.SetColorMode(True)
     reader.SetNameMode(True)
     Interface_Static.SetIVal_s("read.stepcaf.subshapes.name", 1)
-    with silence_occt():
+    with silence_occt(), fine_precision():
         if reader.ReadFile(encode_file_name(path)) != IFSelect_RetDone:
             raise unreadable_file(path)
         if not reader.Transfer(document):

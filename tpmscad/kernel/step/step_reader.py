@@ -9,6 +9,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from OCP.IFSelect import IFSelect_RetDone
+from OCP.Interface import Interface_Static
 from OCP.Message import Message
 from OCP.StepBasic import StepBasic_Product
 from OCP.STEPControl import STEPControl_Reader
@@ -45,6 +46,9 @@ SHAPE_FIX_MODES = (
 edges are not among them: a STEP file may omit these, but OCCT requires them."""
 
 
+FITTING_PRECISION = 1e-7
+"""Millimetres: OCCT's own confusion, below which edges and faces count as one."""
+
 MESH_SUFFIXES = (".stl", ".3mf", ".obj", ".ply", ".glb")
 MESH_REMEDY = " (it is a mesh of triangles: export the part as .step to check, measure or draw it)"
 """What to do with a file of triangles where a STEP file is read."""
@@ -77,7 +81,7 @@ def read_step(path: str | os.PathLike[str], *, healed: bool = True) -> StepConte
     """
     path = require_step_file(Path(path))
     reader = STEPControl_Reader()
-    with silence_occt():
+    with silence_occt(), fine_precision():
         if reader.ReadFile(encode_file_name(path)) != IFSelect_RetDone:
             raise unreadable_file(path)
         if not healed:  # after reading the file, which resets them
@@ -118,6 +122,23 @@ def unreadable_file(path: Path) -> InvalidRequest:
 def missing_solid(path: Path) -> InvalidRequest:
     """The error of a STEP file without solids."""
     return InvalidRequest(f"{path} holds no solid: export the part as a solid, not as surfaces, curves or a mesh")
+
+
+@contextmanager
+def fine_precision() -> Iterator[None]:
+    """Fit pcurves that a STEP file omits within FITTING_PRECISION of its edges; a STEP reader must exist.
+
+    OCCT would fit them within the uncertainty that the file states, .01 mm say, and so make most of the gaps between edges and
+    faces itself. The setting is global and is put back.
+    """
+    before = Interface_Static.IVal_s("read.precision.mode"), Interface_Static.RVal_s("read.precision.val")
+    Interface_Static.SetIVal_s("read.precision.mode", 1)
+    Interface_Static.SetRVal_s("read.precision.val", FITTING_PRECISION)
+    try:
+        yield
+    finally:
+        Interface_Static.SetIVal_s("read.precision.mode", before[0])
+        Interface_Static.SetRVal_s("read.precision.val", before[1])
 
 
 @contextmanager
