@@ -13,8 +13,6 @@ from __future__ import annotations
 from dataclasses import KW_ONLY, dataclass, field
 from typing import Annotated, Any, Literal
 
-import cadquery as cq
-
 from tpmscad.api.arguments import select_arguments
 from tpmscad.api.public_calls import validate_method_options
 from tpmscad.api.shared_kinds import ANYTHING, FACES, FLAG
@@ -25,6 +23,10 @@ from tpmscad.requests.lattice_request import lattice_size
 from tpmscad.results.model import Model
 from tpmscad.solids._infill import infill
 from tpmscad.solids._lattice import lattice
+
+# isort: split
+# After the package's own modules, whose room of the kernel says what to do where OCP does not load.
+import cadquery as cq
 
 __all__ = ["tpms", "tpmsInfill", "tpmsModels"]
 

@@ -11,10 +11,6 @@ from __future__ import annotations
 from dataclasses import KW_ONLY, dataclass, field
 from typing import Annotated, Any, Self
 
-from build123d import Align, BasePartObject, BuildPart, Compound, Location, Mode, Part, RotationLike, Vector
-from build123d.build_common import Builder
-from build123d.geometry import to_align_offset
-
 from tpmscad.api.arguments import select_arguments
 from tpmscad.api.public_calls import show_constructor, validate_method_options
 from tpmscad.api.shared_kinds import ANYTHING
@@ -29,6 +25,12 @@ from tpmscad.results.placed_model import place_model
 from tpmscad.results.result_summary import count_pieces
 from tpmscad.solids._infill import infill
 from tpmscad.solids._lattice import lattice
+
+# isort: split
+# After the package's own modules, whose room of the kernel says what to do where OCP does not load.
+from build123d import Align, BasePartObject, BuildPart, Compound, Location, Mode, Part, RotationLike, Vector
+from build123d.build_common import Builder
+from build123d.geometry import to_align_offset
 
 __all__ = ["Tpms", "TpmsInfill"]
 

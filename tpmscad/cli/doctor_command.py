@@ -7,7 +7,6 @@ import os
 import platform
 import subprocess
 import sys
-from collections.abc import Mapping
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Annotated, Any
@@ -18,7 +17,7 @@ from tpmscad.kernel_wheels import (
     CADQUERY,
     WHEELS,
     WITH_CADQUERY,
-    WITHOUT_CADQUERY,
+    describe_load_failure,
     find_conflict,
     find_installed_versions,
 )
@@ -54,13 +53,13 @@ def doctor(as_json: JsonOption = False) -> None:
     import tpmscad
 
     installed = find_installed_versions()
-    loaded, fault = _load("import OCP; print(OCP.__version__)")
-    cache, cache_fault = _load("import tpmscad._compiled_loops as c; print(c.cache_folder())")
+    loaded, fault = _load("import OCP.gp; print(OCP.__version__)")
+    cache, cache_fault = _load("import tpmscad._compiled_loops as c; print(c.cache_folder() or '')")
     stated = next((installed[name] for name in WHEELS if name in installed), loaded)
     if loaded and not stated.startswith(loaded):
         fault = f"it is OCCT {loaded}, its wheel is {stated}"
     conflict = find_conflict()
-    problems = [conflict or _explain_kernel(fault, installed), cache_fault]
+    problems = [conflict or (fault and describe_load_failure(fault, installed)), cache_fault]
     if CADQUERY in installed and not problems[0]:
         problems.append(_explain_cadquery(_load("import cadquery")[1]))
     facts: dict[str, Any] = {
@@ -99,16 +98,6 @@ def _load(statements: str) -> tuple[str, str]:
         lines = answer.stderr.strip().splitlines() or [f"it ended with status {answer.returncode}"]
         return "", lines[-1]
     return (answer.stdout.strip().splitlines() or [""])[-1], ""
-
-
-def _explain_kernel(fault: str, installed: Mapping[str, str]) -> str:
-    """Why the kernel does not load, and what to do."""
-    if not fault:
-        return ""
-    if "libGL" in fault:
-        return f"the kernel does not load ({fault}): apt-get install libgl1"
-    mend = "\n    ".join(WITH_CADQUERY if CADQUERY in installed else WITHOUT_CADQUERY)
-    return f"the kernel does not load ({fault}). These two lines mend it:\n    {mend}"
 
 
 def _explain_cadquery(fault: str) -> str:
