@@ -97,6 +97,7 @@ def run_where_only(folder: Path, variable: str, script: str) -> str:
     return done.stdout.strip()
 
 
+@pytest.mark.slow
 def test_the_folder_stated_is_the_one_below_a_home_folder_where_numba_falls_back_to_it(tmp_path: Path) -> None:
     stated = Path(run_where_only(tmp_path, "XDG_CACHE_HOME", IN_A_HOME_FOLDER))
     kept = list(tmp_path.rglob("*.nbi"))
@@ -109,7 +110,8 @@ def test_the_folder_stated_is_the_one_that_the_user_names(tmp_path: Path) -> Non
     assert run_where_only(tmp_path, "NUMBA_CACHE_DIR", print_folder) == str(tmp_path)
 
 
-def test_the_folder_stated_is_the_package_where_it_can_be_written_to() -> None:
+def test_the_folder_stated_is_the_package_where_it_can_be_written_to(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(numba.config, "CACHE_DIR", "")
     assert cache_folder() == Path(tpmscad.__file__).parent
 
 

@@ -192,8 +192,43 @@ def test_the_command_line_tells_in_one_line_that_the_kernel_does_not_load(tmp_pa
     assert not list(tmp_path.glob("p.step*"))
 
 
+BROKEN_BUILD123D = "raise ImportError('cannot import name TColgp')"
+
+MODEL = "import tpmscad; tpmscad.lattice('P', cell=1, thickness=0.1, tol=0.02, progress=None)"
+
+
+@pytest.mark.kernel
+@pytest.mark.slow
+@pytest.mark.parametrize("statement", ["import tpmscad.build123d", f"{MODEL}.solid"])
+def test_a_build123d_that_does_not_load_on_the_kernel_is_one_error_too(tmp_path: Path, statement: str) -> None:
+    (tmp_path / "build123d.py").write_text(BROKEN_BUILD123D)
+    last = run("-c", statement, path=tmp_path).stderr.splitlines()[-1]
+    assert last.startswith(
+        "tpmscad.errors.MissingKernel: build123d does not load (cannot import name TColgp); this mends"
+    )
+    assert last.endswith(" && ".join(WITHOUT_CADQUERY))
+
+
+@pytest.mark.kernel
+@pytest.mark.slow
+def test_a_step_file_needs_no_build123d(tmp_path: Path) -> None:
+    (tmp_path / "build123d.py").write_text(BROKEN_BUILD123D)
+    found = run("-c", f"{MODEL}.export_step('p.step')", path=tmp_path)
+    assert (found.returncode, found.stderr) == (0, "")
+    assert (tmp_path / "p.step").exists()
+
+
+@pytest.mark.kernel
+def test_a_cadquery_that_does_not_load_is_mended_by_the_lines_for_cadquery(tmp_path: Path) -> None:
+    (tmp_path / "cadquery.py").write_text("raise ImportError('no VTK')")
+    last = run("-c", "import cq_plugins.tpms", path=tmp_path).stderr.splitlines()[-1]
+    assert last == (
+        f"tpmscad.errors.MissingKernel: CadQuery does not load (no VTK); this mends it: {' && '.join(WITH_CADQUERY)}"
+    )
+
+
 def test_a_missing_library_of_the_system_is_no_fault_of_the_wheels() -> None:
-    found = describe_load_failure("libGL.so.1: cannot open shared object file", {"cadquery": "2.8.0"})
+    found = describe_load_failure("the CAD kernel", "libGL.so.1: cannot open shared object file", WITH_CADQUERY)
     assert found.endswith(f"this mends it: {INSTALL_LIBGL}")
 
 
@@ -227,5 +262,14 @@ def test_the_doctor_answers_without_a_kernel(tmp_path: Path) -> None:
     (tmp_path / "OCP.py").write_text("raise ImportError('undefined symbol: TopoDS')")
     found = run("-m", "tpmscad", "doctor", path=tmp_path)
     assert found.returncode == 1
-    assert "does not load (ImportError: undefined symbol: TopoDS)" in found.stderr
+    assert "the CAD kernel does not load (ImportError: undefined symbol: TopoDS)" in found.stderr
+    assert "build123d does not load" not in found.stderr  # which follows from the kernel's
     assert "Traceback" not in found.stderr
+
+
+@pytest.mark.kernel
+def test_the_doctor_tells_that_build123d_does_not_load_on_the_kernel(tmp_path: Path) -> None:
+    (tmp_path / "build123d.py").write_text(BROKEN_BUILD123D)
+    found = run("-m", "tpmscad", "doctor", path=tmp_path)
+    assert found.returncode == 1
+    assert "build123d does not load (ImportError: cannot import name TColgp); this mends it: pip" in found.stderr

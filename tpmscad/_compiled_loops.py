@@ -55,9 +55,7 @@ def cache_folder() -> Path | None:
     """
     if numba.config.DISABLE_JIT:
         return None
-    kept = Path(numba.njit(cache=True)(_probe).stats.cache_path)
-    package = Path(__file__).parent
-    return package if package in kept.parents else kept.parent
+    return Path(numba.njit(cache=True)(_probe).stats.cache_path).parent
 
 
 class _CompilationListener(event.Listener):  # type: ignore[misc]  # numba has no types

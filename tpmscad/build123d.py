@@ -15,6 +15,7 @@ from tpmscad.api.arguments import select_arguments
 from tpmscad.api.public_calls import show_constructor, validate_method_options
 from tpmscad.api.shared_kinds import ANYTHING
 from tpmscad.errors import InvalidRequest
+from tpmscad.kernel_wheels import explained_load_failure
 from tpmscad.requests.face_selection import list_given_faces
 from tpmscad.requests.lattice_options import InfillOptions, LatticeOptions
 from tpmscad.requests.lattice_request import lattice_size
@@ -26,11 +27,10 @@ from tpmscad.results.result_summary import count_pieces
 from tpmscad.solids._infill import infill
 from tpmscad.solids._lattice import lattice
 
-# isort: split
-# After the package's own modules, whose room of the kernel says what to do where OCP does not load.
-from build123d import Align, BasePartObject, BuildPart, Compound, Location, Mode, Part, RotationLike, Vector
-from build123d.build_common import Builder
-from build123d.geometry import to_align_offset
+with explained_load_failure("build123d"):
+    from build123d import Align, BasePartObject, BuildPart, Compound, Location, Mode, Part, RotationLike, Vector
+    from build123d.build_common import Builder
+    from build123d.geometry import to_align_offset
 
 __all__ = ["Tpms", "TpmsInfill"]
 

@@ -125,7 +125,7 @@ class KernelError(TpmscadError):
 
 
 class MissingKernel(TpmscadError, ImportError):
-    """The CAD kernel is not installed, or does not load; the message names the line that mends it."""
+    """The CAD kernel, or the CAD library above it, is not installed or does not load; the message names what mends it."""
 
 
 class KernelConflictWarning(UserWarning):

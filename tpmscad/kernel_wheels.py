@@ -12,12 +12,13 @@ import os
 import re
 import sys
 import warnings
-from collections.abc import Collection, Iterable, Mapping
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from glob import escape, glob
 from itertools import pairwise
 from pathlib import PurePath
 
-from tpmscad.errors import KernelConflictWarning
+from tpmscad.errors import KernelConflictWarning, MissingKernel
 
 WHEELS = ("cadquery-ocp", "cadquery-ocp-novtk")
 """Distributions that hold the module OCP, with and without VTK."""
@@ -120,10 +121,20 @@ def find_conflict(folders: Iterable[str] | None = None) -> str:
     return describe_conflict(find_installed_versions(searched), find_overwritten_wheels(searched))
 
 
-def describe_load_failure(reason: str, installed: Mapping[str, str]) -> str:
-    """Why the kernel does not load, and what to do, in one line."""
-    remedy = INSTALL_LIBGL if "libGL" in reason else " && ".join(choose_remedy(installed))
-    return f"the CAD kernel does not load ({reason}); this mends it: {remedy}"
+def describe_load_failure(what: str, reason: str, remedy: Sequence[str]) -> str:
+    """Why the kernel, or a library above it, does not load, and what to do, in one line."""
+    mend = INSTALL_LIBGL if "libGL" in reason else " && ".join(remedy)
+    return f"{what} does not load ({reason}); this mends it: {mend}"
+
+
+@contextmanager
+def explained_load_failure(what: str, remedy: Sequence[str] = ()) -> Iterator[None]:
+    """Imports of the kernel, or of a library above it, that fail by MissingKernel; `remedy` as `choose_remedy` by default."""
+    try:
+        yield
+    except ImportError as error:
+        lines = remedy or choose_remedy(find_installed_versions())
+        raise MissingKernel(describe_load_failure(what, str(error), lines)) from error
 
 
 def warn_of_conflict() -> None:

@@ -7,6 +7,7 @@ import os
 import platform
 import subprocess
 import sys
+from collections.abc import Mapping
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Annotated, Any
@@ -16,7 +17,7 @@ import typer
 from tpmscad.kernel_wheels import (
     CADQUERY,
     WHEELS,
-    WITH_CADQUERY,
+    choose_remedy,
     describe_load_failure,
     find_conflict,
     find_installed_versions,
@@ -58,10 +59,10 @@ def doctor(as_json: JsonOption = False) -> None:
     stated = next((installed[name] for name in WHEELS if name in installed), loaded)
     if loaded and not stated.startswith(loaded):
         fault = f"it is OCCT {loaded}, its wheel is {stated}"
-    conflict = find_conflict()
-    problems = [conflict or (fault and describe_load_failure(fault, installed)), cache_fault]
-    if CADQUERY in installed and not problems[0]:
-        problems.append(_explain_cadquery(_load("import cadquery")[1]))
+    problems = [find_conflict() or _explain("the CAD kernel", fault, installed), cache_fault]
+    if not problems[0]:
+        problems.append(_explain("build123d", _load("import build123d")[1], installed))
+        problems.append(_explain("CadQuery", _load("import cadquery")[1] if CADQUERY in installed else "", installed))
     facts: dict[str, Any] = {
         "tpmscad": f"{tpmscad.__version__} in {Path(tpmscad.__file__).parent}",
         "python": f"{platform.python_version()} in {sys.prefix}, {platform.platform()}",
@@ -100,10 +101,9 @@ def _load(statements: str) -> tuple[str, str]:
     return (answer.stdout.strip().splitlines() or [""])[-1], ""
 
 
-def _explain_cadquery(fault: str) -> str:
-    """Why CadQuery does not load beside this package, and what to do."""
-    mend = "\n    ".join(WITH_CADQUERY)
-    return fault and f"CadQuery does not load ({fault}). These two lines mend it:\n    {mend}"
+def _explain(what: str, fault: str, installed: Mapping[str, str]) -> str:
+    """Why something does not load, and what to do; "" without a fault."""
+    return fault and describe_load_failure(what, fault, choose_remedy(installed))
 
 
 def _find_version(name: str) -> str:
