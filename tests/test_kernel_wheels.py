@@ -227,6 +227,12 @@ def test_a_cadquery_that_does_not_load_is_mended_by_the_lines_for_cadquery(tmp_p
     )
 
 
+@pytest.mark.parametrize("remedy", [WITH_CADQUERY, WITHOUT_CADQUERY])
+def test_the_guide_prints_the_lines_that_messages_name(remedy: tuple[str, str]) -> None:
+    guide = (ROOT / "docs" / "guide" / "install.md").read_text(encoding="utf-8")
+    assert "\n".join(("```sh", *remedy, "```")) in guide
+
+
 def test_a_missing_library_of_the_system_is_no_fault_of_the_wheels() -> None:
     found = describe_load_failure("the CAD kernel", "libGL.so.1: cannot open shared object file", WITH_CADQUERY)
     assert found.endswith(f"this mends it: {INSTALL_LIBGL}")
