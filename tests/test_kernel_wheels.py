@@ -227,6 +227,13 @@ def test_a_cadquery_that_does_not_load_is_mended_by_the_lines_for_cadquery(tmp_p
     )
 
 
+@pytest.mark.kernel
+def test_a_cadquery_that_is_not_installed_is_no_fault_of_the_kernel(tmp_path: Path) -> None:
+    (tmp_path / "cadquery.py").write_text("raise ModuleNotFoundError(\"No module named 'cadquery'\", name='cadquery')")
+    last = run("-c", "import cq_plugins.tpms", path=tmp_path).stderr.splitlines()[-1]
+    assert last == "ModuleNotFoundError: No module named 'cadquery'"
+
+
 @pytest.mark.parametrize("remedy", [WITH_CADQUERY, WITHOUT_CADQUERY])
 def test_the_guide_prints_the_lines_that_messages_name(remedy: tuple[str, str]) -> None:
     guide = (ROOT / "docs" / "guide" / "install.md").read_text(encoding="utf-8")

@@ -133,6 +133,8 @@ def explained_load_failure(what: str, remedy: Sequence[str] = ()) -> Iterator[No
     try:
         yield
     except ImportError as error:
+        if error.name == CADQUERY:  # not installed, as without its extra: no fault of the kernel
+            raise
         lines = remedy or choose_remedy(find_installed_versions())
         raise MissingKernel(describe_load_failure(what, str(error), lines)) from error
 
