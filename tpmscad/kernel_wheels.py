@@ -14,7 +14,6 @@ import sys
 import warnings
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from glob import escape, glob
 from itertools import pairwise
 from pathlib import PurePath
 
@@ -40,45 +39,46 @@ INSTALL_LIBGL = "apt-get install libgl1"
 DOCTOR = "doctor"
 """The command that tells a conflict among its findings."""
 
-_CHECKED = re.compile(r"OCP/(?:OCP[^,]*\.(?:so|pyd|dylib)|__init__\.py),")
+_CHECKED = re.compile(r"^(OCP/(?:OCP[^,\n]*\.(?:so|pyd|dylib)|__init__\.py)),[^,\n]*,(\d*)", re.MULTILINE)
 _METADATA = re.compile(r"(cadquery(?:_ocp(?:_novtk)?)?)-([^-]+)\.dist-info")
 
 
 def find_installed_versions(folders: Iterable[str] | None = None) -> dict[str, str]:
     """The versions of CadQuery and of the wheels of the kernel in the folders, by default of `sys.path`; the first counts."""
-    found: dict[str, str] = {}
+    return {name: number for name, (number, _, _) in _find_metadata(folders).items()}
+
+
+def find_overwritten_wheels(folders: Iterable[str] | None = None) -> list[str]:
+    """The installed wheels of the kernel whose library is missing, or another one in place of their own, told by its size."""
+    found = _find_metadata(folders)
+    return [name for name in WHEELS if name in found and not _holds_its_files(*found[name][1:])]
+
+
+def _find_metadata(folders: Iterable[str] | None) -> dict[str, tuple[str, str, str]]:
+    """Version, folder, and folder of the metadata of each distribution; the first folder that has it counts."""
+    found: dict[str, tuple[str, str, str]] = {}
     for folder in sys.path if folders is None else folders:
         try:
             names = os.listdir(folder or ".")
         except OSError:
             continue
         for match in filter(None, map(_METADATA.fullmatch, names)):
-            found.setdefault(match[1].replace("_", "-"), match[2])
+            found.setdefault(match[1].replace("_", "-"), (match[2], folder, match[0]))
     return found
 
 
-def find_overwritten_wheels(folders: Iterable[str] | None = None) -> list[str]:
-    """The installed wheels of the kernel whose library is missing, or another one in place of their own, told by its size."""
-    searched = [folder or "." for folder in (sys.path if folders is None else folders)]
-    overwritten = []
-    for wheel in WHEELS:
-        pattern = os.path.join(f"{wheel.replace('-', '_')}-*.dist-info", "RECORD")
-        records = ((folder, record) for folder in searched for record in glob(os.path.join(escape(folder), pattern)))
-        folder, record = next(records, ("", ""))
-        if record and not _holds_its_files(folder, record):
-            overwritten.append(wheel)
-    return overwritten
+def _holds_its_files(folder: str, metadata: str) -> bool:
+    """Whether the library of a wheel and the module that loads it have the sizes in the wheel's record; True without a record."""
+    try:
+        with open(os.path.join(folder, metadata, "RECORD"), encoding="utf-8", errors="replace") as record:
+            checked = _CHECKED.findall(record.read())
+    except OSError:
+        return True
+    return all(_is_file_of_size(os.path.join(folder, name), size) for name, size in checked)
 
 
-def _holds_its_files(folder: str, record: str) -> bool:
-    """Whether the library of a wheel and the module that loads it have the sizes that the wheel's record states."""
-    with open(record, encoding="utf-8") as lines:
-        for line in filter(_CHECKED.match, lines):
-            name, _, size = line.rstrip().rsplit(",", 2)
-            path = os.path.join(folder, name)
-            if not os.path.isfile(path) or (size and os.path.getsize(path) != int(size)):
-                return False
-    return True
+def _is_file_of_size(path: str, size: str) -> bool:
+    return os.path.isfile(path) and (not size or os.path.getsize(path) == int(size))
 
 
 def describe_conflict(installed: Mapping[str, str], overwritten: Collection[str] = ()) -> str:
