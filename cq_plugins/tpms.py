@@ -13,18 +13,20 @@ from __future__ import annotations
 from dataclasses import KW_ONLY, dataclass, field
 from typing import Annotated, Any, Literal
 
-import cadquery as cq
-
 from tpmscad.api.arguments import select_arguments
 from tpmscad.api.public_calls import validate_method_options
 from tpmscad.api.shared_kinds import ANYTHING, FACES, FLAG
 from tpmscad.errors import InvalidRequest, NotMet
+from tpmscad.kernel_wheels import WITH_CADQUERY, explained_load_failure
 from tpmscad.requests.face_selection import is_face_selection
 from tpmscad.requests.lattice_options import InfillOptions, LatticeOptions
 from tpmscad.requests.lattice_request import lattice_size
 from tpmscad.results.model import Model
 from tpmscad.solids._infill import infill
 from tpmscad.solids._lattice import lattice
+
+with explained_load_failure("CadQuery", WITH_CADQUERY):
+    import cadquery as cq
 
 __all__ = ["tpms", "tpmsInfill", "tpmsModels"]
 

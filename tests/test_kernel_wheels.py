@@ -1,4 +1,4 @@
-"""Two wheels of the kernel over each other: noticed at import and by `tpmscad doctor`, with the lines that mend it."""
+"""A kernel that is missing, damaged or installed twice: told at import and by `tpmscad doctor`, with the line that mends it."""
 
 from __future__ import annotations
 
@@ -10,12 +10,17 @@ from pathlib import Path
 
 import pytest
 
+from tpmscad.errors import KernelConflictWarning, MissingKernel
 from tpmscad.kernel_wheels import (
+    INSTALL_LIBGL,
+    WHEELS,
     WITH_CADQUERY,
     WITHOUT_CADQUERY,
     describe_conflict,
+    describe_load_failure,
+    find_conflict,
     find_installed_versions,
-    is_overwritten,
+    find_overwritten_wheels,
 )
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -65,28 +70,179 @@ def test_two_versions_are_a_conflict_and_one_is_none(installed: dict[str, str], 
         assert all(f"{name} {number}" in lines[0] for name, number in installed.items() if name != "cadquery")
 
 
+def write_wheel(folder: Path, name: str, content: bytes) -> Path:
+    """The metadata of a wheel of the kernel and its files, which overwrite those of another; the library."""
+    install(folder, name)
+    library, loader = folder / "OCP" / "OCP.cpython-311.so", folder / "OCP" / "__init__.py"
+    library.parent.mkdir(exist_ok=True)
+    library.write_bytes(content)
+    loader.write_bytes(b"from OCP.OCP import *")
+    written = ",".join([library.relative_to(folder).as_posix(), "sha256=y", str(len(content))])
+    record = f"OCP/gp/__init__.py,sha256=x,31\n{written}\nOCP/__init__.py,sha256=z,21\n{name}.dist-info/RECORD,,\n"
+    (folder / f"{name}.dist-info" / "RECORD").write_text(record)
+    return library
+
+
 def test_the_wheel_without_vtk_over_the_other_of_the_same_version_is_noticed(tmp_path: Path) -> None:
-    names = "cadquery_ocp-7.9.3.1.1", "cadquery_ocp_novtk-7.9.3.1.1", "cadquery-2.8.0"
-    folder = install(tmp_path, *names)
-    library = folder / "OCP" / "OCP.cpython-311.so"
-    library.parent.mkdir()
-    library.write_bytes(b"with VTK")
-    record = folder / f"{names[0]}.dist-info" / "RECORD"
-    record.write_text("OCP/__init__.py,sha256=x,55\nOCP/OCP.cpython-311.so,sha256=y,8\n")
-    assert not is_overwritten([str(folder)])
-    library.write_bytes(b"without it")
-    assert is_overwritten([str(folder)])
-    installed = find_installed_versions([str(folder)])
-    assert describe_conflict(installed, False) == ""
-    assert "CadQuery misses what needs VTK" in describe_conflict(installed, True)
-    assert describe_conflict({name: of for name, of in installed.items() if name != "cadquery"}, True) == ""
+    last = tmp_path / "with VTK last"
+    write_wheel(last, "cadquery_ocp_novtk-7.9.3.1.1", b"without it")
+    write_wheel(last, "cadquery_ocp-7.9.3.1.1", b"with VTK")
+    assert find_overwritten_wheels([str(last)]) == ["cadquery-ocp-novtk"]
+    first = tmp_path / "with VTK first"
+    write_wheel(first, "cadquery_ocp-7.9.3.1.1", b"with VTK")
+    write_wheel(first, "cadquery_ocp_novtk-7.9.3.1.1", b"without it")
+    assert find_overwritten_wheels([str(first)]) == ["cadquery-ocp"]
+    assert find_conflict([str(last)]) == find_conflict([str(first)]) == ""
+    for folder in last, first:
+        install(folder, "cadquery-2.8.0")
+    assert find_conflict([str(last)]) == ""
+    assert "CadQuery misses what needs VTK" in find_conflict([str(first)])
 
 
-def test_a_conflict_is_told_once_at_import(tmp_path: Path) -> None:
-    folder = install(tmp_path, "cadquery_ocp-1.2.3.4", "cadquery_ocp_novtk-5.6.7.8")
-    found = run("-c", "import tpmscad\nimport tpmscad.errors", path=folder)
-    assert found.stderr.count("two CAD kernels are installed over each other") == 1
-    assert found.returncode == 0
+@pytest.mark.parametrize("name", WHEELS)
+def test_a_wheel_whose_library_is_not_its_own_is_damaged(tmp_path: Path, name: str) -> None:
+    library = write_wheel(tmp_path, f"{name.replace('-', '_')}-8.0.1.1.0", b"its own")
+    folders = ["", str(tmp_path / "none"), str(tmp_path)]
+    assert find_conflict(folders) == ""
+    library.write_bytes(b"another's")
+    replaced = find_conflict(folders)
+    library.unlink()
+    assert find_conflict(folders) == replaced
+    assert f"lacks files of {name} 8.0.1.1.0, or holds another wheel's" in replaced
+    assert tuple(line.strip() for line in replaced.splitlines()[1:]) == WITHOUT_CADQUERY
+    install(tmp_path, "cadquery-2.8.0")
+    assert tuple(line.strip() for line in find_conflict(folders).splitlines()[1:]) == WITH_CADQUERY
+
+
+def test_a_wheel_without_the_module_that_loads_its_library_is_damaged(tmp_path: Path) -> None:
+    library = write_wheel(tmp_path, "cadquery_ocp-7.9.3.1.1", b"its own")
+    library.with_name("__init__.py").unlink()
+    assert "the CAD kernel is damaged" in find_conflict([str(tmp_path)])
+
+
+def test_two_wheels_of_one_version_are_damaged_if_the_library_is_neither_ones(tmp_path: Path) -> None:
+    for name in ("cadquery_ocp-7.9.3.1.1", "cadquery_ocp_novtk-7.9.3.1.1"):
+        library = write_wheel(tmp_path, name, name.encode())
+    library.unlink()
+    assert "lacks files of cadquery-ocp 7.9.3.1.1 and cadquery-ocp-novtk 7.9.3.1.1" in find_conflict([str(tmp_path)])
+
+
+def test_a_wheel_without_a_record_of_its_files_is_not_called_damaged(tmp_path: Path) -> None:
+    assert find_conflict([str(install(tmp_path, "cadquery_ocp-7.9.3.1.1"))]) == ""
+
+
+CONFLICT = "two CAD kernels are installed over each other"
+
+RECORD_OF_WARNINGS = """
+import warnings
+with warnings.catch_warnings(record=True) as caught:
+    warnings.simplefilter("always")
+    import tpmscad
+    import tpmscad.errors
+(told,) = caught
+assert told.filename == "<string>"  # the line that imports
+print(told.category is tpmscad.KernelConflictWarning, told.message)
+"""
+
+
+def test_a_conflict_is_told_once_at_import_by_a_warning_of_its_own(tmp_path: Path) -> None:
+    found = run("-c", RECORD_OF_WARNINGS, path=install(tmp_path, "cadquery_ocp-1.2.3.4", "cadquery_ocp_novtk-5.6.7.8"))
+    assert found.returncode == 0, found.stderr
+    assert found.stdout.startswith(f"True {CONFLICT}")
+    assert issubclass(KernelConflictWarning, UserWarning)  # as filters of user warnings expect
+
+
+def test_a_damaged_wheel_is_told_at_import(tmp_path: Path) -> None:
+    write_wheel(tmp_path / "site", "cadquery_ocp_novtk-8.0.1.1.0", b"its own").unlink()
+    found = run("-c", "import tpmscad", path=tmp_path / "site")
+    assert (found.returncode, found.stderr.count("the CAD kernel is damaged")) == (0, 1)
+
+
+@pytest.mark.parametrize(
+    ("module", "reason"),
+    [
+        ("raise ModuleNotFoundError(\"No module named 'OCP'\", name='OCP')", "No module named 'OCP'"),
+        ("raise ImportError('undefined symbol: TopoDS')", "undefined symbol: TopoDS"),
+        ("", "No module named 'OCP.gp'; 'OCP' is not a package"),  # nothing but a name is left
+    ],
+)
+@pytest.mark.parametrize(
+    "statement", ["import tpmscad; tpmscad.lattice", "import tpmscad.build123d", "import tpmscad.kernel.step.part21"]
+)
+def test_a_kernel_that_does_not_load_is_one_error_that_names_the_remedy(
+    tmp_path: Path, module: str, reason: str, statement: str
+) -> None:
+    (tmp_path / "OCP.py").write_text(module)
+    install(tmp_path, "cadquery-2.8.0")
+    found = run("-c", statement, path=tmp_path)
+    last = found.stderr.splitlines()[-1]
+    remedy = " && ".join(WITH_CADQUERY)
+    assert last == f"tpmscad.errors.MissingKernel: the CAD kernel does not load ({reason}); this mends it: {remedy}"
+    assert issubclass(MissingKernel, ImportError)  # as guards of optional imports expect
+
+
+def test_the_command_line_tells_in_one_line_that_the_kernel_does_not_load(tmp_path: Path) -> None:
+    (tmp_path / "OCP.py").write_text("raise ImportError('undefined symbol: TopoDS')")
+    found = run("-m", "tpmscad", "lattice", "P", "--cell", "1", "--thickness", "0.1", "-o", "p.step", path=tmp_path)
+    assert found.returncode == 1
+    assert found.stderr == (
+        "tpmscad: the CAD kernel does not load (undefined symbol: TopoDS); "
+        f"this mends it: {' && '.join(WITHOUT_CADQUERY)}\n"
+    )
+    assert not list(tmp_path.glob("p.step*"))
+
+
+BROKEN_BUILD123D = "raise ImportError('cannot import name TColgp')"
+
+MODEL = "import tpmscad; tpmscad.lattice('P', cell=1, thickness=0.1, tol=0.02, progress=None)"
+
+
+@pytest.mark.kernel
+@pytest.mark.slow
+@pytest.mark.parametrize("statement", ["import tpmscad.build123d", f"{MODEL}.solid"])
+def test_a_build123d_that_does_not_load_on_the_kernel_is_one_error_too(tmp_path: Path, statement: str) -> None:
+    (tmp_path / "build123d.py").write_text(BROKEN_BUILD123D)
+    last = run("-c", statement, path=tmp_path).stderr.splitlines()[-1]
+    assert last.startswith(
+        "tpmscad.errors.MissingKernel: build123d does not load (cannot import name TColgp); this mends"
+    )
+    assert last.endswith(" && ".join(WITHOUT_CADQUERY))
+
+
+@pytest.mark.kernel
+@pytest.mark.slow
+def test_a_step_file_needs_no_build123d(tmp_path: Path) -> None:
+    (tmp_path / "build123d.py").write_text(BROKEN_BUILD123D)
+    found = run("-c", f"{MODEL}.export_step('p.step')", path=tmp_path)
+    assert (found.returncode, found.stderr) == (0, "")
+    assert (tmp_path / "p.step").exists()
+
+
+@pytest.mark.kernel
+def test_a_cadquery_that_does_not_load_is_mended_by_the_lines_for_cadquery(tmp_path: Path) -> None:
+    (tmp_path / "cadquery.py").write_text("raise ImportError('no VTK')")
+    last = run("-c", "import cq_plugins.tpms", path=tmp_path).stderr.splitlines()[-1]
+    assert last == (
+        f"tpmscad.errors.MissingKernel: CadQuery does not load (no VTK); this mends it: {' && '.join(WITH_CADQUERY)}"
+    )
+
+
+@pytest.mark.kernel
+def test_a_cadquery_that_is_not_installed_is_no_fault_of_the_kernel(tmp_path: Path) -> None:
+    (tmp_path / "cadquery.py").write_text("raise ModuleNotFoundError(\"No module named 'cadquery'\", name='cadquery')")
+    last = run("-c", "import cq_plugins.tpms", path=tmp_path).stderr.splitlines()[-1]
+    assert last == "ModuleNotFoundError: No module named 'cadquery'"
+
+
+@pytest.mark.parametrize("remedy", [WITH_CADQUERY, WITHOUT_CADQUERY])
+def test_the_guide_prints_the_lines_that_messages_name(remedy: tuple[str, str]) -> None:
+    guide = (ROOT / "docs" / "guide" / "install.md").read_text(encoding="utf-8")
+    assert "\n".join(("```sh", *remedy, "```")) in guide
+
+
+def test_a_missing_library_of_the_system_is_no_fault_of_the_wheels() -> None:
+    found = describe_load_failure("the CAD kernel", "libGL.so.1: cannot open shared object file", WITH_CADQUERY)
+    assert found.endswith(f"this mends it: {INSTALL_LIBGL}")
 
 
 @pytest.mark.kernel
@@ -96,10 +252,22 @@ def test_the_doctor_tells_what_is_installed_and_what_is_wrong(tmp_path: Path) ->
     assert (well.returncode, facts["problems"]) == (0, [])
     assert facts["kernel"].startswith("OCCT ")
     assert "numpy" in facts["libraries"]
-    ill = run("-m", "tpmscad", "doctor", path=install(tmp_path / "ill", "cadquery_ocp-1.2.3", "cadquery_ocp_novtk-4.5"))
-    assert ill.returncode == 1
-    assert "two CAD kernels are installed over each other" in ill.stderr
-    assert "\n    pip uninstall -y cadquery-ocp cadquery-ocp-novtk\n" in ill.stderr
+
+
+@pytest.mark.kernel
+def test_the_doctor_tells_a_conflict_once_and_other_commands_warn_of_it(tmp_path: Path) -> None:
+    folder = install(tmp_path / "ill", "cadquery_ocp-1.2.3", "cadquery_ocp_novtk-4.5")
+    script = folder / "tpmscad"  # as pip writes it
+    script.write_text("from tpmscad.cli import main\nmain()\n")
+    for program in (["-m", "tpmscad"], [str(script)]):
+        ill = run("-W", "always", *program, "doctor", path=folder)
+        assert ill.returncode == 1
+        assert ill.stderr.count(CONFLICT) == 1
+        assert "\n    pip uninstall -y cadquery-ocp cadquery-ocp-novtk\n" in ill.stderr
+        other = run("-W", "always", *program, "surfaces", path=folder)
+        assert (other.returncode, other.stderr.count(CONFLICT)) == (0, 1)
+    named_alike = run("-c", "import tpmscad", "doctor", path=folder)
+    assert CONFLICT in named_alike.stderr
 
 
 @pytest.mark.kernel
@@ -107,5 +275,14 @@ def test_the_doctor_answers_without_a_kernel(tmp_path: Path) -> None:
     (tmp_path / "OCP.py").write_text("raise ImportError('undefined symbol: TopoDS')")
     found = run("-m", "tpmscad", "doctor", path=tmp_path)
     assert found.returncode == 1
-    assert "does not load (ImportError: undefined symbol: TopoDS)" in found.stderr
+    assert "the CAD kernel does not load (ImportError: undefined symbol: TopoDS)" in found.stderr
+    assert "build123d does not load" not in found.stderr  # which follows from the kernel's
     assert "Traceback" not in found.stderr
+
+
+@pytest.mark.kernel
+def test_the_doctor_tells_that_build123d_does_not_load_on_the_kernel(tmp_path: Path) -> None:
+    (tmp_path / "build123d.py").write_text(BROKEN_BUILD123D)
+    found = run("-m", "tpmscad", "doctor", path=tmp_path)
+    assert found.returncode == 1
+    assert "build123d does not load (ImportError: cannot import name TColgp); this mends it: pip" in found.stderr

@@ -4,8 +4,10 @@ from tpmscad import surfaces as surfaces
 from tpmscad import topology as topology
 from tpmscad.blending._blend import blend as blend
 from tpmscad.errors import InvalidRequest as InvalidRequest
+from tpmscad.errors import KernelConflictWarning as KernelConflictWarning
 from tpmscad.errors import KernelError as KernelError
 from tpmscad.errors import LevelSetError as LevelSetError
+from tpmscad.errors import MissingKernel as MissingKernel
 from tpmscad.errors import NotMet as NotMet
 from tpmscad.errors import RecipeError as RecipeError
 from tpmscad.errors import TpmscadError as TpmscadError

@@ -47,9 +47,15 @@ except RuntimeError:  # numba finds no folder that it can write to
     keep_in_temporary_folder()
 
 
-def cache_folder() -> Path:
-    """The folder below which compiled functions are kept: numba's own, or that of the package."""
-    return Path(numba.config.CACHE_DIR) if numba.config.CACHE_DIR else Path(__file__).parent
+def cache_folder() -> Path | None:
+    """The folder below which compiled functions are kept: the package's, one below a home folder, or NUMBA_CACHE_DIR.
+
+    Numba takes the first of them that can be written to, so it is asked where it keeps a function of this module. None if
+    NUMBA_DISABLE_JIT turns compilation off.
+    """
+    if numba.config.DISABLE_JIT:
+        return None
+    return Path(numba.njit(cache=True)(_probe).stats.cache_path).parent
 
 
 class _CompilationListener(event.Listener):  # type: ignore[misc]  # numba has no types

@@ -11,14 +11,11 @@ from __future__ import annotations
 from dataclasses import KW_ONLY, dataclass, field
 from typing import Annotated, Any, Self
 
-from build123d import Align, BasePartObject, BuildPart, Compound, Location, Mode, Part, RotationLike, Vector
-from build123d.build_common import Builder
-from build123d.geometry import to_align_offset
-
 from tpmscad.api.arguments import select_arguments
 from tpmscad.api.public_calls import show_constructor, validate_method_options
 from tpmscad.api.shared_kinds import ANYTHING
 from tpmscad.errors import InvalidRequest
+from tpmscad.kernel_wheels import explained_load_failure
 from tpmscad.requests.face_selection import list_given_faces
 from tpmscad.requests.lattice_options import InfillOptions, LatticeOptions
 from tpmscad.requests.lattice_request import lattice_size
@@ -29,6 +26,11 @@ from tpmscad.results.placed_model import place_model
 from tpmscad.results.result_summary import count_pieces
 from tpmscad.solids._infill import infill
 from tpmscad.solids._lattice import lattice
+
+with explained_load_failure("build123d"):
+    from build123d import Align, BasePartObject, BuildPart, Compound, Location, Mode, Part, RotationLike, Vector
+    from build123d.build_common import Builder
+    from build123d.geometry import to_align_offset
 
 __all__ = ["Tpms", "TpmsInfill"]
 

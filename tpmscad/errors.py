@@ -1,4 +1,4 @@
-"""The errors that reach a user. Each message names the value, the limit and what to change."""
+"""The errors and the warnings that reach a user. Each message names the value, the limit and what to change."""
 
 from __future__ import annotations
 
@@ -122,6 +122,14 @@ class KernelError(TpmscadError):
 
     def _portable_state(self) -> dict[str, Any]:
         return {**self.__dict__, "shape": None}
+
+
+class MissingKernel(TpmscadError, ImportError):
+    """The CAD kernel, or the CAD library above it, is not installed or does not load; the message names what mends it."""
+
+
+class KernelConflictWarning(UserWarning):
+    """Two CAD kernels are installed over each other, or one is damaged; the message names the two lines that mend it."""
 
 
 def format_point(point: Iterable[float], digits: int = 4) -> str:

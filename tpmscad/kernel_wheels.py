@@ -1,9 +1,9 @@
 """The wheels that bring the CAD kernel: two of them write the same module `OCP`, and of two versions only one is there.
 
 CadQuery depends on `cadquery-ocp`, build123d on `cadquery-ocp-novtk`. pip takes them for unrelated, so that the one installed
-last overwrites files of the other. If the versions differ, what is imported is a mixture, or the older kernel under a library for
-the newer one; if they are the same, the one without VTK, installed last, lacks what CadQuery imports. Only names and sizes of
-files are read here: `importlib.metadata` would take 40 ms of every import.
+last overwrites files of the other, and the one removed takes the other's files along. If the versions differ, what is imported is
+a mixture, or the older kernel under a library for the newer one; if they are the same, the one without VTK, installed last, lacks
+what CadQuery imports. Only names and sizes of files are read here: `importlib.metadata` would take 40 ms of every import.
 """
 
 from __future__ import annotations
@@ -12,8 +12,12 @@ import os
 import re
 import sys
 import warnings
-from collections.abc import Iterable, Mapping
-from glob import escape, glob
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from itertools import pairwise
+from pathlib import PurePath
+
+from tpmscad.errors import KernelConflictWarning, MissingKernel
 
 WHEELS = ("cadquery-ocp", "cadquery-ocp-novtk")
 """Distributions that hold the module OCP, with and without VTK."""
@@ -29,58 +33,118 @@ WITH_CADQUERY = (
 WITHOUT_CADQUERY = (f"pip uninstall -y {' '.join(WHEELS)}", "pip install build123d")
 """What installs one kernel for build123d alone."""
 
-_LIBRARY = re.compile(r"OCP/OCP[^,]*\.(so|pyd|dylib),")
+INSTALL_LIBGL = "apt-get install libgl1"
+"""What installs the library of the system that the kernel links."""
+
+DOCTOR = "doctor"
+"""The command that tells a conflict among its findings."""
+
+_CHECKED = re.compile(r"^(OCP/(?:OCP[^,\n]*\.(?:so|pyd|dylib)|__init__\.py)),[^,\n]*,(\d*)", re.MULTILINE)
 _METADATA = re.compile(r"(cadquery(?:_ocp(?:_novtk)?)?)-([^-]+)\.dist-info")
 
 
 def find_installed_versions(folders: Iterable[str] | None = None) -> dict[str, str]:
     """The versions of CadQuery and of the wheels of the kernel in the folders, by default of `sys.path`; the first counts."""
-    found: dict[str, str] = {}
+    return {name: number for name, (number, _, _) in _find_metadata(folders).items()}
+
+
+def find_overwritten_wheels(folders: Iterable[str] | None = None) -> list[str]:
+    """The installed wheels of the kernel whose library is missing, or another one in place of their own, told by its size."""
+    found = _find_metadata(folders)
+    return [name for name in WHEELS if name in found and not _holds_its_files(*found[name][1:])]
+
+
+def _find_metadata(folders: Iterable[str] | None) -> dict[str, tuple[str, str, str]]:
+    """Version, folder, and folder of the metadata of each distribution; the first folder that has it counts."""
+    found: dict[str, tuple[str, str, str]] = {}
     for folder in sys.path if folders is None else folders:
         try:
             names = os.listdir(folder or ".")
         except OSError:
             continue
         for match in filter(None, map(_METADATA.fullmatch, names)):
-            found.setdefault(match[1].replace("_", "-"), match[2])
+            found.setdefault(match[1].replace("_", "-"), (match[2], folder, match[0]))
     return found
 
 
-def is_overwritten(folders: Iterable[str] | None = None) -> bool:
-    """Whether the library of `cadquery-ocp`, which is installed, is another one in place of its own, told by its size."""
-    for folder in sys.path if folders is None else folders:
-        for record in glob(os.path.join(escape(folder or "."), "cadquery_ocp-*.dist-info", "RECORD")):
-            with open(record, encoding="utf-8") as lines:
-                library = next((line for line in lines if _LIBRARY.match(line)), None)
-            if library is not None:
-                name, _, size = library.rstrip().rsplit(",", 2)
-                path = os.path.join(folder or ".", name)
-                return not os.path.isfile(path) or os.path.getsize(path) != int(size)
-    return False
+def _holds_its_files(folder: str, metadata: str) -> bool:
+    """Whether the library of a wheel and the module that loads it have the sizes in the wheel's record; True without a record."""
+    try:
+        with open(os.path.join(folder, metadata, "RECORD"), encoding="utf-8", errors="replace") as record:
+            checked = _CHECKED.findall(record.read())
+    except OSError:
+        return True
+    return all(_is_file_of_size(os.path.join(folder, name), size) for name, size in checked)
 
 
-def describe_conflict(installed: Mapping[str, str], overwritten: bool = False) -> str:
-    """What is wrong with the wheels of the kernel, and the two lines that mend it; "" if nothing is."""
+def _is_file_of_size(path: str, size: str) -> bool:
+    return os.path.isfile(path) and (not size or os.path.getsize(path) == int(size))
+
+
+def describe_conflict(installed: Mapping[str, str], overwritten: Collection[str] = ()) -> str:
+    """What is wrong with the wheels of the kernel, and the two lines that mend it; "" if nothing is.
+
+    `overwritten` are the wheels whose library is not their own.
+    """
     wheels = {name: installed[name] for name in WHEELS if name in installed}
-    has_cadquery = CADQUERY in installed
-    if len(wheels) < 2 or (len(set(wheels.values())) == 1 and not (overwritten and has_cadquery)):
-        return ""
     named = " and ".join(f"{name} {number}" for name, number in wheels.items())
-    what = "imports fail or shapes break" if len(set(wheels.values())) > 1 else "CadQuery misses what needs VTK"
-    mend = "\n    ".join(WITH_CADQUERY if has_cadquery else WITHOUT_CADQUERY)
-    return (
-        f"two CAD kernels are installed over each other, {named}: both write the module OCP, so that {what}. "
-        f"These two lines mend it:\n    {mend}"
-    )
+    if len(set(wheels.values())) > 1:
+        what = f"{_over_each_other(named)}, so that imports fail or shapes break"
+    elif wheels and all(name in overwritten for name in wheels):
+        what = (
+            f"the CAD kernel is damaged: the module OCP lacks files of {named}, or holds another wheel's in their place, "
+            "as after one of two wheels was removed"
+        )
+    elif len(wheels) > 1 and WHEELS[0] in overwritten and CADQUERY in installed:
+        what = f"{_over_each_other(named)}, so that CadQuery misses what needs VTK"
+    else:
+        return ""
+    return f"{what}. {_remedy_in_two_lines(installed)}"
 
 
-def find_conflict() -> str:
-    """`describe_conflict` of this environment."""
-    installed = find_installed_versions()
-    return describe_conflict(installed, len(installed) == len(WHEELS) + 1 and is_overwritten())
+def _over_each_other(named: str) -> str:
+    return f"two CAD kernels are installed over each other, {named}: both write the module OCP"
+
+
+def choose_remedy(installed: Mapping[str, str]) -> tuple[str, str]:
+    """The two lines that install one kernel in an environment with, or without, CadQuery."""
+    return WITH_CADQUERY if CADQUERY in installed else WITHOUT_CADQUERY
+
+
+def _remedy_in_two_lines(installed: Mapping[str, str]) -> str:
+    return "\n    ".join(("These two lines mend it:", *choose_remedy(installed)))
+
+
+def find_conflict(folders: Iterable[str] | None = None) -> str:
+    """`describe_conflict` of the folders, by default of this environment."""
+    searched = None if folders is None else list(folders)
+    return describe_conflict(find_installed_versions(searched), find_overwritten_wheels(searched))
+
+
+def describe_load_failure(what: str, reason: str, remedy: Sequence[str]) -> str:
+    """Why the kernel, or a library above it, does not load, and what to do, in one line."""
+    mend = INSTALL_LIBGL if "libGL" in reason else " && ".join(remedy)
+    return f"{what} does not load ({reason}); this mends it: {mend}"
+
+
+@contextmanager
+def explained_load_failure(what: str, remedy: Sequence[str] = ()) -> Iterator[None]:
+    """Imports of the kernel, or of a library above it, that fail by MissingKernel; `remedy` as `choose_remedy` by default."""
+    try:
+        yield
+    except ImportError as error:
+        if error.name == CADQUERY:  # not installed, as without its extra: no fault of the kernel
+            raise
+        lines = remedy or choose_remedy(find_installed_versions())
+        raise MissingKernel(describe_load_failure(what, str(error), lines)) from error
 
 
 def warn_of_conflict() -> None:
-    """Warn if two kernels are installed over each other; Python shows a warning of one place once."""
+    """Warn if two kernels are installed over each other, or one is damaged; Python shows a warning of one place once.
+
+    `tpmscad doctor` tells it among its findings, and only there.
+    """
+    if any(PurePath(program).stem == "tpmscad" and word == DOCTOR for program, word in pairwise(sys.orig_argv)):
+        return
     if conflict := find_conflict():
-        warnings.warn(f"{conflict}\n`tpmscad doctor` shows what is installed", stacklevel=3)
+        warnings.warn(f"{conflict}\n`tpmscad doctor` shows what is installed", KernelConflictWarning, stacklevel=3)

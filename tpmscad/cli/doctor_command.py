@@ -17,8 +17,8 @@ import typer
 from tpmscad.kernel_wheels import (
     CADQUERY,
     WHEELS,
-    WITH_CADQUERY,
-    WITHOUT_CADQUERY,
+    choose_remedy,
+    describe_load_failure,
     find_conflict,
     find_installed_versions,
 )
@@ -54,15 +54,15 @@ def doctor(as_json: JsonOption = False) -> None:
     import tpmscad
 
     installed = find_installed_versions()
-    loaded, fault = _load("import OCP; print(OCP.__version__)")
-    cache, cache_fault = _load("import tpmscad._compiled_loops as c; print(c.cache_folder())")
+    loaded, fault = _load("import OCP.gp; print(OCP.__version__)")
+    cache, cache_fault = _load("import tpmscad._compiled_loops as c; print(c.cache_folder() or '')")
     stated = next((installed[name] for name in WHEELS if name in installed), loaded)
     if loaded and not stated.startswith(loaded):
         fault = f"it is OCCT {loaded}, its wheel is {stated}"
-    conflict = find_conflict()
-    problems = [conflict or _explain_kernel(fault, installed), cache_fault]
-    if CADQUERY in installed and not problems[0]:
-        problems.append(_explain_cadquery(_load("import cadquery")[1]))
+    problems = [find_conflict() or _explain("the CAD kernel", fault, installed), cache_fault]
+    if not problems[0]:
+        problems.append(_explain("build123d", _load("import build123d")[1], installed))
+        problems.append(_explain("CadQuery", _load("import cadquery")[1] if CADQUERY in installed else "", installed))
     facts: dict[str, Any] = {
         "tpmscad": f"{tpmscad.__version__} in {Path(tpmscad.__file__).parent}",
         "python": f"{platform.python_version()} in {sys.prefix}, {platform.platform()}",
@@ -101,20 +101,9 @@ def _load(statements: str) -> tuple[str, str]:
     return (answer.stdout.strip().splitlines() or [""])[-1], ""
 
 
-def _explain_kernel(fault: str, installed: Mapping[str, str]) -> str:
-    """Why the kernel does not load, and what to do."""
-    if not fault:
-        return ""
-    if "libGL" in fault:
-        return f"the kernel does not load ({fault}): apt-get install libgl1"
-    mend = "\n    ".join(WITH_CADQUERY if CADQUERY in installed else WITHOUT_CADQUERY)
-    return f"the kernel does not load ({fault}). These two lines mend it:\n    {mend}"
-
-
-def _explain_cadquery(fault: str) -> str:
-    """Why CadQuery does not load beside this package, and what to do."""
-    mend = "\n    ".join(WITH_CADQUERY)
-    return fault and f"CadQuery does not load ({fault}). These two lines mend it:\n    {mend}"
+def _explain(what: str, fault: str, installed: Mapping[str, str]) -> str:
+    """Why something does not load, and what to do; "" without a fault."""
+    return fault and describe_load_failure(what, fault, choose_remedy(installed))
 
 
 def _find_version(name: str) -> str:

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
-import build123d
 from OCP.ShapeFix import ShapeFix_Shape
 from OCP.TopoDS import TopoDS_Solid
 
@@ -15,10 +14,14 @@ from tpmscad.kernel.measure.shape_report import is_valid
 from tpmscad.kernel.occt.exploration import solids_of
 from tpmscad.kernel.step.face_labels import NamedSolid
 from tpmscad.kernel.step.step_reader import silence_occt
+from tpmscad.kernel_wheels import explained_load_failure
 
 
 def write_with_kernel(solids: Sequence[NamedSolid], path: Path, name: str, verify: Callable[[Path], None]) -> None:
     """Write solids under their names, without labels and colours of faces; no file is left if `verify` raises."""
+    with explained_load_failure("build123d"):
+        import build123d  # imported here: it takes seconds, and hardly any file needs this writer
+
     named = [build123d.Solid(of.solid, label=of.name) for of in solids]
     whole = named[0] if len(named) == 1 else build123d.Compound(label=name, children=named)
     with atomic_write(path) as aside, silence_occt():

@@ -10,6 +10,7 @@ from OCP.TopAbs import TopAbs_SOLID
 from OCP.TopoDS import TopoDS_Compound, TopoDS_Face, TopoDS_Shape, TopoDS_Shell, TopoDS_Solid
 
 from tpmscad.kernel.occt import convert
+from tpmscad.kernel_wheels import explained_load_failure
 
 
 def make_compound(shapes: Iterable[TopoDS_Shape]) -> TopoDS_Compound:
@@ -48,6 +49,7 @@ def copy_placement(shape: TopoDS_Shape) -> Any:
 
 def to_build123d(shape: TopoDS_Shape, solids: int) -> Any:
     """The shape as a build123d Solid, or as a Compound if it holds more than one solid; moving it leaves `shape` in place."""
-    from build123d import Compound, Solid  # imported here: it takes seconds, and writing a file does not need it
+    with explained_load_failure("build123d"):
+        from build123d import Compound, Solid  # imported here: it takes seconds, and writing a file does not need it
 
     return Solid(copy_placement(shape)) if solids == 1 else Compound(copy_placement(shape))
