@@ -145,7 +145,13 @@ REMEDIES: dict[str, tuple[Request, str, Remedy]] = {
     "a map of a surface whose mirrors it bends": (
         lambda: lattice("neovius", map=maps.stretching((1, 1, 1.2))),
         "make a solid of the mapped field with tpmscad.solidify",
-        lambda _: solidify(fields.mapped(fields.sheet(fields.tpms("neovius", 8), -0.3, 0.3), maps.stretching((1, 1, 1.2)))),
+        lambda _: tpmscad.solidify(
+            fields.sheet(fields.tpms("neovius", 8), -0.6, 0.6),
+            ((0, 0, 0), (8, 8, 8)),
+            map=maps.stretching((1, 1, 1.2)),
+            tol=0.05,
+            progress=False,
+        ),
     ),
     "balls that cross": (
         lambda: solidify(two_balls(0)),
