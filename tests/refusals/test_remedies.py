@@ -7,6 +7,7 @@ from collections.abc import Callable
 from typing import Any
 
 import build123d as bd
+import numpy as np
 import pytest
 
 import tpmscad
@@ -48,6 +49,13 @@ def two_boxes() -> bd.Compound:
 def two_balls(width: float) -> fields.Field:
     balls = fields.sphere((-1.2, 0, 0), 2.0), fields.sphere((1.2, 0, 0), 2.0)
     return fields.smooth_union(*balls, width=width) if width else fields.union(*balls)
+
+
+def wedge() -> maps.SplineMap:
+    """A cube of edge 8 that widens upwards by a tenth."""
+    corners = np.stack(np.meshgrid([0.0, 8.0], [0.0, 8.0], [0.0, 8.0], indexing="ij"), axis=-1)
+    corners[:, :, 1, :2] *= 1.1
+    return maps.trivariate(corners, knots=[(0, 0, 8, 8)] * 3, degrees=(1, 1, 1))
 
 
 def ball_fields(wall: float) -> fields.Field:
@@ -142,15 +150,16 @@ REMEDIES: dict[str, tuple[Request, str, Remedy]] = {
         f"thickness below {NUMBER}",
         lambda found: lattice(thickness=0.9 * float(found[1])),
     ),
-    "a map of a surface whose mirrors it bends": (
-        lambda: lattice("neovius", map=maps.stretching((1, 1, 1.2))),
-        "make a solid of the mapped field with tpmscad.solidify",
+    "unequal cells of a surface whose mirrors they bend": (
+        lambda: lattice("neovius", cell=(8, 8, 9.6)),
+        "fields.tpms takes unequal periods",
+        lambda _: solidify(fields.sheet(fields.tpms("neovius", (8, 8, 9.6)), -0.6, 0.6)),
+    ),
+    "a map of a surface of fitted patches": (
+        lambda: lattice("fischer_koch_s", map=maps.stretching((1, 1, 1.2))),
+        "whose `domain` takes a spline map of tpmscad.maps",
         lambda _: tpmscad.solidify(
-            fields.sheet(fields.tpms("neovius", 8), -0.6, 0.6),
-            ((0, 0, 0), (8, 8, 8)),
-            map=maps.stretching((1, 1, 1.2)),
-            tol=0.05,
-            progress=False,
+            fields.sheet(fields.tpms("fischer_koch_s", 8), -0.4, 0.4), wedge(), tol=0.2, progress=False
         ),
     ),
     "balls that cross": (
