@@ -10,7 +10,6 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from tpmscad._compiled_loops import njit_cached
 from tpmscad._typing import Array, BoolArray, IntArray
 from tpmscad.levelset.fit.network_fit import NetworkFit
 from tpmscad.levelset.quadmesh.octree import Octree
@@ -57,47 +56,36 @@ def find_crossing_curves(network: PatchNetwork, box_curves: BoxCurves) -> BoolAr
     curve, points = box_curves.curve, box_curves.points
     for plane in range(6):
         rows = np.flatnonzero(network.plane[curve] == plane)
-        flat = np.delete(points[rows], plane // 2, axis=2)
-        low, high = flat.min(axis=1), flat.max(axis=1)
-        order = np.argsort(low[:, 0], kind="stable")
-        crossing = np.zeros(len(rows), bool)
-        _mark_crossing_polylines(flat[order], low[order], high[order], network.ends[curve[rows[order]]], crossing)
-        result[curve[rows[order]]] = crossing
+        crossing = mark_crossing_polylines(np.delete(points[rows], plane // 2, axis=2), network.ends[curve[rows]])
+        result[curve[rows]] = crossing
     return result
 
 
-@njit_cached
-def _mark_crossing_polylines(
-    lines: Array, low: Array, high: Array, ends: IntArray, crossing: BoolArray
-) -> None:  # pragma: no cover
-    """Mark polylines (n, m, 2) that cross another one without a common end (n, 2); they are sorted by their least abscissa."""
-    for i in range(len(lines)):
-        for j in range(i + 1, len(lines)):
-            if low[j, 0] > high[i, 0]:
-                break
-            if low[j, 1] > high[i, 1] or high[j, 1] < low[i, 1]:
-                continue
-            shared = False
-            for a in range(2):
-                for b in range(2):
-                    shared |= ends[i, a] == ends[j, b]
-            if not shared and _do_polylines_cross(lines[i], lines[j]):
-                crossing[i] = crossing[j] = True
+def mark_crossing_polylines(lines: Array, ends: IntArray) -> BoolArray:
+    """Mask (n,) of polylines (n, m, 2) that cross another one without a common end; `ends` (n, 2) are the numbers of theirs."""
+    low, high = lines.min(axis=1), lines.max(axis=1)
+    crossing = np.zeros(len(lines), bool)
+    for i in range(len(lines) - 1):
+        others = i + 1 + np.flatnonzero(((low[i + 1 :] <= high[i]) & (high[i + 1 :] >= low[i])).all(axis=1))
+        for j in others[~np.isin(ends[others], ends[i]).any(axis=1)]:
+            if _do_polylines_cross(lines[i], lines[j]):
+                crossing[[i, j]] = True
+    return crossing
 
 
-@njit_cached
-def _do_polylines_cross(one: Array, other: Array) -> bool:  # pragma: no cover
-    """Whether two polylines (m, 2) cross."""
-    for i in range(len(one) - 1):
-        a, b = one[i], one[i + 1]
-        for j in range(len(other) - 1):
-            c, d = other[j], other[j + 1]
-            if _orient(a, b, c) * _orient(a, b, d) < 0 and _orient(c, d, a) * _orient(c, d, b) < 0:
-                return True
-    return False
+def _do_polylines_cross(one: Array, other: Array) -> bool:
+    """Whether two polylines (m, 2) cross: whether the ends of a segment of each lie on both sides of one of the other."""
+    of_other, of_one = _sides(one, other), _sides(other, one).T
+    return bool((_changes_along(of_other, 1) & _changes_along(of_one, 0)).any())
 
 
-@njit_cached
-def _orient(p: Array, q: Array, r: Array) -> float:  # pragma: no cover
-    """Twice the signed area of the triangle p, q, r."""
-    return (q[0] - p[0]) * (r[1] - p[1]) - (q[1] - p[1]) * (r[0] - p[0])
+def _sides(line: Array, points: Array) -> Array:
+    """Twice the signed areas (m - 1, n) of the triangles of the segments of a polyline (m, 2) with points (n, 2)."""
+    along, to_points = np.diff(line, axis=0)[:, None], points - line[:-1, None]
+    return np.asarray(along[..., 0] * to_points[..., 1] - along[..., 1] * to_points[..., 0])
+
+
+def _changes_along(sides: Array, axis: int) -> BoolArray:
+    """Where two successive values along an axis have opposite signs."""
+    first, second = (np.take(sides, range(k, sides.shape[axis] - 1 + k), axis=axis) for k in (0, 1))
+    return np.asarray(first * second < 0)

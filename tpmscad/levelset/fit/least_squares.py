@@ -7,11 +7,10 @@ from __future__ import annotations
 
 import numpy as np
 
-from tpmscad._compiled_loops import njit_cached
 from tpmscad._typing import Array, BoolArray
 from tpmscad.fields.field import Field
 from tpmscad.levelset.quadmesh.smoothing import project_with_gradients
-from tpmscad.levelset.quadmesh.vectors import MIN_DIVISOR
+from tpmscad.levelset.quadmesh.vectors import normalize
 
 TANGENTIAL_WEIGHT = 0.3
 """Weight of residuals along the level set; those along its normal have the weight 1."""
@@ -50,22 +49,5 @@ def project_curves_to_level_set(field: Field, points: Array, fixed: BoolArray, m
 
 def unit_vectors(vectors: Array, fixed: BoolArray | None = None) -> Array:
     """Unit vectors along vectors (n, m, 3), without their components that are `fixed` (n, 3)."""
-    fixed = np.zeros((len(vectors), 3), bool) if fixed is None else np.ascontiguousarray(fixed)
-    return _normalize_free(np.ascontiguousarray(vectors), fixed)
-
-
-@njit_cached
-def _normalize_free(vectors: Array, fixed: BoolArray) -> Array:  # pragma: no cover
-    """Unit vectors along vectors (n, m, 3) without their components that are fixed (n, 3); a vector of length zero stays zero."""
-    n, m, _ = vectors.shape
-    result = np.empty(vectors.shape)
-    for each in range(n):
-        for k in range(m):
-            square = 0.0
-            for x in range(3):
-                result[each, k, x] = 0.0 if fixed[each, x] else vectors[each, k, x]
-                square += result[each, k, x] ** 2
-            length = np.sqrt(square)
-            for x in range(3):
-                result[each, k, x] /= MIN_DIVISOR if length < MIN_DIVISOR else length
-    return result
+    free = vectors if fixed is None else np.where(fixed[:, None], 0.0, vectors)
+    return normalize(free)

@@ -30,36 +30,22 @@ def evaluate_points_and_normals(poles: Array, u: BasisAndSlopes, v: BasisAndSlop
     return points, np.cross(along_u, along_v)
 
 
-@njit_cached
 def measure_samples(
     points: Array, normals: Array, value: Array, gradient: Array, lo: Array, hi: Array
-) -> tuple[Array, Array, Array]:  # pragma: no cover
+) -> tuple[Array, Array, Array]:
     """Largest and mean square distance (n,) of patches from a level set, and their least cosine (n,) with the gradient.
 
     `points`, `normals` and `gradient` are (n, m, 3), `value` is (n, m). The distance is |value| / |gradient|, and what a point
     is beyond the box [lo, hi] is added to it. Measurements that are not finite make the result so.
     """
-    distances, mean_squares, cosines = np.empty(len(points)), np.empty(len(points)), np.empty(len(points))
-    for each in range(len(points)):
-        worst, squares, least = 0.0, 0.0, np.inf
-        for k in range(points.shape[1]):
-            along, normal_square, gradient_square, beyond = 0.0, 0.0, 0.0, 0.0
-            for x in range(3):
-                along += normals[each, k, x] * gradient[each, k, x]
-                normal_square += normals[each, k, x] ** 2
-                gradient_square += gradient[each, k, x] ** 2
-                beyond = max(beyond, lo[x] - points[each, k, x], points[each, k, x] - hi[x])
-            gradient_norm = np.sqrt(gradient_square)
-            distance = abs(value[each, k]) / max(gradient_norm, MIN_DIVISOR) + beyond
-            cosine = along / max(np.sqrt(normal_square) * gradient_norm, MIN_DIVISOR)
-            squares += distance**2
-            # a comparison with nan is false: once it occurs it stays
-            if not (distance <= worst or np.isnan(worst)):
-                worst = distance
-            if not (cosine >= least or np.isnan(least)):
-                least = cosine
-        distances[each], mean_squares[each], cosines[each] = worst, squares / points.shape[1], least
-    return distances, mean_squares, cosines
+    slope = np.linalg.norm(gradient, axis=2)
+    beyond = np.maximum(np.maximum(lo - points, points - hi).max(axis=2), 0.0)
+    along, size = (normals * gradient).sum(axis=2), np.linalg.norm(normals, axis=2)
+    with np.errstate(over="ignore"):
+        distance = np.abs(value) / np.maximum(slope, MIN_DIVISOR) + beyond
+        mean_square = (distance**2).mean(axis=1)
+    cosine = along / np.maximum(size * slope, MIN_DIVISOR)
+    return distance.max(axis=1), mean_square, cosine.min(axis=1)
 
 
 FOOT_POINT_STEPS = 6

@@ -13,19 +13,11 @@ from dataclasses import replace
 import numpy as np
 from scipy.spatial import cKDTree
 
-from tpmscad._compiled_loops import njit_cached
 from tpmscad._typing import Array, BoolArray, IntArray
 from tpmscad.fields.field import Field
 from tpmscad.levelset.quadmesh.dual_mesh import QuadMesh
 from tpmscad.levelset.quadmesh.regular_polygons import average_target_positions
-from tpmscad.levelset.quadmesh.vectors import (
-    MIN_DIVISOR,
-    close_triangles,
-    difference_of,
-    dot_as_einsum,
-    norm_of,
-    normalize,
-)
+from tpmscad.levelset.quadmesh.vectors import MIN_DIVISOR, close_triangles, normalize
 
 SMOOTHING_SWEEPS = 60
 """Sweeps over the mesh of an octree."""
@@ -73,45 +65,17 @@ def project_with_gradients(
 ) -> tuple[Array, Array]:
     """The points projected with steps down to a fraction of the largest one, and gradients (n, 3) where the last steps began."""
     points = np.array(points, order="C")
-    fixed, max_step = np.ascontiguousarray(fixed), np.ascontiguousarray(max_step)
     gradients, active = np.empty(points.shape), np.arange(len(points))
     for _ in range(iterations):
         value, gradient = field.value_and_gradient(points[active] if len(active) < len(points) else points)
         gradients[active] = gradient
-        active = active[: _take_newton_steps(points, active, fixed, max_step, value, gradient, tol_of_max_step)]
+        free = np.where(fixed[active], 0.0, gradient)
+        step = -(value / np.maximum((free * free).sum(axis=1), MIN_DIVISOR))[:, None] * free
+        points[active] += _shorten(step, max_step[active])
+        active = active[np.linalg.norm(step, axis=1) > tol_of_max_step * max_step[active]]
         if len(active) == 0:
             break
     return points, gradients
-
-
-@njit_cached
-def _take_newton_steps(
-    points: Array,
-    active: IntArray,
-    fixed: BoolArray,
-    max_step: Array,
-    value: Array,
-    gradient: Array,
-    tol_of_max_step: float,
-) -> int:  # pragma: no cover
-    """Move the active points in place, and their numbers that are to move again to the front; return how many these are."""
-    count, step = 0, np.empty(3)
-    for k in range(len(active)):
-        i = active[k]
-        for x in range(3):
-            step[x] = 0.0 if fixed[i, x] else gradient[k, x]
-        square = step[0] ** 2 + step[2] ** 2 + step[1] ** 2
-        factor = -(value[k] / (MIN_DIVISOR if square < MIN_DIVISOR else square))
-        for x in range(3):
-            step[x] *= factor
-        length = np.sqrt(step[0] ** 2 + step[1] ** 2 + step[2] ** 2)
-        shorten = min(1.0, max_step[i] / max(length, MIN_DIVISOR))
-        for x in range(3):
-            points[i, x] += shorten * step[x]
-        if length > tol_of_max_step * max_step[i]:
-            active[count] = i
-            count += 1
-    return count
 
 
 def smooth_mesh(
@@ -178,17 +142,18 @@ def smooth_vertices(
         polygons = _polygons_at(mesh, moving)
         on_face, neighbours = _box_face_neighbours(mesh, moving)
         fixed, longest = mesh.fixed[ids], max_step[ids]
-        new, is_out = np.empty((len(ids), 3)), np.empty(len(ids), bool)
         for _ in range(min(SWEEPS_PER_BLOCK, sweeps - done)):
             old = vertices[ids]
             value, gradient = field.value_and_gradient(old)
-            set_normals(normals, ids, gradient)
+            normals[ids] = normalize(gradient)
             target, shortest = average_target_positions(vertices, normals, polygons)
-            step_along_surface(old, target, shortest, ids, value, gradient, fixed, longest, lo, hi, new, is_out)
-            if is_out.any():
-                out = np.flatnonzero(is_out)
+            new = step_along_surface(old, target[ids], shortest[ids], value, gradient, fixed, longest)
+            out = np.flatnonzero(((new < lo) | (new > hi)).any(axis=1))
+            if len(out):
                 new[out] = _project_along_box_faces(field, old[out], new[out], fixed[out], longest[out], lo, hi)
-            place_vertices(vertices, ids, new, fixed, lo, grid, on_face, neighbours)
+            place_vertices(
+                vertices, ids, np.where(fixed, new, lo + grid * np.rint((new - lo) / grid)), on_face, neighbours
+            )
         moved = np.zeros(len(vertices), bool)
         moved[ids] = np.linalg.norm(vertices[ids] - old, axis=1) > REST_MOVE_FRACTION * longest
         moving &= dilate_vertices(mesh, moved)
@@ -263,94 +228,40 @@ MIN_BOX_SIDE_RATIO = 0.3
 large polygons beside it would otherwise pull the vertex out of the box."""
 
 
-@njit_cached
-def set_normals(normals: Array, ids: IntArray, gradient: Array) -> None:  # pragma: no cover
-    """Set the normals (V, 3) of vertices `ids` (n,) to the directions of the gradients (n, 3)."""
-    for k in range(len(ids)):
-        size = max(norm_of(gradient[k]), MIN_DIVISOR)
-        for x in range(3):
-            normals[ids[k], x] = gradient[k, x] / size
-
-
-@njit_cached
 def step_along_surface(
-    old: Array,
-    target: Array,
-    shortest: Array,
-    ids: IntArray,
-    value: Array,
-    gradient: Array,
-    fixed: BoolArray,
-    max_step: Array,
-    lo: Array,
-    hi: Array,
-    new: Array,
-    is_out: BoolArray,
-) -> None:  # pragma: no cover
+    old: Array, target: Array, shortest: Array, value: Array, gradient: Array, fixed: BoolArray, max_step: Array
+) -> Array:
     """New positions (n, 3): a tangential step towards the target and one Newton step towards the level set.
 
-    Vertices `ids` (n,) move from `old` (n, 3), with the field's value and gradient there, in the coordinates that are not fixed.
-    `target` (V, 3) and `shortest` (V,) are of all vertices. `is_out` (n,) becomes whether the position is outside the box.
+    Vertices move from `old` (n, 3), with the field's value and gradient there, in the coordinates that are not fixed. `shortest`
+    (n,) are the lengths of their shortest sides.
     """
-    free, normal, move, newton = np.empty(3), np.empty(3), np.empty(3), np.empty(3)
-    for k in range(len(ids)):
-        for x in range(3):
-            free[x] = 0.0 if fixed[k, x] else gradient[k, x]
-            move[x] = 0.0 if fixed[k, x] else target[ids[k], x] - old[k, x]
-        size = max(norm_of(free), MIN_DIVISOR)
-        for x in range(3):
-            normal[x] = free[x] / size
-        along = dot_as_einsum(move, normal)
-        slope = -(value[k] / max(dot_as_einsum(free, free), MIN_DIVISOR))
-        for x in range(3):
-            move[x] -= along * normal[x]
-            newton[x] = slope * free[x]
-        longest = min(max_step[k], MAX_MOVE_FRACTION * shortest[ids[k]])
-        shorten_move = min(1.0, longest / max(norm_of(move), MIN_DIVISOR))
-        shorten_newton = min(1.0, max_step[k] / max(norm_of(newton), MIN_DIVISOR))
-        is_out[k] = False
-        for x in range(3):
-            new[k, x] = old[k, x] + move[x] * shorten_move + shorten_newton * newton[x]
-            is_out[k] |= (new[k, x] < lo[x]) | (new[k, x] > hi[x])
+    free = np.where(fixed, 0.0, gradient)
+    normal, move = normalize(free), np.where(fixed, 0.0, target - old)
+    move -= (move * normal).sum(axis=1, keepdims=True) * normal
+    newton = -(value / np.maximum((free * free).sum(axis=1), MIN_DIVISOR))[:, None] * free
+    return old + _shorten(move, np.minimum(max_step, MAX_MOVE_FRACTION * shortest)) + _shorten(newton, max_step)
 
 
-@njit_cached
-def place_vertices(
-    vertices: Array,
-    ids: IntArray,
-    new: Array,
-    fixed: BoolArray,
-    lo: Array,
-    grid: Array,
-    on_face: IntArray,
-    neighbours: IntArray,
-) -> None:  # pragma: no cover
-    """Move vertices `ids` (n,) to the positions `new` (n, 3), free coordinates rounded to multiples of `grid` (3,) from `lo`.
+def _shorten(steps: Array, longest: Array) -> Array:
+    """Steps (n, 3) of at most the lengths (n,)."""
+    size = np.linalg.norm(steps, axis=1)
+    return np.asarray(np.minimum(1.0, longest / np.maximum(size, MIN_DIVISOR))[:, None] * steps)
+
+
+def place_vertices(vertices: Array, ids: IntArray, new: Array, on_face: IntArray, neighbours: IntArray) -> None:
+    """Move vertices `ids` (n,) to the positions `new` (n, 3).
 
     Vertices `on_face` (m,) of the box stay where the move would leave their sides to `neighbours` (m, 2) too unequal.
     """
-    before, ratio_before = np.empty((len(on_face), 3)), np.empty(len(on_face))
-    for k in range(len(on_face)):
-        for x in range(3):
-            before[k, x] = vertices[on_face[k], x]
-        ratio_before[k] = _side_length_ratio(vertices, on_face[k], neighbours[k])
-    for k in range(len(ids)):
-        for x in range(3):
-            rounded = lo[x] + grid[x] * np.rint((new[k, x] - lo[x]) / grid[x])
-            vertices[ids[k], x] = new[k, x] if fixed[k, x] else rounded
-    is_reverted = np.zeros(len(on_face), np.bool_)
-    for k in range(len(on_face)):
-        ratio = _side_length_ratio(vertices, on_face[k], neighbours[k])
-        is_reverted[k] = (ratio < MIN_BOX_SIDE_RATIO) & (ratio < ratio_before[k])
-    for k in range(len(on_face)):
-        if is_reverted[k]:
-            for x in range(3):
-                vertices[on_face[k], x] = before[k, x]
+    before, ratio_before = vertices[on_face], _side_length_ratios(vertices, on_face, neighbours)
+    vertices[ids] = new
+    ratio = _side_length_ratios(vertices, on_face, neighbours)
+    stays = (ratio < MIN_BOX_SIDE_RATIO) & (ratio < ratio_before)
+    vertices[on_face[stays]] = before[stays]
 
 
-@njit_cached
-def _side_length_ratio(vertices: Array, vertex: int, neighbours: IntArray) -> float:  # pragma: no cover
-    """Ratio, at most 1, of the distances from a vertex to its two neighbours (2,)."""
-    one = norm_of(difference_of(vertices, vertex, neighbours[0]))
-    other = norm_of(difference_of(vertices, vertex, neighbours[1]))
-    return min(one, other) / max(max(one, other), MIN_DIVISOR)
+def _side_length_ratios(vertices: Array, ids: IntArray, neighbours: IntArray) -> Array:
+    """Ratios (n,), at most 1, of the distances from vertices (n,) to their two neighbours (n, 2)."""
+    sides = np.linalg.norm(vertices[neighbours] - vertices[ids][:, None], axis=2)
+    return np.asarray(sides.min(axis=1) / np.maximum(sides.max(axis=1), MIN_DIVISOR))
