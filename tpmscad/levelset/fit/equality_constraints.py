@@ -1,8 +1,8 @@
 """Quadratic functions minimised under linear conditions, many small problems at once, by LAPACK.
 
-The conditions of a problem are factorised by a QR decomposition of the transposed rows with column pivoting (Golub and Van Loan,
-"Matrix computations", 5.4.2). The minimum is sought in the null space of the conditions (Nocedal and Wright, "Numerical
-optimization", 16.2) by a Cholesky decomposition.
+The conditions of a problem are factorised by their singular values, or, where they are many, by a QR decomposition of the
+transposed rows with column pivoting, which is faster (Golub and Van Loan, "Matrix computations", 2.4 and 5.4.2). The minimum is
+sought in the null space of the conditions (Nocedal and Wright, "Numerical optimization", 16.2).
 """
 
 from __future__ import annotations
@@ -15,11 +15,15 @@ from scipy.linalg import lapack
 from tpmscad._typing import Array, IntArray
 
 MIN_PIVOT = 1e-8
-"""Pivots of hard rows below this fraction of the largest count as zero: of the rows for tangent continuity many follow from
-others. A row that is left out so is violated by an angle of about this fraction of a radian."""
+"""Pivots or singular values of hard rows below this fraction of the largest count as zero: of the rows for tangent continuity many
+follow from others. A row that is left out so is violated by an angle of about this fraction of a radian."""
 
 BLOCK_SIZE = 32
 """Columns that LAPACK factorises at once where its workspace allows it, as in its own defaults."""
+
+MAX_SIZE_OF_SVD = 64
+"""Entries of the rows of a problem up to which a decomposition by singular values takes no longer than the call of a QR
+decomposition."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -40,14 +44,12 @@ class EqualityConstraints:
     def factorise(rows: Array) -> EqualityConstraints:
         """The factors of rows (n, m, unknowns)."""
         involved = np.flatnonzero((rows != 0.0).any(axis=(0, 1)))
-        columns = rows[:, :, involved].swapaxes(1, 2)
-        n, k, _ = columns.shape
-        rank, null_space, inverse = np.zeros(n, np.int64), np.tile(np.eye(k), (n, 1, 1)), np.zeros(columns.shape)
-        for each in np.flatnonzero(columns.any(axis=(1, 2))):
-            r, basis, inverse[each] = _factorise(columns[each])
-            rank[each], null_space[each] = r, 0.0
-            null_space[each, :, : k - r] = basis[:, r:]
-        return EqualityConstraints(involved, rank, null_space[:, :, : k - rank.min(initial=k)], inverse)
+        rows = rows[:, :, involved]
+        factorise = _factorise_by_svd if rows[0].size <= MAX_SIZE_OF_SVD else _factorise_by_qr
+        rank, null_space, inverse = factorise(rows)
+        return EqualityConstraints(
+            involved, rank, null_space[:, :, : len(involved) - rank.min(initial=len(involved))], inverse
+        )
 
     def minimise(self, matrix: Array, rhs: Array, target: Array) -> Array:
         """The solutions (n, unknowns) of rows @ x = target (n, m) that minimise x' matrix x / 2 - rhs' x.
@@ -80,16 +82,32 @@ class EqualityConstraints:
         return solution
 
 
-def _factorise(columns: Array) -> tuple[int, Array, Array]:
-    """Rank, orthonormal basis (k, k) with the range of the columns (k, m) first, and the inverse (k, m) of their transpose."""
-    k, m = columns.shape
-    factors, order, scales, _, _ = lapack.dgeqp3(columns, lwork=(m + 1) * BLOCK_SIZE + 2 * m)
-    pivots = np.abs(factors.diagonal())
-    rank = int(np.count_nonzero(pivots > MIN_PIVOT * pivots[0]))
-    basis, _, _ = lapack.dormqr("L", "N", factors[:, :rank], scales[:rank], np.eye(k, order="F"), lwork=k * BLOCK_SIZE)
-    inverse = np.zeros((k, m))
-    inverse[:, order[:rank] - 1] = lapack.dtrtrs(factors[:rank, :rank], basis[:, :rank].T)[0].T
-    return rank, basis, inverse
+def _factorise_by_svd(rows: Array) -> tuple[IntArray, Array, Array]:
+    """Rank, null space and inverse of rows (n, m, k), all at once: the few conditions of each of many curves."""
+    left, size, right = np.linalg.svd(rows, full_matrices=True)
+    counts = size > MIN_PIVOT * size[:, :1]
+    rank, k = counts.sum(axis=1), rows.shape[2]
+    null_space = right[:, ::-1].swapaxes(1, 2) * (np.arange(k) < k - rank[:, None])[:, None]
+    scale = np.where(counts, 1.0 / np.where(counts, size, 1.0), 0.0)
+    some = size.shape[1]
+    inverse = right[:, :some].swapaxes(1, 2) @ (scale[:, :, None] * left[:, :, :some].swapaxes(1, 2))
+    return rank, null_space, inverse
+
+
+def _factorise_by_qr(rows: Array) -> tuple[IntArray, Array, Array]:
+    """As `_factorise_by_svd`, one problem after the other: many conditions, as those of patches."""
+    n, m, k = rows.shape
+    rank, null_space, inverse = np.zeros(n, np.int64), np.zeros((n, k, k)), np.zeros((n, k, m))
+    for each in range(n):
+        factors, order, scales, _, _ = lapack.dgeqp3(rows[each].T, lwork=(m + 1) * BLOCK_SIZE + 2 * m)
+        pivots = np.abs(factors.diagonal())
+        r = int(np.count_nonzero(pivots > MIN_PIVOT * pivots[0]))
+        basis = np.eye(k, order="F")
+        if r:
+            basis, _, _ = lapack.dormqr("L", "N", factors[:, :r], scales[:r], basis, lwork=k * BLOCK_SIZE)
+            inverse[each][:, order[:r] - 1] = lapack.dtrtrs(factors[:r, :r], basis[:, :r].T)[0].T
+        rank[each], null_space[each, :, : k - r] = r, basis[:, r:]
+    return rank, null_space, inverse
 
 
 def _solve_each(matrix: Array, right: Array) -> Array:

@@ -38,13 +38,15 @@ def measure_samples(
     `points`, `normals` and `gradient` are (n, m, 3), `value` is (n, m). The distance is |value| / |gradient|, and what a point
     is beyond the box [lo, hi] is added to it. Measurements that are not finite make the result so.
     """
-    slope = np.linalg.norm(gradient, axis=2)
+    along, normal_square, square = (
+        np.einsum("nmi,nmi->nm", a, b) for a, b in ((normals, gradient), (normals, normals), (gradient, gradient))
+    )
+    slope = np.sqrt(square)
     beyond = np.maximum(np.maximum(lo - points, points - hi).max(axis=2), 0.0)
-    along, size = (normals * gradient).sum(axis=2), np.linalg.norm(normals, axis=2)
     with np.errstate(over="ignore"):
         distance = np.abs(value) / np.maximum(slope, MIN_DIVISOR) + beyond
         mean_square = (distance**2).mean(axis=1)
-    cosine = along / np.maximum(size * slope, MIN_DIVISOR)
+    cosine = along / np.maximum(np.sqrt(normal_square) * slope, MIN_DIVISOR)
     return distance.max(axis=1), mean_square, cosine.min(axis=1)
 
 

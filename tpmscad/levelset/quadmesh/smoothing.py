@@ -70,9 +70,11 @@ def project_with_gradients(
         value, gradient = field.value_and_gradient(points[active] if len(active) < len(points) else points)
         gradients[active] = gradient
         free = np.where(fixed[active], 0.0, gradient)
-        step = -(value / np.maximum((free * free).sum(axis=1), MIN_DIVISOR))[:, None] * free
-        points[active] += _shorten(step, max_step[active])
-        active = active[np.linalg.norm(step, axis=1) > tol_of_max_step * max_step[active]]
+        square = np.einsum("ni,ni->n", free, free)
+        factor, longest = -value / np.maximum(square, MIN_DIVISOR), max_step[active]
+        size = np.abs(factor) * np.sqrt(square)
+        points[active] += (np.minimum(1.0, longest / np.maximum(size, MIN_DIVISOR)) * factor)[:, None] * free
+        active = active[size > tol_of_max_step * longest]
         if len(active) == 0:
             break
     return points, gradients
