@@ -74,7 +74,7 @@ class Shape:
         for _ in range(30):  # Newton's method: the cubic rises between its start and its root
             reach = reach - (reach**2 * (1 + along * reach) - 1) / (reach * (2 + 3 * along * reach))
         with np.errstate(divide="ignore"):
-            walls = np.where(ray > 0, (high - self.centre) / self.axes, (low - self.centre) / self.axes) / ray
+            walls = np.where(ray > 0, high - self.centre, self.centre - low) / (self.axes * np.abs(ray))
         reach = np.minimum(reach, walls.min(axis=-1))
         volume = float((solid_angle * reach**3).sum() / 3)
         first = (solid_angle[..., None] * ray * reach[..., None] ** 4).sum(axis=(0, 1)) / 4
