@@ -90,6 +90,18 @@ def test_the_methods_of_trimming_agree_on_the_groups(
     assert other == pytest.approx(one, rel=1e-6)
 
 
+def test_a_lattice_that_was_moved_keeps_the_labels_of_its_walls() -> None:
+    """Corners of patches lie 3e-4 from the inner sides of the skin, so that the lattice is moved before it is cut."""
+    side = 10 + 2 * (SKIN + 3e-4)
+    model = tpmscad.infill(bd.Box(side, side, side), **P, skin=SKIN)
+    assert any("the lattice was moved" in note for note in model.certificate.notes)
+    walls = {"surface +", "surface -"}
+    area = areas_of_groups(model)
+    assert walls | {"skin"} < area.keys()
+    lattice = areas_of_groups(tpmscad.lattice(**P))
+    assert sum(area[wall] for wall in walls) == pytest.approx(sum(lattice[wall] for wall in walls), rel=1e-2)
+
+
 @pytest.mark.slow
 def test_the_parts_of_the_wall_on_a_face_are_on_that_face() -> None:
     body = bored_block()

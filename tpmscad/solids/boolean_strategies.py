@@ -59,6 +59,7 @@ class BooleanResult:
     """The solids that are left, largest first; `brep` bounds them if the patches were trimmed.
 
     `method` is TRIMMED_PATCHES or KERNEL_BOOLEAN. `checks` of the certificate are those that the boolean itself gives rise to.
+    `shifts` (k, 3): the translations of the lattice's patches in the solids, one or several.
     """
 
     built: Any
@@ -66,6 +67,7 @@ class BooleanResult:
     method: str
     notes: tuple[str, ...]
     checks: tuple[Check, ...] = ()
+    shifts: tuple[tuple[float, ...], ...] = ((0.0, 0.0, 0.0),)
 
     @property
     def solids(self) -> tuple[Any, ...]:
@@ -150,7 +152,7 @@ def trim_on_parameters(patches: Brep, body: CadBody, tol: float) -> BooleanResul
         return BooleanResult(OcctSolids(()), None, TRIMMED_PATCHES, ())
     _check_volume_by_sampling(float(integral_properties.volume(cut.built.nesting.moments)[0]), patches, body)
     notes = "trimmed on the patches' parameters", *cut.report.notes
-    return BooleanResult(cut.built, cut.brep, TRIMMED_PATCHES, notes)
+    return BooleanResult(cut.built, cut.brep, TRIMMED_PATCHES, notes, shifts=(tuple(cut.report.shift.tolist()),))
 
 
 def _build_valid_solids(brep: Brep) -> BrepSolids | None:
