@@ -92,7 +92,7 @@ def infill(options: InfillOptions) -> Model:
     with stages("check"):
         notes = (*read.notes, *result.notes, *dropped.notes)
         certificate = certify_cut_solids(
-            block, result.built, checks=result.checks, notes=notes, dropped=dropped.volumes
+            block, result.built, moved=result.moved, checks=result.checks, notes=notes, dropped=dropped.volumes
         )
     return Model(
         name,
