@@ -24,7 +24,7 @@ PROBES = 120
 """Points in the body at which solid or void is told, and as many close below its open faces."""
 
 PROBE_DEPTH = 0.02
-"""In model units: how far below an open face its probes lie."""
+"""In model units: how far below an open face its probes lie, besides the error of the mesh."""
 
 TRIANGLES_AT_ONCE = 20_000
 
@@ -200,11 +200,11 @@ def judge_probes(
         corners = face.bounding_box()
         inward = -np.array(tuple(face.normal_at()))
         across = rng.uniform(tuple(corners.min), tuple(corners.max), (PROBES // len(request.opened), 3))
-        points += [p + PROBE_DEPTH * inward for p in across if face.is_inside(tuple(p))]
+        points += [p + (PROBE_DEPTH + slack) * inward for p in across if face.is_inside(tuple(p))]
     probes = np.array([p for p in points if request.body.is_inside(tuple(p))])
     depth, distance = depths(probes, closed), np.abs(request.distance(probes))
     margin = slack + request.smear
-    in_skin = depth < request.skin - slack
+    in_skin = (depth > slack) & (depth < request.skin - slack)  # the mesh may cut off what is less deep
     beyond = depth > most + slack
     in_wall = beyond & (distance < request.half - margin)
     in_void = beyond & (distance > request.half + margin)

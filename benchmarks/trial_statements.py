@@ -38,7 +38,11 @@ def triangulate(shape: Any, deviation: float, *, angle: float = FINE_ANGLE) -> t
     angle: between the normals of neighbouring facets, radians.
     """
     import build123d as bd
+    from OCP.BRepMesh import BRepMesh_IncrementalMesh
 
+    BRepMesh_IncrementalMesh(
+        shape, deviation, False, angle, False
+    )  # build123d's deviations are relative to lengths of edges
     vertices, triangles = bd.Compound(shape).tessellate(deviation, angle)
     return np.array([tuple(v) for v in vertices]), np.array(triangles)
 
