@@ -97,6 +97,26 @@ def test_a_wall_is_found_behind_any_number_of_pairs_with_lower_bounds() -> None:
     assert search.value == pytest.approx(1.0)
 
 
+@pytest.mark.slow
+def test_the_gap_between_trimmed_edges_of_two_solids_does_not_swell_the_search(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Where it is least, both sides are trimmed: the nearest places of their cells lie beyond the edges and attain nothing."""
+    model = tpmscad.lattice(
+        "P", cell=(7.0443, 8.7752, 7.3626), thickness=0.181, phase=(-0.596, -0.778, 0.776), tol=0.05
+    )
+    assert len(model.certificate.pieces) > 1
+    select = _Search._select_pairs
+
+    def select_few(search: _Search, *asked: Any) -> Any:
+        found = select(search, *asked)
+        assert len(found[0]) < 200_000
+        return found
+
+    monkeypatch.setattr(_Search, "_select_pairs", select_few)
+    _, gap = widths(model.wrapped)
+    assert gap is not None
+    assert gap.bound > (1.0 - 1.5 * RESOLUTION) * gap.value
+
+
 def test_places_from_which_newton_goes_to_another_width_are_as_far_apart_as_stated() -> None:
     """A place 0.25 rad beside the one of a ball that is nearest to a plane, which Newton's method finds."""
     ball, block = faces_of(require_shape(bd.Sphere(5)))[0], faces_of(require_shape(bd.Pos(7, 0, 0) * bd.Box(2, 20, 20)))
