@@ -20,13 +20,50 @@ import tempfile
 import traceback
 import warnings
 from collections import Counter
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
-from benchmarks.trial_requests import KINDS, SHARES, Drawn
+from benchmarks.trial_images import draw_image
+from benchmarks.trial_requests import (
+    Drawn,
+    draw_blend,
+    draw_domains,
+    draw_field,
+    draw_infill,
+    draw_lattice,
+    draw_malformed,
+    draw_map,
+    draw_recipe,
+)
+from benchmarks.trial_skins import draw_skin
+
+KINDS: dict[str, Callable[[np.random.Generator], Drawn]] = {
+    "lattice": draw_lattice,
+    "map": draw_map,
+    "infill": draw_infill,
+    "domains": draw_domains,
+    "field": draw_field,
+    "recipe": draw_recipe,
+    "blend": draw_blend,
+    "malformed": draw_malformed,
+    "image": draw_image,
+    "skin": draw_skin,
+}
+SHARES = {
+    "lattice": 5,
+    "map": 2,
+    "infill": 3,
+    "domains": 1,
+    "field": 2,
+    "recipe": 3,
+    "blend": 2,
+    "malformed": 6,
+    "image": 3,
+    "skin": 2,
+}
 
 CPU_LIMIT = 120
 WALL_LIMIT = 5 * CPU_LIMIT  # a request that waits for ever uses no CPU

@@ -41,7 +41,7 @@ class Drawn:
     files: frozenset[str] = frozenset()
 
 
-def _written(call: str, options: dict[str, Any]) -> str:
+def written(call: str, options: dict[str, Any]) -> str:
     return f"{call}{', ' if options else ''}{', '.join(f'{k}={v!r}' for k, v in options.items())})"
 
 
@@ -50,7 +50,7 @@ def _triple(rng: np.random.Generator, low: float, high: float, digits: int = 3) 
     return x, y, z
 
 
-def _judged(
+def judge_model(
     model: Any,
     folder: Path,
     region: Region | None,
@@ -119,7 +119,7 @@ def _limits(options: dict[str, Any]) -> tuple[float, float] | None:
     return options.get("offset")
 
 
-def _around(f: Callable[..., Any], limits: tuple[float, float], size: float) -> Callable[[np.ndarray], np.ndarray]:
+def around(f: Callable[..., Any], limits: tuple[float, float], size: float) -> Callable[[np.ndarray], np.ndarray]:
     reach = max(abs(v) for v in limits if np.isfinite(v)) or 1e-3 * size
 
     def inside(p: np.ndarray) -> np.ndarray:
@@ -160,15 +160,13 @@ def draw_lattice(rng: np.random.Generator) -> Drawn:
             smear = (
                 MINIMAL_OFF[name] * cell * 1.3 * (0.2 if options.get("kind") != "skeletal" else 1.0) if exact else 0.0
             )
-            region = Region(_around(f, limits, float(edges.min())), np.zeros(3), edges * cells, smear)
+            region = Region(around(f, limits, float(edges.min())), np.zeros(3), edges * cells, smear)
         stated: dict[str, Any] = {"wall": options.get("thickness"), "envelope": float(np.prod(edges * cells))}
         if options.get("boundary") != "natural":
             stated["box"] = np.array([np.zeros(3), edges * cells])
-        return _judged(model, folder, region, rng, **stated)
+        return judge_model(model, folder, region, rng, **stated)
 
-    return Drawn(
-        _written(f"tpmscad.lattice({name!r}, ", options).replace("(, ", "(").replace(", , ", ", "), make, FILES
-    )
+    return Drawn(written(f"tpmscad.lattice({name!r}, ", options).replace("(, ", "(").replace(", , ", ", "), make, FILES)
 
 
 def draw_map(rng: np.random.Generator) -> Drawn:
@@ -211,7 +209,7 @@ def draw_map(rng: np.random.Generator) -> Drawn:
 
     def make(folder: Path) -> tuple[bool, str, Callable[[], list[str]]]:
         model = tpmscad.lattice(name, **options, map=map_, progress=False)
-        met, why, judge = _judged(model, folder, None, rng)
+        met, why, judge = judge_model(model, folder, None, rng)
         if not met or inverse is None:
             return met, why, judge
 
@@ -224,7 +222,7 @@ def draw_map(rng: np.random.Generator) -> Drawn:
                 x = inverse(p)
                 return ((x > 0) & (x < extent)).all(axis=-1)
 
-            wall = _around(lambda p: f(inverse(p)), (-0.5 * thickness, 0.5 * thickness), cell)
+            wall = around(lambda p: f(inverse(p)), (-0.5 * thickness, 0.5 * thickness), cell)
             region = Region(lambda p: wall(p) & in_cells(p), low, high, MINIMAL_OFF[name] * cell)
             c = model.certificate
             faults = judge()
@@ -236,10 +234,10 @@ def draw_map(rng: np.random.Generator) -> Drawn:
 
         return True, "", judge_all
 
-    return Drawn(_written(f"tpmscad.lattice({name!r}, map={text}, ", options).replace(", , ", ", "), make, FILES)
+    return Drawn(written(f"tpmscad.lattice({name!r}, map={text}, ", options).replace(", , ", ", "), make, FILES)
 
 
-def _body(rng: np.random.Generator) -> tuple[str, Any, Callable[[np.ndarray], np.ndarray], np.ndarray, np.ndarray]:
+def draw_body(rng: np.random.Generator) -> tuple[str, Any, Callable[[np.ndarray], np.ndarray], np.ndarray, np.ndarray]:
     """The text, shape, inside test and box of a simple body."""
     import build123d as bd
 
@@ -279,7 +277,7 @@ def _body(rng: np.random.Generator) -> tuple[str, Any, Callable[[np.ndarray], np
     return text, shape, inside, c - half, c + half
 
 
-def _infill_options(rng: np.random.Generator) -> tuple[str, dict[str, Any]]:
+def draw_infill_options(rng: np.random.Generator) -> tuple[str, dict[str, Any]]:
     name = str(rng.choice(list(CATALOGUE), p=np.array([5, 4, 5, 2, 1, 1, 1, 1, 1, 1]) / 22))
     cell = float(rng.choice([7.0, 9.0, 10.0]))
     options: dict[str, Any] = {
@@ -295,8 +293,8 @@ def _infill_options(rng: np.random.Generator) -> tuple[str, dict[str, Any]]:
 def draw_infill(rng: np.random.Generator) -> Drawn:
     import tpmscad
 
-    body_text, body, in_body, low, high = _body(rng)
-    name, options = _infill_options(rng)
+    body_text, body, in_body, low, high = draw_body(rng)
+    name, options = draw_infill_options(rng)
     if rng.random() < 0.25:
         options["skin"] = round(float(rng.uniform(0.4, 1.5)), 2)
     info = CATALOGUE[name]
@@ -306,21 +304,21 @@ def draw_infill(rng: np.random.Generator) -> Drawn:
         model = tpmscad.infill(body, name, **options, progress=False)
         region = None
         if "skin" not in options:
-            wall = _around(
+            wall = around(
                 NodalFunction(info.formula, (cell,) * 3, options.get("phase", (0, 0, 0))), (-half, half), cell
             )
             smear = 0.2 * MINIMAL_OFF.get(name, 0.0) * cell
             region = Region(lambda p: in_body(p) & wall(p), low, high, smear)
-        return _judged(model, folder, region, rng, wall=options["thickness"], envelope=body.volume, body=body)
+        return judge_model(model, folder, region, rng, wall=options["thickness"], envelope=body.volume, body=body)
 
-    return Drawn(_written(f"tpmscad.infill({body_text}, {name!r}, ", options).replace(", , ", ", "), make, FILES)
+    return Drawn(written(f"tpmscad.infill({body_text}, {name!r}, ", options).replace(", , ", ", "), make, FILES)
 
 
 def draw_domains(rng: np.random.Generator) -> Drawn:
     import tpmscad
 
-    body_text, body, in_body, low, high = _body(rng)
-    name, options = _infill_options(rng)
+    body_text, body, in_body, low, high = draw_body(rng)
+    name, options = draw_infill_options(rng)
     info = CATALOGUE[name]
     cell, half = options["cell"], 0.5 * options["thickness"]
 
@@ -342,7 +340,7 @@ def draw_domains(rng: np.random.Generator) -> Drawn:
                 (found.plus, (half, np.inf)),
                 (found.minus, (-np.inf, -half)),
             ):
-                part = _around(f, limits, cell)
+                part = around(f, limits, cell)
                 region = Region(lambda p, part=part: in_body(p) & part(p), low, high, smear)
                 c = model.certificate
                 expected, error = region.volume(c.area)
@@ -352,7 +350,7 @@ def draw_domains(rng: np.random.Generator) -> Drawn:
 
         return True, "", judge
 
-    return Drawn(_written(f"tpmscad.fluid_domains({body_text}, {name!r}, ", options).replace(", , ", ", "), make, FILES)
+    return Drawn(written(f"tpmscad.fluid_domains({body_text}, {name!r}, ", options).replace(", , ", ", "), make, FILES)
 
 
 def _field(rng: np.random.Generator) -> tuple[str, str, Callable[[np.ndarray], np.ndarray]]:
@@ -390,7 +388,7 @@ def draw_field(rng: np.random.Generator) -> Drawn:
     def make(folder: Path) -> tuple[bool, str, Callable[[], list[str]]]:
         model = tpmscad.solidify(eval(text, {"fields": fields}), ((0, 0, 0), tuple(high)), tol=tol, progress=False)
         region = Region(lambda p: value(p) < 0, np.zeros(3), high)
-        return _judged(model, folder, region, rng, envelope=float(high.prod()), box=np.array([np.zeros(3), high]))
+        return judge_model(model, folder, region, rng, envelope=float(high.prod()), box=np.array([np.zeros(3), high]))
 
     return Drawn(f"tpmscad.solidify({text}, ((0, 0, 0), {tuple(high.tolist())}), tol={tol})", make, FILES)
 
@@ -418,7 +416,7 @@ def draw_recipe(rng: np.random.Generator) -> Drawn:
             run.describe()
             return True, "", list
         model, _ = run.make(None)
-        return _judged(model, folder, Region(lambda p: value(p) < 0, np.zeros(3), np.array(high)), rng)
+        return judge_model(model, folder, Region(lambda p: value(p) < 0, np.zeros(3), np.array(high)), rng)
 
     return Drawn(f"SolidRun.read(recipe of {text!r})", make, FILES | {"request.toml"})
 
@@ -567,16 +565,3 @@ def draw_malformed(rng: np.random.Generator) -> Drawn:
     return Drawn(
         f"check_step and infill of a STEP file garbled by default_rng({number})", make_file, frozenset({"request.step"})
     )
-
-
-KINDS: dict[str, Callable[[np.random.Generator], Drawn]] = {
-    "lattice": draw_lattice,
-    "map": draw_map,
-    "infill": draw_infill,
-    "domains": draw_domains,
-    "field": draw_field,
-    "recipe": draw_recipe,
-    "blend": draw_blend,
-    "malformed": draw_malformed,
-}
-SHARES = {"lattice": 5, "map": 2, "infill": 3, "domains": 1, "field": 2, "recipe": 3, "blend": 2, "malformed": 6}

@@ -192,6 +192,22 @@ def test_faces_carry_their_tags_as_names(tmp_path: Path) -> None:
     assert names == [brep.tags[t] for t in brep.faces.tag]
 
 
+def test_names_of_faces_are_looked_up_only_where_they_are_asked_for(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """OCCT takes time in proportion to the square of the number of faces: a file that is written and checked needs none."""
+    path = tmp_path / "a.step"
+    written(plane_box(), path)
+    assert read_step(path).face_names == ()
+    assert [len(names) for names in read_step(path, with_face_names=True).face_names] == [6]
+
+    def refuse(*_: object) -> None:
+        raise AssertionError("the names of faces were looked up")
+
+    monkeypatch.setattr("tpmscad.kernel.step.step_reader._face_names", refuse)
+    written(plane_box(), path, verify=lambda file: check_step(file))
+
+
 def test_a_face_with_a_hole_has_one_outer_bound(tmp_path: Path) -> None:
     _, instances = parser.parse(written(drilled_dome(), tmp_path / "part.step"))
     bounds = [parser.numbers(values[1]) for values in parser.of_kind(instances, "ADVANCED_FACE").values()]

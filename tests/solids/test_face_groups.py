@@ -90,6 +90,39 @@ def test_the_methods_of_trimming_agree_on_the_groups(
     assert other == pytest.approx(one, rel=1e-6)
 
 
+def test_a_lattice_that_was_moved_keeps_the_labels_of_its_walls() -> None:
+    """Corners of patches lie 3e-4 from the inner sides of the skin, so that the lattice is moved before it is cut."""
+    side = 10 + 2 * (SKIN + 3e-4)
+    model = tpmscad.infill(bd.Box(side, side, side), **P, skin=SKIN)
+    assert any("the lattice was moved" in note for note in model.certificate.notes)
+    walls = {"surface +", "surface -"}
+    area = areas_of_groups(model)
+    assert walls | {"skin"} < area.keys()
+    lattice = areas_of_groups(tpmscad.lattice(**P))
+    assert sum(area[wall] for wall in walls) == pytest.approx(sum(lattice[wall] for wall in walls), rel=1e-2)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("skin", [None, SKIN])
+def test_the_deviation_of_a_lattice_that_was_moved_is_that_from_where_it_was_asked_for(skin: float | None) -> None:
+    side = 10 + 2 * ((skin or 0) + 3e-4)
+    body = bd.Box(side, side, side)
+    model = tpmscad.infill(body, "neovius", cell=10, thickness=0.6, tol=0.03, skin=skin)
+    assert any("the lattice was moved" in note for note in model.certificate.notes)
+    assert model.certificate.met
+    assert model.distance_to_reference is not None
+    points = [
+        tuple(edge @ t)
+        for of in model.named_solids()
+        for label, face in zip(of.labels, bd.Shape.cast(of.solid).faces(), strict=True)
+        if label.startswith("surface")
+        for edge in face.edges()
+        for t in (0.0, 0.4)
+    ]
+    off = float(model.distance_to_reference(np.array(points)).max())
+    assert 0.01 < off <= model.certificate.max_deviation <= 0.03
+
+
 @pytest.mark.slow
 def test_the_parts_of_the_wall_on_a_face_are_on_that_face() -> None:
     body = bored_block()

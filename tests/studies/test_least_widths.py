@@ -7,6 +7,10 @@ from typing import Any
 import build123d as bd
 import numpy as np
 import pytest
+from OCP.BRep import BRep_Tool
+from OCP.GeomAPI import GeomAPI_ProjectPointOnSurf
+from OCP.gp import gp_Pnt
+from OCP.TopoDS import TopoDS_Face
 from scipy.spatial import cKDTree
 
 import tpmscad
@@ -16,7 +20,7 @@ from tpmscad.kernel.measure.shape_report import check_shape
 from tpmscad.kernel.measure.shape_sampling import find_creases
 from tpmscad.kernel.occt.exploration import faces_of, require_shape
 from tpmscad.kernel.printability.face_cells import face_cells
-from tpmscad.kernel.printability.least_widths import measure_least_widths
+from tpmscad.kernel.printability.least_widths import _refine, measure_least_widths
 
 pytestmark = pytest.mark.kernel
 
@@ -35,6 +39,11 @@ def assert_is(found: LeastWidth | None, truth: float, tol: float = 1e-6) -> None
     assert found.bound >= (1.0 - 1.5 * RESOLUTION) * truth - tol
     assert found.value == pytest.approx(truth, abs=tol)
     assert np.linalg.norm(found.places[1] - found.places[0]) == pytest.approx(found.value)
+
+
+def parameters_at(face: TopoDS_Face, point: np.ndarray) -> tuple[float, float]:
+    u, v = GeomAPI_ProjectPointOnSurf(gp_Pnt(*point), BRep_Tool.Surface_s(face)).LowerDistanceParameters()
+    return u, v
 
 
 def field_with_voids(*voids: fields.Field) -> Any:
@@ -86,6 +95,38 @@ def test_a_wall_is_found_behind_any_number_of_pairs_with_lower_bounds() -> None:
     pairs = np.array([[one, other]] * 40_000 + [[opposite, one]])
     search._attain(pairs, np.append(np.zeros(40_000), 0.9))
     assert search.value == pytest.approx(1.0)
+
+
+@pytest.mark.slow
+def test_the_gap_between_trimmed_edges_of_two_solids_does_not_swell_the_search(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Where it is least, both sides are trimmed: the nearest places of their cells lie beyond the edges and attain nothing."""
+    model = tpmscad.lattice(
+        "P", cell=(7.0443, 8.7752, 7.3626), thickness=0.181, phase=(-0.596, -0.778, 0.776), tol=0.05
+    )
+    assert len(model.certificate.pieces) > 1
+    select = _Search._select_pairs
+
+    def select_few(search: _Search, *asked: Any) -> Any:
+        found = select(search, *asked)
+        assert len(found[0]) < 200_000
+        return found
+
+    monkeypatch.setattr(_Search, "_select_pairs", select_few)
+    _, gap = widths(model.wrapped)
+    assert gap is not None
+    assert gap.bound > (1.0 - 1.5 * RESOLUTION) * gap.value
+
+
+def test_places_from_which_newton_goes_to_another_width_are_as_far_apart_as_stated() -> None:
+    """A place 0.25 rad beside the one of a ball that is nearest to a plane, which Newton's method finds."""
+    ball, block = faces_of(require_shape(bd.Sphere(5)))[0], faces_of(require_shape(bd.Pos(7, 0, 0) * bd.Box(2, 20, 20)))
+    plane = next(face for face in block if abs(bd.Face(face).center().X - 6) < 1e-9)
+    place, foot = 5 * np.array([np.cos(0.25), 0, np.sin(0.25)]), np.array([6, 0, 5 * np.sin(0.25)])
+    parameters = np.array([parameters_at(face, at) for face, at in ((ball, place), (plane, foot))])
+    stated = LeastWidth(1.3, 1.001 * (6 - place[0]), np.stack([place, foot]), (0, 1), parameters)
+    found = _refine([ball, plane], stated)
+    assert found.value == pytest.approx(6 - place[0], rel=1e-12)
+    assert np.linalg.norm(found.places[1] - found.places[0]) == pytest.approx(found.value, rel=1e-12)
 
 
 def test_a_tube_has_its_wall_and_its_bore() -> None:

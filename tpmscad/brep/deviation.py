@@ -48,6 +48,10 @@ class Deviation:
     to_reference: float
     from_reference: float
 
+    def moved(self, length: float) -> Deviation:
+        """Upper bounds of the deviation once one of the surfaces is translated by a length."""
+        return Deviation(self.max + length, self.rms + length, self.to_reference + length, self.from_reference + length)
+
     def scaled(self, factor: float) -> Deviation:
         """The deviation in another unit of length."""
         return Deviation(factor * self.max, factor * self.rms, factor * self.to_reference, factor * self.from_reference)

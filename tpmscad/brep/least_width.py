@@ -277,7 +277,9 @@ class _Search:
     def _attain(self, pairs: IntArray, low: Array) -> None:
         """Attain lesser widths between places of the cells with the least bounds."""
         order = np.argsort(low, kind="stable")
-        nearest = pairs[order[:REFINED_PAIRS]]
+        # near the edges of two solids the least bounds may all be of cells whose nearest places are trimmed away
+        is_untrimmed = self.whole[pairs[order]].all(axis=1) & ~self._of_one_solid(pairs[order])
+        nearest = pairs[np.concatenate([order[:REFINED_PAIRS], order[is_untrimmed][:REFINED_PAIRS]])]
         self._take_least(nearest, approach_places(self.cells.nets[nearest]))
         both = np.stack([pairs[order], pairs[order, ::-1]], axis=1).reshape(-1, 2)
         way, normal = self.center[both[:, 1]] - self.center[both[:, 0]], self.axis[both[:, 0]]

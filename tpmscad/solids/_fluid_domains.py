@@ -109,13 +109,14 @@ def fluid_domains(options: FluidDomainsOptions) -> FluidDomains:
 class DomainSolids:
     """The solids of a domain, largest first, its areas by face of the body, and notes on the method.
 
-    `brep` bounds the solids if the patches were trimmed.
+    `brep` bounds the solids if the patches were trimmed; `moved` is the length of the lattice's translation, model units.
     """
 
     built: BrepSolids | OcctSolids
     brep: Brep | None
     areas: Mapping[int, float]
     notes: tuple[str, ...]
+    moved: float = 0.0
 
 
 def _find_openings(channel: DomainSolids, block: LatticeBlock) -> frozenset[str]:
@@ -147,7 +148,7 @@ def _trim_domains(block: LatticeBlock, body: CadBody) -> dict[str, DomainSolids]
         brep,
         list(bounds.values()),
         clearance=corner_clearance(patches),
-        max_shift=block.measures.tol,
+        max_shift=block.max_shift,
     )
     for name, domain in zip(bounds, trimmed.breps, strict=True):
         if not len(domain.faces):
@@ -163,7 +164,7 @@ def _trim_domains(block: LatticeBlock, body: CadBody) -> dict[str, DomainSolids]
     for name, domain, of in zip(bounds, domains, built, strict=True):
         area = np.bincount(domain.faces.tag, integral_properties.integrate_faces(domain).area, first + n_faces)
         areas = area[first:]
-        result[name] = DomainSolids(of, domain, dict(enumerate(areas.tolist())), notes)
+        result[name] = DomainSolids(of, domain, dict(enumerate(areas.tolist())), notes, report.shifted)
     return result
 
 
@@ -182,7 +183,7 @@ def _split_domains(block: LatticeBlock, body: CadBody) -> dict[str, DomainSolids
 
 def _label_solids(domain: str, cells: Sequence[SplitSolid], block: LatticeBlock, body: CadBody) -> OcctSolids:
     """The solids of a domain's cells with the labels of their faces; those of a channel on the body are openings."""
-    labelled = label_cut_solids([cell.solid for cell in cells], block.patches, body)
+    labelled = label_cut_solids([cell.solid for cell in cells], [block.patches], body)
     if domain == WALL:
         return labelled
     on_body = set(body.face_labels)
@@ -236,7 +237,7 @@ def _certify_domains(
     lines = [*body.notes, *domains[WALL].notes]
     for name in (PLUS, MINUS):
         domain = domains[name]
-        found[name] = own = certify_cut_solids(block, domain.built, notes=domain.notes)
+        found[name] = own = certify_cut_solids(block, domain.built, moved=domain.moved, notes=domain.notes)
         checks += [require(False, f"{name}: {shortfall}") for shortfall in own.shortfalls]
         lines.append(
             f"{name}: volume {own.volume:.9g} mm3, {len(own.pieces)} piece{'s' if len(own.pieces) > 1 else ''}"
@@ -245,7 +246,7 @@ def _certify_domains(
     for contact in contacts:
         areas = ", ".join(f"{name} {area:.4g} mm2" for name, area in contact.areas.items())
         lines.append(f"on {contact.label}: {areas}")
-    wall = certify_cut_solids(block, domains[WALL].built, notes=tuple(lines))
+    wall = certify_cut_solids(block, domains[WALL].built, moved=domains[WALL].moved, notes=tuple(lines))
     total = wall.volume + found[PLUS].volume + found[MINUS].volume
     checks.append(
         Check(

@@ -12,6 +12,7 @@ from dataclasses import fields, replace
 import numpy as np
 
 from tpmscad.api.public_calls import validate_options
+from tpmscad.brep.boundary_representation import translate_brep
 from tpmscad.errors import InvalidRequest
 from tpmscad.kernel.body_import.cad_body import read_body
 from tpmscad.kernel.boolean.boolean_operations import OcctSolids
@@ -86,13 +87,12 @@ def infill(options: InfillOptions) -> Model:
                 raise InvalidRequest(f"no lattice lies in {read.name}: shift it by phase, or make the cell smaller")
         result, dropped = _drop_loose_solids(result, options.loose)
         if result.brep is None:
-            result = replace(
-                result, built=label_cut_solids(result.solids, block.patches, read, has_skin=skin is not None)
-            )
+            placements = [translate_brep(block.patches, np.array(shift)) for shift in result.shifts]
+            result = replace(result, built=label_cut_solids(result.solids, placements, read, has_skin=skin is not None))
     with stages("check"):
         notes = (*read.notes, *result.notes, *dropped.notes)
         certificate = certify_cut_solids(
-            block, result.built, checks=result.checks, notes=notes, dropped=dropped.volumes
+            block, result.built, moved=result.moved, checks=result.checks, notes=notes, dropped=dropped.volumes
         )
     return Model(
         name,

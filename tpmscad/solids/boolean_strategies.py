@@ -31,6 +31,7 @@ from tpmscad.kernel.measure.validity import is_brep_valid
 from tpmscad.kernel.occt.construction import make_compound
 from tpmscad.results.certificate import Certificate, Check, certify_built_solids, certify_kernel_solids
 from tpmscad.solids.lattice_block import LatticeBlock
+from tpmscad.solids.patch_measures import move_patch_measures
 from tpmscad.splines.bspline import BSplineSurface
 from tpmscad.trimming.trim_pipeline import trim
 
@@ -59,6 +60,7 @@ class BooleanResult:
     """The solids that are left, largest first; `brep` bounds them if the patches were trimmed.
 
     `method` is TRIMMED_PATCHES or KERNEL_BOOLEAN. `checks` of the certificate are those that the boolean itself gives rise to.
+    `shifts` (k, 3): the translations of the lattice's patches in the solids, one or several.
     """
 
     built: Any
@@ -66,6 +68,12 @@ class BooleanResult:
     method: str
     notes: tuple[str, ...]
     checks: tuple[Check, ...] = ()
+    shifts: tuple[tuple[float, ...], ...] = ((0.0, 0.0, 0.0),)
+
+    @property
+    def moved(self) -> float:
+        """Length of the longest translation."""
+        return float(np.linalg.norm(self.shifts, axis=1).max())
 
     @property
     def solids(self) -> tuple[Any, ...]:
@@ -82,26 +90,27 @@ def certify_cut_solids(
     block: LatticeBlock,
     built: BrepSolids | OcctSolids,
     *,
+    moved: float = 0.0,
     checks: tuple[Check, ...] = (),
     notes: tuple[str, ...] = (),
     dropped: tuple[float, ...] = (),
 ) -> Certificate:
     """The certificate of what a boolean left of the lattice `block`: of trimmed patches, or of solids that the kernel cut.
 
+    moved: the length (model units) by which the lattice was translated before it was cut.
     Trimmed patches that the kernel's check rejects end in an error, so that those which get here are valid.
     """
+    measures = move_patch_measures(block.measures, moved)
     if isinstance(built, OcctSolids):
-        return certify_kernel_solids(
-            built.solids, block.patches, block.measures, checks=checks, notes=notes, dropped=dropped
-        )
-    return certify_built_solids(built, block.measures, valid=True, checks=checks, notes=notes, dropped=dropped)
+        return certify_kernel_solids(built.solids, block.patches, measures, checks=checks, notes=notes, dropped=dropped)
+    return certify_built_solids(built, measures, valid=True, checks=checks, notes=notes, dropped=dropped)
 
 
 def intersect_body_with_lattice(block: LatticeBlock, body: CadBody) -> BooleanResult:
     """The solids that lattice and body have in common; none if they do not meet."""
 
     return _intersect_by_first_method(
-        block.patches, body, block.measures.tol, lambda: intersect_solids(block.shape, body.shape)
+        block.patches, body, block.max_shift, lambda: intersect_solids(block.shape, body.shape)
     )
 
 
@@ -109,15 +118,15 @@ def subtract_lattice_from_body(block: LatticeBlock, body: CadBody) -> BooleanRes
     """The solids of the body without the lattice."""
 
     return _intersect_by_first_method(
-        reverse_faces(block.patches), body, block.measures.tol, lambda: subtract_solid(body.shape, block.shape)
+        reverse_faces(block.patches), body, block.max_shift, lambda: subtract_solid(body.shape, block.shape)
     )
 
 
 def _intersect_by_first_method(
-    patches: Brep, body: CadBody, tol: float, kernel_boolean: KernelBoolean
+    patches: Brep, body: CadBody, max_shift: float, kernel_boolean: KernelBoolean
 ) -> BooleanResult:
     """The solids that the patches bound inside the body, by the first method that succeeds."""
-    outcome = BOOLEAN_METHODS.run(patches, body, tol, kernel_boolean)
+    outcome = BOOLEAN_METHODS.run(patches, body, max_shift, kernel_boolean)
     result = outcome.value
     if not outcome.failures:
         return result
@@ -133,8 +142,8 @@ def corner_clearance(patches: Brep) -> float:
     )
 
 
-def trim_on_parameters(patches: Brep, body: CadBody, tol: float) -> BooleanResult:
-    """The patches trimmed by the body on their parameter domains, moved by at most `tol` so that no sliver arises.
+def trim_on_parameters(patches: Brep, body: CadBody, max_shift: float) -> BooleanResult:
+    """The patches trimmed by the body on their parameter domains, moved by at most `max_shift` so that no sliver arises.
 
     InvalidRequest or TrimmingError if that is impossible, KernelError if the volume of the result is wrong.
     """
@@ -143,14 +152,14 @@ def trim_on_parameters(patches: Brep, body: CadBody, tol: float) -> BooleanResul
         brep_from_shape(body.shape, body.face_labels),
         build=_build_valid_solids,
         clearance=corner_clearance(patches),
-        max_shift=tol,
+        max_shift=max_shift,
     )
     if cut.built is None:
         _check_volume_by_sampling(0.0, patches, body)
         return BooleanResult(OcctSolids(()), None, TRIMMED_PATCHES, ())
     _check_volume_by_sampling(float(integral_properties.volume(cut.built.nesting.moments)[0]), patches, body)
     notes = "trimmed on the patches' parameters", *cut.report.notes
-    return BooleanResult(cut.built, cut.brep, TRIMMED_PATCHES, notes)
+    return BooleanResult(cut.built, cut.brep, TRIMMED_PATCHES, notes, shifts=(tuple(cut.report.shift.tolist()),))
 
 
 def _build_valid_solids(brep: Brep) -> BrepSolids | None:
@@ -184,7 +193,7 @@ BOOLEAN_METHODS: Fallbacks[[Brep, CadBody, float, KernelBoolean], BooleanResult]
     (
         Fallback(
             "trimming on the patches' parameters",
-            lambda patches, body, tol, _: trim_on_parameters(patches, body, tol),
+            lambda patches, body, max_shift, _: trim_on_parameters(patches, body, max_shift),
             "a second for a few cells; bodies of planes and quadrics only",
         ),
         Fallback(

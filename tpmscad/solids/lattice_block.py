@@ -125,6 +125,10 @@ def _fit_stretched_patches(
     return mapped_lattice.assemble_mapped_lattice(surface, *fit.surfaces, natural=False), fit
 
 
+MAX_SHIFT_FRACTION = 0.99
+"""Of what the deviation leaves of the tolerance: how far a lattice may be moved to keep its corners from a body's faces."""
+
+
 @dataclass(frozen=True, eq=False)
 class LatticeBlock:
     """The open patches that cover a body, in its coordinates, and what was measured on them.
@@ -146,6 +150,14 @@ class LatticeBlock:
     def built(self) -> BrepSolids:
         """The kernel's solids of `closed`."""
         return build_solids(self.closed)
+
+    @property
+    def max_shift(self) -> float:
+        """Length by which the patches may be translated and still be within the tolerance, model units.
+
+        A hundredth is left to the trims' own translations, of some millionths, and to rounding.
+        """
+        return MAX_SHIFT_FRACTION * max(0.0, self.measures.tol - self.measures.deviation.max)
 
     @property
     def shape(self) -> Any:

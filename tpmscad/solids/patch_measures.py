@@ -7,6 +7,7 @@ are also checked against the Betti numbers and the volume of the field itself.
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -41,6 +42,10 @@ MAX_FIELD_TANGENT_JUMP_DEG = 0.01
 
 FIELD_VOLUME_RTOL = 1e-3
 """Relative difference allowed between the volume that the patches bound and the quadrature of the field."""
+
+
+TO_FIELD, FROM_FIELD = "deviation of the solid from the field", "deviation of the field from the solid"
+"""Names of the figures of both directions."""
 
 
 def measure_lattice_patches(
@@ -125,8 +130,8 @@ def measure_field_patches(found: FieldPatches) -> PatchMeasures:
         notes = (*notes, "the field's Betti numbers did not settle on any grid tried: the solid's are its own")
     figures = {
         "tangent jump in degrees at the 95th percentile": fitted.jump_p95_deg,
-        "deviation of the solid from the field": fitted.deviation.to_reference,
-        "deviation of the field from the solid": fitted.deviation.from_reference,
+        TO_FIELD: fitted.deviation.to_reference,
+        FROM_FIELD: fitted.deviation.from_reference,
     }
     if np.isfinite(fitted.min_wall):
         figures["thinnest wall"] = fitted.min_wall
@@ -139,3 +144,9 @@ def measure_field_patches(found: FieldPatches) -> PatchMeasures:
         checks=tuple(checks),
         notes=notes,
     )
+
+
+def move_patch_measures(measures: PatchMeasures, length: float) -> PatchMeasures:
+    """The measures once the patches are translated by a length: they may be that much farther from their reference."""
+    figures = {name: value + length * (name in (TO_FIELD, FROM_FIELD)) for name, value in measures.figures.items()}
+    return replace(measures, deviation=measures.deviation.moved(length), figures=figures)

@@ -85,6 +85,7 @@ def fill_within_skin(block: LatticeBlock, body: CadBody, skin: float, open_faces
         results[0].method,
         (*notes, _describe_thickness(measured, skin, eroded.method), *closed),
         check_skin_thickness(measured, skin),
+        tuple(dict.fromkeys(shift for result in results for shift in result.shifts)),
     )
 
 

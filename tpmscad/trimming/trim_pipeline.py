@@ -56,14 +56,19 @@ class TrimReport:
 
     `n_patch_classes`: congruence classes of (patch, surface). `curves`: distinct fitted curves. `max_deviation`: largest
     deviation of an edge, model units.
-    `shifted`: length of the lattice's translation, model units (mostly 0), and `reason`: the error that made it necessary.
+    `shift` (3,): the lattice's translation, model units (mostly 0), and `reason`: the error that made it necessary.
     """
 
     n_patch_classes: int
     curves: int
     max_deviation: float
-    shifted: float
+    shift: Array
     reason: str
+
+    @property
+    def shifted(self) -> float:
+        """Length of the translation."""
+        return float(np.linalg.norm(self.shift))
 
     @property
     def notes(self) -> tuple[str, ...]:
@@ -203,9 +208,8 @@ def _trim_with_placements(
             )
     outcome = PLACEMENTS.run(operands, request)
     trimmed = outcome.value
-    moved = float(np.linalg.norm(shift + trimmed.shift))
     reason = "; ".join([*reasons, *(str(failure) for failure in outcome.failures[:1])])
-    return trimmed, _report(trimmed.arrangement, trimmed.result, moved, reason)
+    return trimmed, _report(trimmed.arrangement, trimmed.result, shift + trimmed.shift, reason)
 
 
 def compute_arrangement(operands: Operands) -> Arrangement:
@@ -251,11 +255,11 @@ def _points_inside(
     return np.asarray(inside(points), bool)
 
 
-def _report(a: Arrangement, result: TrimmedDomains, shifted: float, reason: str) -> TrimReport:
+def _report(a: Arrangement, result: TrimmedDomains, shift: Array, reason: str) -> TrimReport:
     return TrimReport(
         n_patch_classes=a.arcs.n_classes,
         curves=len(a.arcs.fitted_arcs),
         max_deviation=max(float(brep.edges.deviation.max(initial=0.0)) for brep in result.breps),
-        shifted=shifted,
+        shift=shift,
         reason=reason,
     )

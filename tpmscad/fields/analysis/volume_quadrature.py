@@ -8,6 +8,8 @@ thickness are measured with the same accuracy. (`volume_fraction_thresholds` is 
 
 from __future__ import annotations
 
+from itertools import pairwise
+
 import numpy as np
 
 from tpmscad._typing import Array
@@ -23,8 +25,11 @@ GAUSS_POINTS = 2
 MIN_LINES = 40
 """Least number of lines along the longest edge."""
 
+REFINEMENT = 1.5
+"""Ratio of the spacings of two grids."""
+
 VOLUME_RTOL, MAX_REFINEMENTS = 3e-4, 2
-"""Relative change between two grids at which a volume is accepted, and number of further grids, each finer by a factor 1.5."""
+"""Relative change between grids at which a volume is accepted, and the number of grids that may follow the first three."""
 
 WHOLE_PERIODS_TOL = 1e-9
 """Deviation of the number of periods in a box from an integer, below which the box holds whole periods."""
@@ -34,19 +39,24 @@ SLOPE_FLOOR_FRACTION = 0.1
 
 
 def integrate_volume(field: Field, lo: Array, hi: Array, spacing: float) -> tuple[float, float]:
-    """Volume of {field < 0} in [lo, hi] and its change by the last refinement; `spacing` is that of the first grid.
+    """Volume of {field < 0} in [lo, hi], and the greater of its changes by the last two refinements.
 
-    In a box of whole periods only one period is measured.
+    `spacing` is that of the third grid. In a box of whole periods only one period is measured.
     """
     lo, hi, copies = _crop_to_one_period(field, lo, hi)
     spacing = min(spacing, float((hi - lo).max()) / MIN_LINES)
-    fine, coarse = (_integrate_on_grid(field, lo, hi, s) for s in (spacing, 1.5 * spacing))
+    volumes = [_integrate_on_grid(field, lo, hi, REFINEMENT**k * spacing) for k in (2, 1, 0)]
     for _ in range(MAX_REFINEMENTS):
-        if abs(fine - coarse) <= VOLUME_RTOL * abs(fine):
+        if _last_changes(volumes) <= VOLUME_RTOL * abs(volumes[-1]):
             break
-        spacing /= 1.5
-        fine, coarse = _integrate_on_grid(field, lo, hi, spacing), fine
-    return float(copies * fine), float(copies * abs(fine - coarse))
+        spacing /= REFINEMENT
+        volumes.append(_integrate_on_grid(field, lo, hi, spacing))
+    return float(copies * volumes[-1]), float(copies * _last_changes(volumes))
+
+
+def _last_changes(volumes: list[float]) -> float:
+    """The greater one of the last two changes: one of them alone may vanish where an error changes its sign."""
+    return max(abs(one - other) for one, other in pairwise(volumes[-3:]))
 
 
 def _crop_to_one_period(field: Field, lo: Array, hi: Array) -> tuple[Array, Array, int]:

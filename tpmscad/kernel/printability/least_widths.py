@@ -84,6 +84,11 @@ def _refine(faces: Sequence[TopoDS_Face], found: LeastWidth) -> LeastWidth:
             [(chord * t).sum(axis=1) / np.maximum(np.linalg.norm(t, axis=1), 1e-300) for t in tangents], axis=1
         )
 
+    def width(uv: Array) -> float:
+        """Length of the segment at parameters (2, 2)."""
+        first, second = ends(uv[None])[0]
+        return float(np.linalg.norm(second - first))
+
     start = ends(found.parameters[None])[0]
     uv, reach = found.parameters, MAX_SHIFT * found.value
     step = DIFFERENCE * max(1.0, float(np.abs(uv).max()))
@@ -98,10 +103,11 @@ def _refine(faces: Sequence[TopoDS_Face], found: LeastWidth) -> LeastWidth:
             uv = found.parameters
             break
     settled = bool(np.abs(slopes(uv[None])).max() < np.sqrt(STATIONARY_SINE))
-    if not (settled and all(face_contains(face, at, CLASSIFIER_TOL) for face, at in zip(pair, uv, strict=True))):
+    if not (
+        settled
+        and all(face_contains(face, at, CLASSIFIER_TOL) for face, at in zip(pair, uv, strict=True))
+        and abs(width(uv) - found.value) < MAX_CHANGE * found.value
+    ):
         uv = found.parameters
-    places = ends(uv[None])[0]
-    value = float(np.linalg.norm(places[1] - places[0]))
-    if abs(value - found.value) > MAX_CHANGE * found.value:
-        uv, places, value = found.parameters, found.places, found.value
+    value, places = width(uv), ends(uv[None])[0]
     return replace(found, bound=min(found.bound, value), value=value, places=places, parameters=uv)
