@@ -116,7 +116,17 @@ def find_foot_points(surface: FootSurface, points: Array, order: int = 2) -> Foo
     hessian = np.zeros((n if order > 1 else 0, 3, 3))
     forced, runs, steps = np.empty(n, np.bool_), np.empty(n, np.int64), np.empty(n, np.int64)
     failures = _find_all(
-        surface.spans, surface.cells, local, _order_points(local), distance, gradient, hessian, parameters, forced, runs, steps
+        surface.spans,
+        surface.cells,
+        local,
+        _order_points(local),
+        distance,
+        gradient,
+        hessian,
+        parameters,
+        forced,
+        runs,
+        steps,
     )
     parameters += surface.origin
     return FootPoints(distance, gradient, hessian, parameters, forced, runs, steps, failures)
@@ -153,7 +163,8 @@ def _find_all(
     """Fill in the foot points of points (n, 3), in the given order; returns how many have not converged."""
     n, m = len(points), len(cells.radius)
     nv = len(cells.lines_v) - 1
-    near, bound, apart = np.empty(m, np.int64), np.empty(m), np.empty(m)
+    near, own, bound, apart = np.empty(m, np.int64), np.empty(m, np.int64), np.empty(m), np.empty(m)
+    middle = np.empty((3, m))
     jet, best = np.empty(18), np.empty(18)
     place, span = np.empty(2), np.zeros(2, np.int64)
     failures = 0
@@ -178,28 +189,39 @@ def _find_all(
         for c in range(m):
             if apart[c] - cells.radius[c] <= least + 2.0 * reach:
                 near[count] = c
+                for r in range(3):
+                    middle[r, count] = cells.point[c, r]
                 count += 1
         for k in range(begin, end):
             i = order[k]
             px, py, pz = points[i, 0], points[i, 1], points[i, 2]
-            chosen, least = 0, np.inf
+            nearest = np.inf
             for h in range(count):
-                c = near[h]
-                x, y, z = px - cells.point[c, 0], py - cells.point[c, 1], pz - cells.point[c, 2]
+                x, y, z = px - middle[0, h], py - middle[1, h], pz - middle[2, h]
+                bound[h] = x * x + y * y + z * z
+                nearest = min(nearest, bound[h])
+            nearest = np.sqrt(nearest) * (1.0 + 1e-14)
+            chosen, least, kept = 0, np.inf, 0
+            for h in range(count):
+                apart_square, c = bound[h], near[h]
+                if apart_square > (nearest + cells.radius[c]) ** 2:
+                    continue
+                x, y, z = px - middle[0, h], py - middle[1, h], pz - middle[2, h]
                 square = 0.0
                 for r in range(3):
                     t = x * cells.axes[c, r, 0] + y * cells.axes[c, r, 1] + z * cells.axes[c, r, 2]
                     t = max(max(t - cells.high[c, r], cells.low[c, r] - t), 0.0)
                     square += t * t
-                bound[h] = square
                 # boxes that overlap are told apart by their middles
-                first = square + 0.05 * (x * x + y * y + z * z)
+                first = square + 0.05 * apart_square
                 if first < least:
-                    chosen, least = h, first
+                    chosen, least = kept, first
+                bound[kept], own[kept] = square, c
+                kept += 1
             u, v, best_square, n_runs, n_steps, converged = 0.0, 0.0, np.inf, 0, 0, True
             while chosen >= 0:
                 bound[chosen] = np.inf
-                c = near[chosen]
+                c = own[chosen]
                 cu, cv = c // nv, c % nv
                 # the parameters whose point in the plane of the cell is nearest
                 x, y, z = px - cells.point[c, 0], py - cells.point[c, 1], pz - cells.point[c, 2]
@@ -218,9 +240,9 @@ def _find_all(
                     best_square, converged, u, v = square, taken > 0, place[0], place[1]
                     for r in range(18):
                         best[r] = jet[r]
-                _leave_out(spans, cells, place, np.sqrt(square), near, count, bound, best_square, taken > 0)
+                _leave_out(spans, cells, place, np.sqrt(square), own, kept, bound, best_square, taken > 0)
                 chosen, least = -1, best_square * (1.0 - 1e-14)
-                for h in range(count):
+                for h in range(kept):
                     if bound[h] < least:
                         chosen, least = h, bound[h]
             runs[i], steps[i] = n_runs, n_steps
@@ -244,8 +266,12 @@ def _leave_out(
 ) -> None:  # pragma: no cover - compiled
     """Set the bounds to infinity of cells that hold no nearer foot than the one found at `place`."""
     mu, mv = len(cells.lines_u) - 1, len(cells.lines_v) - 1
-    at_pole = (spans.pole[3] != 0 and place[0] <= spans.box[0, 0]) or (spans.pole[1] != 0 and place[0] >= spans.box[0, 1])
-    at_pole |= (spans.pole[0] != 0 and place[1] <= spans.box[1, 0]) or (spans.pole[2] != 0 and place[1] >= spans.box[1, 1])
+    at_pole = (spans.pole[3] != 0 and place[0] <= spans.box[0, 0]) or (
+        spans.pole[1] != 0 and place[0] >= spans.box[0, 1]
+    )
+    at_pole |= (spans.pole[0] != 0 and place[1] <= spans.box[1, 0]) or (
+        spans.pole[2] != 0 and place[1] >= spans.box[1, 1]
+    )
     if at_pole or not converged:  # at a pole the run cannot turn into another direction
         return
     iu = min(max(np.searchsorted(cells.lines_u, place[0], side="right") - 1, 0), mu - 1)
@@ -273,7 +299,9 @@ def _leave_out(
 
 
 @njit_cached
-def _evaluate(spans: SpanPolynomials, u: float, v: float, span: IntArray, jet: Array) -> None:  # pragma: no cover - compiled
+def _evaluate(
+    spans: SpanPolynomials, u: float, v: float, span: IntArray, jet: Array
+) -> None:  # pragma: no cover - compiled
     """Fill in S, S_u, S_v, S_uu, S_uv, S_vv (18,) by Horner's rule; `span` is where the search for the span begins and ends."""
     breaks_u, breaks_v, monomials = spans.breaks_u, spans.breaks_v, spans.monomials
     a, b = span[0], span[1]
@@ -352,22 +380,29 @@ def _descend(
             du, dv = 0.0, -gv / c
         elif at_v:
             du, dv = -gu / a, 0.0
-        if period[0] == 0.0:
-            du = min(max(u + du, box[0, 0]), box[0, 1]) - u
-        if period[1] == 0.0:
-            dv = min(max(v + dv, box[1, 0]), box[1, 1]) - v
         length = np.sqrt(max(e * du * du + 2.0 * f * du * dv + g * dv * dv, 0.0))
         if length <= STEP_TOL * size or (length <= NOISE_STEP * size and length > 0.5 * last):
             place[0], place[1] = u, v
             return step
+        # a step that leaves the box ends on its border, in the same direction: clipped one by one the parameters could rise
+        share = 1.0
+        if period[0] == 0.0 and not box[0, 0] <= u + du <= box[0, 1]:
+            share = ((box[0, 0] if du < 0.0 else box[0, 1]) - u) / du
+        if period[1] == 0.0 and not box[1, 0] <= v + share * dv <= box[1, 1]:
+            share = ((box[1, 0] if dv < 0.0 else box[1, 1]) - v) / dv
+        du, dv = share * du, share * dv
         last = length
         accepted, before = False, square
         for _ in range(16):
             to_u, to_v = u + du, v + dv
             if period[0] > 0.0:
                 to_u -= period[0] * np.floor(to_u / period[0])
+            else:
+                to_u = min(max(to_u, box[0, 0]), box[0, 1])
             if period[1] > 0.0:
                 to_v -= period[1] * np.floor(to_v / period[1])
+            else:
+                to_v = min(max(to_v, box[1, 0]), box[1, 1])
             _evaluate(spans, to_u, to_v, span, jet)
             x, y, z = jet[0] - px, jet[1] - py, jet[2] - pz
             square = x * x + y * y + z * z

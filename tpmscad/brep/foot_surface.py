@@ -163,7 +163,9 @@ def prepare_foot_surface(
     """
     degrees = surface.degree_u, surface.degree_v
     if surface.poles.shape[2] != 3 or min(degrees) < 1 or max(degrees) > MAX_DEGREE:
-        raise ValueError(f"degrees {degrees} in {surface.poles.shape[2]} dimensions: in space they are 1 to {MAX_DEGREE}")
+        raise ValueError(
+            f"degrees {degrees} in {surface.poles.shape[2]} dimensions: in space they are 1 to {MAX_DEGREE}"
+        )
     if not continuation >= 0.0:
         raise ValueError(f"a surface can't go on by {continuation} beyond its border")
     flat = surface.poles.reshape(-1, 3)
@@ -204,7 +206,9 @@ def prepare_foot_surface(
         np.zeros((4, 3)),
         np.zeros((4, 3, 3)),
     )
-    fastest = np.array([np.linalg.norm(evaluate_grid(spans, *_fine_lines(spans), *d), axis=2).max() for d in ((1, 0), (0, 1))])
+    fastest = np.array(
+        [np.linalg.norm(evaluate_grid(spans, *_fine_lines(spans), *d), axis=2).max() for d in ((1, 0), (0, 1))]
+    )
     spans = _describe_poles(spans._replace(speed=fastest))
     return FootSurface(centre, origin, spans, _make_cells(spans))
 
@@ -335,12 +339,12 @@ def _make_cells(spans: SpanPolynomials) -> FootCells:
     breaks = (spans.breaks_u, spans.breaks_v)
     degrees = (spans.monomials.shape[2] - 1, spans.monomials.shape[3] - 1)
     # A piece is what a cell and a span have in common along one parameter.
-    pieces = [
-        np.union1d(own, b[(b > own[0]) & (b < own[-1])]) for own, b in zip(lines, breaks, strict=True)
-    ]
+    pieces = [np.union1d(own, b[(b > own[0]) & (b < own[-1])]) for own, b in zip(lines, breaks, strict=True)]
     first = [np.searchsorted(p, own[:-1]) for p, own in zip(pieces, lines, strict=True)]
     cell = [np.searchsorted(own, 0.5 * (p[1:] + p[:-1])) - 1 for p, own in zip(pieces, lines, strict=True)]
-    span, to_bezier = zip(*(_bezier_rows(p, b, d) for p, b, d in zip(pieces, breaks, degrees, strict=True)), strict=True)
+    span, to_bezier = zip(
+        *(_bezier_rows(p, b, d) for p, b, d in zip(pieces, breaks, degrees, strict=True)), strict=True
+    )
     own = spans.monomials[np.ix_(*span)]
     poles = np.einsum("aik,abklc,bjl->abijc", to_bezier[0], own, to_bezier[1], optimize=True)
 
@@ -420,7 +424,9 @@ def _piece_curvatures(spans: SpanPolynomials, pieces_u: Array, pieces_v: Array) 
     # at a border of a piece the sample belongs to its own span
     inset = [1e-9 * np.repeat(np.diff(p), SAMPLES_PER_PIECE) for p in (pieces_u, pieces_v)]
     side = np.array([1.0, *[0.0] * (SAMPLES_PER_PIECE - 2), -1.0])
-    u, v = (line + step * np.tile(side, len(line) // SAMPLES_PER_PIECE) for line, step in zip(lines, inset, strict=True))
+    u, v = (
+        line + step * np.tile(side, len(line) // SAMPLES_PER_PIECE) for line, step in zip(lines, inset, strict=True)
+    )
     su, sv, suu, suv, svv = (evaluate_grid(spans, u, v, *d) for d in ((1, 0), (0, 1), (2, 0), (1, 1), (0, 2)))
     normal = np.cross(su, sv)
     area = np.linalg.norm(normal, axis=2)
