@@ -355,6 +355,8 @@ def _descend(
         a = e + x * jet[9] + y * jet[10] + z * jet[11]
         b = f + x * jet[12] + y * jet[13] + z * jet[14]
         c = g + x * jet[15] + y * jet[16] + z * jet[17]
+        # along a border the second derivative of one parameter counts alone
+        only_u, only_v = max(abs(a), SAFE_DIAGONAL * e), max(abs(c), SAFE_DIAGONAL * g)
         if not (a > SAFE_DIAGONAL * e and c > SAFE_DIAGONAL * g and a * c - b * b > SAFE_DETERMINANT * e * g):
             area = e * g - f * f
             if area > 1e-8 * e * g:
@@ -377,9 +379,9 @@ def _descend(
         if at_u and at_v:
             du, dv = 0.0, 0.0
         elif at_u:
-            du, dv = 0.0, -gv / c
+            du, dv = 0.0, -gv / only_v
         elif at_v:
-            du, dv = -gu / a, 0.0
+            du, dv = -gu / only_u, 0.0
         length = np.sqrt(max(e * du * du + 2.0 * f * du * dv + g * dv * dv, 0.0))
         if length <= STEP_TOL * size or (length <= NOISE_STEP * size and length > 0.5 * last):
             place[0], place[1] = u, v
