@@ -69,8 +69,7 @@ def elbow() -> TopoDS_Face:
 def wing() -> TopoDS_Face:
     """An extruded profile with a sharp nose: its radius is a hundredth of the chord."""
     profile = bd.Spline((20, 0.05), (12, 1.1), (4, 1.5), (0.5, 0.6), (0, 0), (0.5, -0.4), (4, -0.8), (20, -0.05))
-    outline = bd.make_face([profile, bd.Line((20, -0.05), (20, 0.05))])
-    return side_faces(bd.extrude(outline, 30), bd.GeomType.EXTRUSION)[0]
+    return bd.Face.extrude(profile, (0, 0, 30)).wrapped
 
 
 def dome() -> TopoDS_Face:
@@ -106,7 +105,7 @@ def tube() -> TopoDS_Face:
 
 def ellipsoid() -> TopoDS_Face:
     """Half an ellipse revolved: a pole at both ends."""
-    half = bd.EllipticalCenterArc((0, 0), 6, 4, start_angle=-90, end_angle=90)
+    half = bd.EllipticalCenterArc((0, 0), 6, 4, start_angle=-90, arc_size=180)
     profile = bd.make_face([half, bd.Line(half @ 1, half @ 0)])
     return side_faces(bd.revolve(bd.Plane.XZ * profile, bd.Axis.Z), bd.GeomType.REVOLUTION)[0]
 
