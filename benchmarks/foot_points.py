@@ -178,7 +178,9 @@ def rows(wanted: list[str]) -> Iterator[str]:
         some = np.flatnonzero(own)[:DIFFERENCES]
         step = 1e-4 * min(reach, 0.2 * size)
         gradients = [
-            find_foot_points(surface, points[some] + k * step * e, 1).gradient for e in np.eye(3) for k in (-2, -1, 1, 2)
+            find_foot_points(surface, points[some] + k * step * e, 1).gradient
+            for e in np.eye(3)
+            for k in (-2, -1, 1, 2)
         ]
         g = np.array(gradients).reshape(3, 4, len(some), 3)
         difference = np.moveaxis((g[:, 0] - 8 * g[:, 1] + 8 * g[:, 2] - g[:, 3]) / (12 * step), 0, 1)

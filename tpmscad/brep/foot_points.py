@@ -7,8 +7,8 @@ cell's parameters Newton's method minimises |S - p|^2 / 2, with the Hessian
     H_ij = S_i . S_j + (S - p) . S_ij = I - d II
 
 modified where it is not safely positive definite, and with the parameters kept in their box. A cell is left out if no second
-minimum can be there: the greatest normal curvature k on the way from the foot to the cell, the length L of the way and the distance
-d of the foot satisfy k L < 1 and k (d + k L^2 / 2) < 1, so that |S - p|^2 is convex along the way.
+minimum can be there: the greatest normal curvature k on the way from the foot to the cell, the length L of the way and the
+distance d of the foot satisfy k L < 1 and k (d + k L^2 / 2) < 1, so that |S - p|^2 is convex along the way.
 
 At the foot, with the unit normal n along S_u x S_v and J = [S_u S_v],
 
@@ -26,7 +26,8 @@ import numpy as np
 
 from tpmscad._compiled_loops import njit_cached
 from tpmscad._typing import Array, BoolArray, IntArray
-from tpmscad.brep.foot_surface import WINDOWS, FootCells, FootSurface, SpanPolynomials
+from tpmscad.brep.foot_cells import WINDOWS, FootCells
+from tpmscad.brep.foot_surface import FootSurface, SpanPolynomials
 
 CHUNK = 32
 """Points for which cells are selected together."""
@@ -201,7 +202,7 @@ def _find_all(
                 bound[h] = x * x + y * y + z * z
                 nearest = min(nearest, bound[h])
             nearest = np.sqrt(nearest) * (1.0 + 1e-14)
-            chosen, least, kept = 0, np.inf, 0
+            chosen, least, kept = 0, np.inf, np.int64(0)  # a literal 0 would compile `_leave_out` twice
             for h in range(count):
                 apart_square, c = bound[h], near[h]
                 if apart_square > (nearest + cells.radius[c]) ** 2:
@@ -274,8 +275,11 @@ def _leave_out(
     )
     if at_pole or not converged:  # at a pole the run cannot turn into another direction
         return
-    iu = min(max(np.searchsorted(cells.lines_u, place[0], side="right") - 1, 0), mu - 1)
-    iv = min(max(np.searchsorted(cells.lines_v, place[1], side="right") - 1, 0), mv - 1)
+    iu, iv = mu - 1, mv - 1
+    while iu > 0 and place[0] < cells.lines_u[iu]:
+        iu -= 1
+    while iv > 0 and place[1] < cells.lines_v[iv]:
+        iv -= 1
     own = iu * mv + iv
     for h in range(count):
         if bound[h] >= limit:

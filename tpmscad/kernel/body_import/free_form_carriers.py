@@ -184,7 +184,9 @@ def _stop_at_pole(surface: Geom_Surface, face_box: Array, axis: int, start: floa
     speeds = np.array([speed(t) for t in ways])
     # a pole between two lines: the derivative changes its direction there, and decreases before
     slow = np.flatnonzero(speeds <= max(POLE_SPEED * inside, 0.0))
-    turns = np.flatnonzero((speeds[1:-1] < speeds[:-2]) & (speeds[1:-1] < speeds[2:]) & (speeds[1:-1] < 0.1 * inside)) + 1
+    turns = (
+        np.flatnonzero((speeds[1:-1] < speeds[:-2]) & (speeds[1:-1] < speeds[2:]) & (speeds[1:-1] < 0.1 * inside)) + 1
+    )
     found = np.sort(np.concatenate([slow, turns]))
     if not len(found):
         return stop
@@ -238,10 +240,7 @@ def _own_degrees(surface: Geom_Surface) -> tuple[int | None, int | None]:
         return None, _curve_degree(surface.BasisCurve())
     if isinstance(surface, Geom_BSplineSurface | Geom_BezierSurface):
         weights = np.array(
-            [
-                [surface.Weight(i, j) for j in range(1, surface.NbVPoles() + 1)]
-                for i in range(1, surface.NbUPoles() + 1)
-            ]
+            [[surface.Weight(i, j) for j in range(1, surface.NbVPoles() + 1)] for i in range(1, surface.NbUPoles() + 1)]
         )
         limit = 1e-14 * weights.max()
         degrees = surface.UDegree(), surface.VDegree()
@@ -285,7 +284,9 @@ def _read_breaks(adaptor: GeomAdaptor_Surface, axis: int) -> tuple[Array, Array]
 def _make_knots(breaks: Array, continuity: Array, degree: int) -> Array:
     """Clamped knots with the given continuity at the inner breaks."""
     repeats = np.maximum(degree - continuity, 1)
-    return np.concatenate([np.repeat(breaks[0], degree + 1), np.repeat(breaks[1:-1], repeats), np.repeat(breaks[-1], degree + 1)])
+    return np.concatenate(
+        [np.repeat(breaks[0], degree + 1), np.repeat(breaks[1:-1], repeats), np.repeat(breaks[-1], degree + 1)]
+    )
 
 
 def _bisect_all(space: Space) -> Space:
@@ -324,9 +325,7 @@ def _find_space(
 
 def _measure(spline: BSplineSurface, sample: Callable[[Array, Array], Array]) -> float:
     """Greatest distance of equal parameters on a grid, from the spline to the kernel's surface."""
-    u, v = (
-        np.linspace(*interval, count) for interval, count in zip(spline.domain, CHECK_LINES, strict=True)
-    )
+    u, v = (np.linspace(*interval, count) for interval, count in zip(spline.domain, CHECK_LINES, strict=True))
     return float(np.linalg.norm(spline.grid(u, v) - sample(u, v), axis=2).max())
 
 
