@@ -19,9 +19,9 @@ from typing import Any
 import build123d as bd
 import numpy as np
 from OCP.BRep import BRep_Tool
+from OCP.BRepBuilderAPI import BRepBuilderAPI_MakeFace
 from OCP.Geom import Geom_OffsetSurface
 from OCP.GeomAPI import GeomAPI_ProjectPointOnSurf
-from OCP.BRepBuilderAPI import BRepBuilderAPI_MakeFace
 from OCP.gp import gp_Pnt
 from OCP.TopoDS import TopoDS_Face
 

@@ -88,8 +88,8 @@ def make_cells(local: BSplineSurface, box: Array, closed: tuple[bool, bool], are
     half = np.tensordot(left, local.poles, 1)
     poles = np.moveaxis(np.tensordot(right, half, (2, 2)), (0, 1), (1, 3))
 
-    middle = [0.5 * (line[1:] + line[:-1]) for line in lines]
-    point = local.grid(*middle)
+    middle_u, middle_v = (0.5 * (line[1:] + line[:-1]) for line in lines)
+    point = local.grid(middle_u, middle_v)
     corners = local.grid(*lines)
     a = 0.25 * (corners[1:, 1:] + corners[1:, :-1] - corners[:-1, 1:] - corners[:-1, :-1])
     b = 0.25 * (corners[1:, 1:] - corners[1:, :-1] + corners[:-1, 1:] - corners[:-1, :-1])

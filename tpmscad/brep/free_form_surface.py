@@ -40,8 +40,8 @@ class FreeFormSurface:
     closed : tuple of bool
         Whether it is closed and smooth along u, and along v; its parameters have a period then.
     continuation : float
-        Length in model units by which the polynomials of its end spans go on beyond its borders, at most: by half a span at most, and
-        neither beyond a pole nor beyond a seam.
+        Length in model units by which the polynomials of its end spans go on beyond its borders, at most: by half a span at
+        most, and neither beyond a pole nor beyond a seam.
     """
 
     spline: BSplineSurface
@@ -61,11 +61,11 @@ class FreeFormSurface:
 
     def __call__(self, u: ArrayLike, v: ArrayLike, du: int = 0, dv: int = 0) -> Array:
         """Points, or the mixed derivative of orders (du, dv), at the pairs (u, v), broadcast: (..., 3)."""
-        at = [
-            low + np.mod(np.asarray(t, float) - low, period) if period else t
-            for t, (low, _), period in zip((u, v), self.domain, self.period, strict=True)
-        ]
-        return self.spline(*at, du, dv)
+        s, t = (
+            low + np.mod(np.asarray(x, float) - low, period) if period else np.asarray(x, float)
+            for x, (low, _), period in zip((u, v), self.domain, self.period, strict=True)
+        )
+        return self.spline(s, t, du, dv)
 
     def normal(self, u: ArrayLike, v: ArrayLike) -> Array:
         """S_u x S_v at the pairs (u, v), not normalised: (..., 3)."""
@@ -131,7 +131,7 @@ def find_smooth_seams(spline: BSplineSurface) -> tuple[bool, bool]:
         extent = np.linalg.norm(np.ptp(points[0], axis=0)) > CLOSED_RTOL * size
         lengths = [np.linalg.norm(n, axis=1) for n in normals]
         regular = np.minimum(*lengths) > SEAM_ANGLE * max(lengths[0].max(), lengths[1].max())
-        turned = np.linalg.norm(np.cross(*normals), axis=1) > SEAM_ANGLE * lengths[0] * lengths[1]
-        against = np.einsum("nk,nk->n", *normals) < 0
+        turned = np.linalg.norm(np.cross(normals[0], normals[1]), axis=1) > SEAM_ANGLE * lengths[0] * lengths[1]
+        against = np.einsum("nk,nk->n", normals[0], normals[1]) < 0
         found.append(bool(together and extent and not ((turned | against) & regular).any()))
     return found[0], found[1]

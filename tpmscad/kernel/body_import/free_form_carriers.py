@@ -1,4 +1,4 @@
-"""Free-form carriers of OCCT faces: polynomial splines with the parameters of the kernel's surfaces, within 1e-10 of the body's size.
+"""Free-form carriers of OCCT faces: polynomial splines with the parameters of the kernel's surfaces, within 1e-10 of the size.
 
 A polynomial B-spline is taken as it is. Every other surface is fitted by least squares on Gauss points of its own parameters, in
 each parameter with a space of splines that is
@@ -48,7 +48,8 @@ from tpmscad.kernel.recognise.edge_curves import UnsupportedFace
 from tpmscad.kernel.recognise.face_carriers import EXACT_REL_TOL
 from tpmscad.splines.bspline import BSplineSurface
 from tpmscad.splines.knots import restrict_surface
-from tpmscad.splines.spline_axis import gauss_axis
+from tpmscad.splines.quadrature import composite_gauss_legendre
+from tpmscad.splines.spline_axis import SplineAxis, sampled_axis
 from tpmscad.splines.surface_fit import fit_surface
 
 REACH = 0.5
@@ -62,6 +63,12 @@ FIT_LINES = 7
 
 MAX_SPANS = 96
 """Most spans along one parameter; a surface that needs more is returned with the error that is left."""
+
+MIN_POINTS = 4
+"""Fewest Gauss points in a span."""
+
+LINE_TOL = 0.25
+"""Of the tolerance: error of the lines, to leave some for what is between them."""
 
 SPAN_CHECKS = np.linspace(0.02, 0.98, 9)
 """Places in a span at which the error of a line is measured."""
@@ -168,7 +175,7 @@ def _stop_at_pole(surface: Geom_Surface, face_box: Array, axis: int, start: floa
     """Where the way from a side of the face to a wider one ends: half-way to a pole, if there is one."""
     if start == stop:
         return stop
-    across = np.linspace(*face_box[1 - axis], FIT_LINES + 2)[1:-1]
+    across = np.linspace(face_box[1 - axis, 0], face_box[1 - axis, 1], FIT_LINES + 2)[1:-1]
     point, first, second = gp_Pnt(), gp_Vec(), gp_Vec()
 
     def speed(t: float) -> float:
@@ -179,7 +186,7 @@ def _stop_at_pole(surface: Geom_Surface, face_box: Array, axis: int, start: floa
             found = max(found, (second if axis == 0 else first).Magnitude())
         return found
 
-    inside = max(speed(t) for t in np.linspace(*face_box[axis], FIT_LINES).tolist())
+    inside = max(speed(t) for t in np.linspace(face_box[axis, 0], face_box[axis, 1], FIT_LINES).tolist())
     ways = np.linspace(start, stop, STRETCH_SAMPLES).tolist()
     speeds = np.array([speed(t) for t in ways])
     # a pole between two lines: the derivative changes its direction there, and decreases before
@@ -201,11 +208,9 @@ def _convert(
         degrees = surface.UDegree(), surface.VDegree()
         if max(degrees) <= MAX_DEGREE:
             whole = convert.surface_from_occt(surface)
-            inner = [
-                tuple(b if abs(t - b) > SNAP_RTOL * (d[1] - d[0]) else t for b, t in zip(interval, d, strict=True))
-                for interval, d in zip(box.tolist(), whole.domain, strict=True)
-            ]
-            return restrict_surface(whole, inner[0], inner[1]), 0.0
+            ends = np.array(whole.domain)
+            box = np.where(np.abs(box - ends) > SNAP_RTOL * np.ptp(ends, axis=1, keepdims=True), box, ends)
+            return _restrict(whole, box), 0.0
     own = _own_degrees(surface)
     spaces: list[Space] = []
     adaptive: list[bool] = []
@@ -216,13 +221,13 @@ def _convert(
             spaces.append((_make_knots(breaks, continuity, degree), degree))
         elif axis == 0 and isinstance(surface, Geom_SurfaceOfRevolution):
             parts = int(np.ceil((box[0, 1] - box[0, 0]) / ANGLE_SPAN))
-            ends = np.linspace(*box[0], parts + 1)
+            ends = np.linspace(box[0, 0], box[0, 1], parts + 1)
             spaces.append((_make_knots(ends, np.full(parts - 1, MAX_DEGREE - 1), MAX_DEGREE), MAX_DEGREE))
         else:
             spaces.append(_find_space(sample, axis, box, breaks, continuity, tol))
         adaptive.append(own[axis] is None)
     while True:
-        axes = [gauss_axis(*space) for space in spaces]
+        axes = [_make_axis(*space) for space in spaces]
         spline = fit_surface(sample(axes[0].points, axes[1].points), axes[0], axes[1])
         error = _measure(spline, sample)
         finer = [_bisect_all(space) if free else space for space, free in zip(spaces, adaptive, strict=True)]
@@ -230,6 +235,12 @@ def _convert(
         if error <= tol or not any(adaptive) or max(counts) > MAX_SPANS:
             return spline, error
         spaces = finer
+
+
+def _restrict(spline: BSplineSurface, box: Array) -> BSplineSurface:
+    """The surface on a box (2, 2) of its parameters."""
+    (u0, u1), (v0, v1) = box.tolist()
+    return restrict_surface(spline, (u0, u1), (v0, v1))
 
 
 def _own_degrees(surface: Geom_Surface) -> tuple[int | None, int | None]:
@@ -268,7 +279,7 @@ def _read_breaks(adaptor: GeomAdaptor_Surface, axis: int) -> tuple[Array, Array]
 
     def intervals(kind: Any) -> Array:
         count = adaptor.NbUIntervals(kind) if axis == 0 else adaptor.NbVIntervals(kind)
-        values = convert.RealArray(1, count + 1)
+        values = convert.real_array(count + 1)
         (adaptor.UIntervals if axis == 0 else adaptor.VIntervals)(values, kind)
         return np.array([values.Value(i) for i in range(1, count + 2)])
 
@@ -289,6 +300,19 @@ def _make_knots(breaks: Array, continuity: Array, degree: int) -> Array:
     )
 
 
+def _make_axis(knots: Array, degree: int) -> SplineAxis:
+    """The space with Gauss points, a few more than it has degrees of freedom: samples of a tensor grid are what a fit costs."""
+    ends, repeats = np.unique(knots, return_counts=True)
+    repeats[[0, -1]] = MIN_POINTS
+    spans = len(ends) - 1
+    least = max(MIN_POINTS, int(np.ceil(1.5 * (degree + spans) / spans)))
+    counts = np.clip(1 + np.maximum(repeats[:-1], repeats[1:]), least, max(least, degree + 3))
+    points, weights = zip(
+        *(composite_gauss_legendre(ends[k : k + 2], count) for k, count in enumerate(counts.tolist())), strict=True
+    )
+    return sampled_axis(knots, degree, np.concatenate(points), np.concatenate(weights))
+
+
 def _bisect_all(space: Space) -> Space:
     """The space with every span halved."""
     knots, degree = space
@@ -299,7 +323,7 @@ def _bisect_all(space: Space) -> Space:
 def _find_space(
     sample: Callable[[Array, Array], Array], axis: int, box: Array, breaks: Array, continuity: Array, tol: float
 ) -> Space:
-    """A space of degree `MAX_DEGREE` whose fits to lines of the surface along one parameter are within a quarter of the tolerance."""
+    """A space of degree `MAX_DEGREE` whose fits to lines of the surface along one parameter are within LINE_TOL."""
     knots = _make_knots(breaks, continuity, MAX_DEGREE)
     low, high = box[1 - axis]
     across = low + (high - low) * (0.5 - 0.5 * np.cos(np.pi * np.arange(FIT_LINES) / (FIT_LINES - 1)))
@@ -310,14 +334,14 @@ def _find_space(
         return found.reshape(len(t), -1)
 
     while True:
-        own = gauss_axis(knots, MAX_DEGREE)
+        own = _make_axis(knots, MAX_DEGREE)
         rows = own.weighted_design_matrix() * np.sqrt(own.weights)[:, None]
         coordinates = rows.T @ lines(own.points)
         ends = np.unique(knots)
         at = ends[:-1, None] + np.diff(ends)[:, None] * SPAN_CHECKS
         missed = own.design_matrix(at.ravel()) @ coordinates - lines(at.ravel())
         distance = np.linalg.norm(missed.reshape(*at.shape, FIT_LINES, 3), axis=3).max(axis=(1, 2))
-        bad = distance > 0.25 * tol
+        bad = distance > LINE_TOL * tol
         if not bad.any() or len(ends) - 1 + bad.sum() > MAX_SPANS:
             return knots, MAX_DEGREE
         knots = np.sort(np.concatenate([knots, 0.5 * (ends[1:] + ends[:-1])[bad]]))
@@ -344,7 +368,7 @@ def _cut_at_creases(spline: BSplineSurface, face_box: Array) -> BSplineSurface:
                 keep[axis, 1] = min(keep[axis, 1], t)
             else:
                 raise UnsupportedFace(f"has a crease at {'uv'[axis]} = {t:.6g}")
-    return restrict_surface(spline, tuple(keep[0].tolist()), tuple(keep[1].tolist()))
+    return _restrict(spline, keep)
 
 
 def _has_crease(spline: BSplineSurface, axis: int, t: float) -> bool:
@@ -353,7 +377,7 @@ def _has_crease(spline: BSplineSurface, axis: int, t: float) -> bool:
     across = low + (high - low) * np.linspace(0.01, 0.99, STRETCH_SAMPLES)
     knots = np.unique(spline.knots_u if axis == 0 else spline.knots_v)
     k = int(np.searchsorted(knots, t))
-    sides = []
+    sides: list[Array] = []
     for start, end in ((knots[k - 1], t), (t, knots[k + 1])):
         span = ((start, end), (low, high)) if axis == 0 else ((low, high), (start, end))
         part = restrict_surface(spline, *span)
@@ -361,8 +385,8 @@ def _has_crease(spline: BSplineSurface, axis: int, t: float) -> bool:
         sides.append(part.normal(*((at, across) if axis == 0 else (across, at))))
     lengths = np.linalg.norm(sides[0], axis=1) * np.linalg.norm(sides[1], axis=1)
     regular = lengths > 1e-12 * lengths.max()
-    turned = np.linalg.norm(np.cross(*sides), axis=1) > SEAM_ANGLE * lengths
-    return bool(((turned | (np.einsum("nk,nk->n", *sides) < 0)) & regular).any())
+    turned = np.linalg.norm(np.cross(sides[0], sides[1]), axis=1) > SEAM_ANGLE * lengths
+    return bool(((turned | (np.einsum("nk,nk->n", sides[0], sides[1]) < 0)) & regular).any())
 
 
 def _join_poles(spline: BSplineSurface, size: float) -> BSplineSurface:
