@@ -57,7 +57,7 @@ def wave(u: Array, v: Array) -> tuple[Array, Array, Array]:
 def nose(u: Array, v: Array) -> tuple[Array, Array, Array]:
     """A profile that turns about a sharp nose, extruded askew."""
     t = 2 * u - 1
-    return 10 * t**2, 1.2 * np.sin(np.pi * t) * np.exp(-(t**2)) + v, 12 * v
+    return 10 * t**2, 1.2 * np.sin(2.2 * t) + v, 12 * v
 
 
 def spheroid(a: float, b: float) -> BSplineSurface:
@@ -268,7 +268,7 @@ def test_feet_in_the_seam_of_a_tube_are_not_forced_unless_it_is_not_told_closed(
 
 def test_a_seam_with_a_crease_is_none() -> None:
     drop = fitted(
-        lambda u, v: ((2 - 2 * np.cos(u)) * np.cos(u / 2), np.sin(u) * (1 + 0 * v), 3 * v),
+        lambda u, v: (2 * np.sin(u / 2), np.sin(u), 3 * v),
         (30, 1),
         (9, 1),
         (0.0, 2 * np.pi),
@@ -292,7 +292,7 @@ def test_beyond_its_border_a_surface_goes_on_by_its_polynomials_and_no_farther()
     full, long, short = (carrier.foot_points(points) for carrier in carriers)
     inside = ((uv > (0.3, 0.4)) & (uv < (0.7, 0.8))).all(axis=1)
     np.testing.assert_array_equal(short.forced, ~inside)
-    (low, high) = prepare_foot_surface(part, continuation=length).spans.box.T + [0.3, 0.4]
+    low, high = prepare_foot_surface(part, continuation=length).spans.box.T + np.array([0.3, 0.4])
     goes_on = ((uv > low) & (uv < high)).all(axis=1)
     assert inside.sum() < goes_on.sum() < len(uv)
     np.testing.assert_array_equal(long.forced, ~goes_on)

@@ -59,7 +59,10 @@ CHORD = 1.15
 FORCED_TANGENT = 1e-10
 """In sizes: tangential part of p - S above which a foot on the border is forced."""
 
-NEAR_POLE = 1e-4
+POLE_TURNS = 24
+"""Directions about a pole among which a run that has come to it chooses the one to go on in."""
+
+NEAR_POLE = 1e-5
 """Of the greatest |S_u|: nearer to a smooth pole the Hessian is that of the pole, for S_u . S_u has too few digits."""
 
 
@@ -267,13 +270,7 @@ def _leave_out(
 ) -> None:  # pragma: no cover - compiled
     """Set the bounds to infinity of cells that hold no nearer foot than the one found at `place`."""
     mu, mv = len(cells.lines_u) - 1, len(cells.lines_v) - 1
-    at_pole = (spans.pole[3] != 0 and place[0] <= spans.box[0, 0]) or (
-        spans.pole[1] != 0 and place[0] >= spans.box[0, 1]
-    )
-    at_pole |= (spans.pole[0] != 0 and place[1] <= spans.box[1, 0]) or (
-        spans.pole[2] != 0 and place[1] >= spans.box[1, 1]
-    )
-    if at_pole or not converged:  # at a pole the run cannot turn into another direction
+    if not converged:
         return
     iu, iv = mu - 1, mv - 1
     while iu > 0 and place[0] < cells.lines_u[iu]:
@@ -294,6 +291,16 @@ def _leave_out(
                 continue
             k = cells.curvature[w, own]
             way = (ju + 1) * cells.length_u[w, own] + (jv + 1) * cells.length_v[w, own]
+            if w == len(WINDOWS):  # the way may lead through a pole
+                length_u, length_v = cells.length_u[w, own], cells.length_v[w, own]
+                if spans.pole[0] == 1:
+                    way = min(way, (iv + near[h] % mv + 2) * length_v)
+                if spans.pole[2] == 1:
+                    way = min(way, (2 * mv - iv - near[h] % mv) * length_v)
+                if spans.pole[3] == 1:
+                    way = min(way, (iu + near[h] // mv + 2) * length_u)
+                if spans.pole[1] == 1:
+                    way = min(way, (2 * mu - iu - near[h] // mv) * length_u)
             if k * way < 1.0:
                 # a nearer foot is less than 2 d away
                 way = min(way, 2.0 * CHORD * distance)
@@ -349,8 +356,8 @@ def _descend(
     _evaluate(spans, u, v, span, jet)
     x, y, z = jet[0] - px, jet[1] - py, jet[2] - pz
     square = x * x + y * y + z * z
-    last = np.inf
-    damping_u, damping_v = 1e-16 * spans.speed[0] ** 2, 1e-16 * spans.speed[1] ** 2
+    last, turns = np.inf, 0
+    damping_u, damping_v = 1e-30 * spans.speed[0] ** 2, 1e-30 * spans.speed[1] ** 2
     for step in range(1, MAX_STEPS + 1):
         gu, gv = x * jet[3] + y * jet[4] + z * jet[5], x * jet[6] + y * jet[7] + z * jet[8]
         e = jet[3] * jet[3] + jet[4] * jet[4] + jet[5] * jet[5] + damping_u
@@ -373,6 +380,18 @@ def _descend(
                 a, b, c = 1.001 * e, f, 1.001 * g
         at_u = period[0] == 0.0 and ((u <= box[0, 0] and gu >= 0.0) or (u >= box[0, 1] and gu <= 0.0))
         at_v = period[1] == 0.0 and ((v <= box[1, 0] and gv >= 0.0) or (v >= box[1, 1] and gv <= 0.0))
+        if turns < 2:
+            side = _find_pole(spans, u, v, at_u, at_v)
+            if side >= 0:
+                turns += 1
+                if _turn_at_pole(spans, side, px, py, pz, place, span, jet):
+                    u, v = place[0], place[1]
+                    x, y, z = jet[0] - px, jet[1] - py, jet[2] - pz
+                    square = x * x + y * y + z * z
+                    continue
+                _evaluate(spans, u, v, span, jet)
+        # at a pole one parameter moves nothing, and its derivatives are round-off
+        at_u, at_v = at_u or e <= 1e6 * damping_u, at_v or g <= 1e6 * damping_v
         du, dv = 0.0, 0.0
         if not (at_u or at_v):
             determinant = a * c - b * b
@@ -423,6 +442,45 @@ def _descend(
         u, v = to_u, to_v
     place[0], place[1] = u, v
     return -MAX_STEPS
+
+
+@njit_cached
+def _find_pole(
+    spans: SpanPolynomials, u: float, v: float, at_u: bool, at_v: bool
+) -> int:  # pragma: no cover - compiled
+    """The side that is a point at which a run has stopped, or -1."""
+    if at_v and spans.pole[0] != 0 and v <= spans.box[1, 0]:
+        return 0
+    if at_v and spans.pole[2] != 0 and v >= spans.box[1, 1]:
+        return 2
+    if at_u and spans.pole[3] != 0 and u <= spans.box[0, 0]:
+        return 3
+    if at_u and spans.pole[1] != 0 and u >= spans.box[0, 1]:
+        return 1
+    return -1
+
+
+@njit_cached
+def _turn_at_pole(
+    spans: SpanPolynomials, side: int, px: float, py: float, pz: float, place: Array, span: IntArray, jet: Array
+) -> bool:  # pragma: no cover - compiled
+    """Move `place` about the pole to where the distance falls the fastest, with its jet; returns whether it falls at all."""
+    along, first = (0, 6) if side % 2 == 0 else (1, 3)
+    sign = 1.0 if side == 0 or side == 3 else -1.0
+    low, high = spans.box[along, 0], spans.box[along, 1]
+    place[1 - along] = spans.box[1 - along, 0] if sign > 0.0 else spans.box[1 - along, 1]
+    best, least = low, 0.0
+    for k in range(POLE_TURNS + 1):
+        place[along] = low + (high - low) * k / POLE_TURNS
+        _evaluate(spans, place[0], place[1], span, jet)
+        x, y, z = jet[first], jet[first + 1], jet[first + 2]
+        slope = sign * ((jet[0] - px) * x + (jet[1] - py) * y + (jet[2] - pz) * z)
+        slope /= np.sqrt(x * x + y * y + z * z) + 1e-300
+        if slope < least:
+            best, least = place[along], slope
+    place[along] = best
+    _evaluate(spans, place[0], place[1], span, jet)
+    return least < -STEP_TOL * spans.size
 
 
 @njit_cached
@@ -478,7 +536,7 @@ def _write_jet(
                 hessian[i, r, c] = 0.0
         return
     if side >= 0:
-        _write_pole_hessian(spans.pole_curvature[side], d, hessian[i])
+        _write_pole_hessian(spans.pole_curvature[side], d, gradient[i], hessian[i])
         return
     p = jet[9] * nx + jet[10] * ny + jet[11] * nz
     q = jet[12] * nx + jet[13] * ny + jet[14] * nz
@@ -501,15 +559,17 @@ def _write_jet(
 
 
 @njit_cached
-def _write_pole_hessian(curvature: Array, d: float, hessian: Array) -> None:  # pragma: no cover - compiled
-    """Fill in -K (1 - d K)^-1 (3, 3), symmetric, for the curvature K of a pole: K has rank two, and so K^2 is linear in K."""
+def _write_pole_hessian(
+    curvature: Array, d: float, normal: Array, hessian: Array
+) -> None:  # pragma: no cover - compiled
+    """Fill in -K (1 - d K)^-1 (3, 3) for the curvature K of a pole, of rank two, projected on the tangent plane of the foot."""
     trace, norm = 0.0, 0.0
     for r in range(3):
         trace += curvature[r, r]
         for c in range(3):
             norm += curvature[r, c] ** 2
     gauss = 0.5 * (trace * trace - norm)
-    # in the tangent plane K (1 - d K)^-1 = (K - d det K P) / det(1 - d K), and det K P = trace K - K^2 there
+    # in the tangent plane K (1 - d K)^-1 = (K - d det K) / det(1 - d K), and det K = trace K K - K^2 there
     by = 1.0 - d * trace + d * d * gauss
     for r in range(3):
         for c in range(3):
@@ -517,3 +577,14 @@ def _write_pole_hessian(curvature: Array, d: float, hessian: Array) -> None:  # 
             for k in range(3):
                 product += curvature[r, k] * curvature[k, c]
             hessian[r, c] = -(curvature[r, c] - d * (trace * curvature[r, c] - product)) / by
+    across = 0.0
+    for r in range(3):
+        for c in range(3):
+            across += normal[r] * hessian[r, c] * normal[c]
+    x = hessian[0, 0] * normal[0] + hessian[0, 1] * normal[1] + hessian[0, 2] * normal[2]
+    y = hessian[1, 0] * normal[0] + hessian[1, 1] * normal[1] + hessian[1, 2] * normal[2]
+    z = hessian[2, 0] * normal[0] + hessian[2, 1] * normal[1] + hessian[2, 2] * normal[2]
+    for r in range(3):
+        for c in range(3):
+            left, right = (x, y, z)[r], (x, y, z)[c]
+            hessian[r, c] += across * normal[r] * normal[c] - left * normal[c] - normal[r] * right
