@@ -62,7 +62,10 @@ FORCED_TANGENT = 1e-10
 POLE_TURNS = 24
 """Directions about a pole among which a run that has come to it chooses the one to go on in."""
 
-NEAR_POLE = 1e-5
+POLE_CHART = 3e-6
+"""In sizes: nearer to a smooth pole the foot is that on the paraboloid of the pole, and errors are of third order."""
+
+NEAR_POLE = 1e-4
 """Of the greatest |S_u|: nearer to a smooth pole the Hessian is that of the pole, for S_u . S_u has too few digits."""
 
 
@@ -380,9 +383,11 @@ def _descend(
                 a, b, c = 1.001 * e, f, 1.001 * g
         at_u = period[0] == 0.0 and ((u <= box[0, 0] and gu >= 0.0) or (u >= box[0, 1] and gu <= 0.0))
         at_v = period[1] == 0.0 and ((v <= box[1, 0] and gv >= 0.0) or (v >= box[1, 1] and gv <= 0.0))
-        if turns < 2:
-            side = _find_pole(spans, u, v, at_u, at_v)
-            if side >= 0:
+        if turns < 2 and (e < NEAR_POLE**2 * spans.speed[0] ** 2 or g < NEAR_POLE**2 * spans.speed[1] ** 2):
+            side = _find_pole(spans, u, v)
+            if side >= 0 and _settle_at_pole(spans, side, px, py, pz, place, span, jet):
+                return step
+            if side >= 0 and (at_v if side % 2 == 0 else at_u):
                 turns += 1
                 if _turn_at_pole(spans, side, px, py, pz, place, span, jet):
                     u, v = place[0], place[1]
@@ -445,19 +450,86 @@ def _descend(
 
 
 @njit_cached
-def _find_pole(
-    spans: SpanPolynomials, u: float, v: float, at_u: bool, at_v: bool
-) -> int:  # pragma: no cover - compiled
-    """The side that is a point at which a run has stopped, or -1."""
-    if at_v and spans.pole[0] != 0 and v <= spans.box[1, 0]:
-        return 0
-    if at_v and spans.pole[2] != 0 and v >= spans.box[1, 1]:
-        return 2
-    if at_u and spans.pole[3] != 0 and u <= spans.box[0, 0]:
-        return 3
-    if at_u and spans.pole[1] != 0 and u >= spans.box[0, 1]:
-        return 1
+def _find_pole(spans: SpanPolynomials, u: float, v: float) -> int:  # pragma: no cover - compiled
+    """The side that is a point next to which the parameters are, or -1."""
+    box = spans.box
+    near_v = 0 if v - box[1, 0] < box[1, 1] - v else 2
+    near_u = 3 if u - box[0, 0] < box[0, 1] - u else 1
+    if spans.pole[near_v] != 0 and min(v - box[1, 0], box[1, 1] - v) < 1e-3 * (box[1, 1] - box[1, 0]):
+        return near_v
+    if spans.pole[near_u] != 0 and min(u - box[0, 0], box[0, 1] - u) < 1e-3 * (box[0, 1] - box[0, 0]):
+        return near_u
     return -1
+
+
+@njit_cached
+def _settle_at_pole(
+    spans: SpanPolynomials, side: int, px: float, py: float, pz: float, place: Array, span: IntArray, jet: Array
+) -> bool:  # pragma: no cover - compiled
+    """Move `place` to the foot of p, with its jet, if it is within POLE_CHART of a smooth pole; returns whether it is.
+
+    With the height h and the tangential part t of p over the pole, the foot is at w = (1 - h K)^-1 t in the tangent plane.
+    """
+    if spans.pole[side] != 1:
+        return False
+    normal, curvature = spans.pole_normal[side], spans.pole_curvature[side]
+    along, first = (0, 6) if side % 2 == 0 else (1, 3)
+    near = side == 0 or side == 3
+    low, high = spans.box[along, 0], spans.box[along, 1]
+    pole = spans.box[1 - along, 0] if near else spans.box[1 - along, 1]
+    place[along], place[1 - along] = low, pole
+    _evaluate(spans, place[0], place[1], span, jet)
+    x, y, z = px - jet[0], py - jet[1], pz - jet[2]
+    h = x * normal[0] + y * normal[1] + z * normal[2]
+    x, y, z = x - h * normal[0], y - h * normal[1], z - h * normal[2]
+    trace, norm = 0.0, 0.0
+    for r in range(3):
+        trace += curvature[r, r]
+        for c in range(3):
+            norm += curvature[r, c] ** 2
+    determinant = 1.0 - h * trace + 0.5 * h * h * (trace * trace - norm)
+    if not (determinant > SAFE_DETERMINANT and 2.0 - h * trace > SAFE_DIAGONAL):
+        return False
+    # (1 - h K)^-1 = (1 - h (trace K - K)) / det(1 - h K) in the tangent plane
+    kx = curvature[0, 0] * x + curvature[0, 1] * y + curvature[0, 2] * z
+    ky = curvature[1, 0] * x + curvature[1, 1] * y + curvature[1, 2] * z
+    kz = curvature[2, 0] * x + curvature[2, 1] * y + curvature[2, 2] * z
+    wx = (x - h * (trace * x - kx)) / determinant
+    wy = (y - h * (trace * y - ky)) / determinant
+    wz = (z - h * (trace * z - kz)) / determinant
+    length = np.sqrt(wx * wx + wy * wy + wz * wz)
+    if length > POLE_CHART * spans.size:
+        return False
+    # the direction of w among those of the lines through the pole: sampled, then between the neighbours
+    best, least = low, np.inf
+    inwards = -1.0 if near else 1.0
+    for k in range(POLE_TURNS + 1):
+        place[along] = low + (high - low) * k / POLE_TURNS
+        _evaluate(spans, place[0], place[1], span, jet)
+        x, y, z = jet[first], jet[first + 1], jet[first + 2]
+        slope = inwards * (wx * x + wy * y + wz * z) / (np.sqrt(x * x + y * y + z * z) + 1e-300)
+        if slope < least:
+            best, least = place[along], slope
+    step = (high - low) / POLE_TURNS
+    start, end = max(best - step, low), min(best + step, high)
+    sx, sy, sz = normal[1] * wz - normal[2] * wy, normal[2] * wx - normal[0] * wz, normal[0] * wy - normal[1] * wx
+    place[along] = start
+    _evaluate(spans, place[0], place[1], span, jet)
+    before = sx * jet[first] + sy * jet[first + 1] + sz * jet[first + 2]
+    for _ in range(40):
+        place[along] = 0.5 * (start + end)
+        _evaluate(spans, place[0], place[1], span, jet)
+        middle = sx * jet[first] + sy * jet[first + 1] + sz * jet[first + 2]
+        if (middle > 0.0) == (before > 0.0):
+            start = place[along]
+        else:
+            end = place[along]
+    slope = np.sqrt(jet[first] ** 2 + jet[first + 1] ** 2 + jet[first + 2] ** 2)
+    if least > -0.9 * length:  # none of the lines of a part of a surface about the pole goes there
+        length = 0.0
+    place[1 - along] = pole - inwards * length / max(slope, 1e-300)
+    _evaluate(spans, place[0], place[1], span, jet)
+    return True
 
 
 @njit_cached
@@ -515,8 +587,16 @@ def _write_jet(
     ny = jet[5] * jet[6] - jet[3] * jet[8]
     nz = jet[3] * jet[7] - jet[4] * jet[6]
     area = np.sqrt(nx * nx + ny * ny + nz * nz)
-    if side >= 0 and area <= 1e-9 * spans.speed[0] * spans.speed[1]:
-        nx, ny, nz, area = spans.pole_normal[side, 0], spans.pole_normal[side, 1], spans.pole_normal[side, 2], 1.0
+    if side >= 0 and area <= POLE_CHART * spans.speed[0] * spans.speed[1]:
+        # n - K (S - P), for S_u has too few digits
+        first = 6 if side % 2 == 0 else 3
+        away = v - box[1, side // 2] if side % 2 == 0 else u - box[0, side % 3]
+        ox, oy, oz = away * jet[first], away * jet[first + 1], away * jet[first + 2]
+        curvature, normal = spans.pole_curvature[side], spans.pole_normal[side]
+        nx = normal[0] - curvature[0, 0] * ox - curvature[0, 1] * oy - curvature[0, 2] * oz
+        ny = normal[1] - curvature[1, 0] * ox - curvature[1, 1] * oy - curvature[1, 2] * oz
+        nz = normal[2] - curvature[2, 0] * ox - curvature[2, 1] * oy - curvature[2, 2] * oz
+        area = np.sqrt(nx * nx + ny * ny + nz * nz)
     elif area <= 1e-300:  # a singular point: the direction from which p is seen
         nx, ny, nz = x, y, z
         area = max(np.sqrt(nx * nx + ny * ny + nz * nz), 1e-300)
