@@ -385,15 +385,16 @@ def _descend(
         at_v = period[1] == 0.0 and ((v <= box[1, 0] and gv >= 0.0) or (v >= box[1, 1] and gv <= 0.0))
         if turns < 2 and (e < NEAR_POLE**2 * spans.speed[0] ** 2 or g < NEAR_POLE**2 * spans.speed[1] ** 2):
             side = _find_pole(spans, u, v)
-            if side >= 0 and _settle_at_pole(spans, side, px, py, pz, place, span, jet):
-                return step
-            if side >= 0 and (at_v if side % 2 == 0 else at_u):
-                turns += 1
-                if _turn_at_pole(spans, side, px, py, pz, place, span, jet):
-                    u, v = place[0], place[1]
-                    x, y, z = jet[0] - px, jet[1] - py, jet[2] - pz
-                    square = x * x + y * y + z * z
-                    continue
+            if side >= 0:
+                if _settle_at_pole(spans, side, px, py, pz, place, span, jet):
+                    return step
+                if at_v if side % 2 == 0 else at_u:
+                    turns += 1
+                    if _turn_at_pole(spans, side, px, py, pz, place, span, jet):
+                        u, v = place[0], place[1]
+                        x, y, z = jet[0] - px, jet[1] - py, jet[2] - pz
+                        square = x * x + y * y + z * z
+                        continue
                 _evaluate(spans, u, v, span, jet)
         # at a pole one parameter moves nothing, and its derivatives are round-off
         at_u, at_v = at_u or e <= 1e6 * damping_u, at_v or g <= 1e6 * damping_v
@@ -511,19 +512,22 @@ def _settle_at_pole(
         if slope < least:
             best, least = place[along], slope
     step = (high - low) / POLE_TURNS
-    start, end = max(best - step, low), min(best + step, high)
+    start, end, period = best - step, best + step, spans.period[along]
+    if period == 0.0:
+        start, end = max(start, low), min(end, high)
     sx, sy, sz = normal[1] * wz - normal[2] * wy, normal[2] * wx - normal[0] * wz, normal[0] * wy - normal[1] * wx
-    place[along] = start
+    place[along] = start + period if start < low else start
     _evaluate(spans, place[0], place[1], span, jet)
     before = sx * jet[first] + sy * jet[first + 1] + sz * jet[first + 2]
     for _ in range(40):
-        place[along] = 0.5 * (start + end)
+        half = 0.5 * (start + end)
+        place[along] = half + period if half < low else half - period if half > high else half
         _evaluate(spans, place[0], place[1], span, jet)
         middle = sx * jet[first] + sy * jet[first + 1] + sz * jet[first + 2]
         if (middle > 0.0) == (before > 0.0):
-            start = place[along]
+            start = half
         else:
-            end = place[along]
+            end = half
     slope = np.sqrt(jet[first] ** 2 + jet[first + 1] ** 2 + jet[first + 2] ** 2)
     if least > -0.9 * length:  # none of the lines of a part of a surface about the pole goes there
         length = 0.0
