@@ -369,3 +369,36 @@ def test_surfaces_out_of_range_are_refused() -> None:
         prepare_foot_surface(with_poles(lambda u, v: (u, v), (1, 1), (1, 2)))
     with pytest.raises(ValueError, match="-1"):
         prepare_foot_surface(with_poles(wave, (1, 1), (1, 2)), continuation=-1.0)
+
+
+def test_near_centres_of_curvature_no_second_foot_is_missed() -> None:
+    carrier = FreeFormSurface(with_poles(wave, (4, 3), (3, 2)))
+    u, v = np.random.default_rng(1).random((2, 20000))
+    su, sv, suu, suv, svv = (carrier(u, v, *order) for order in ((1, 0), (0, 1), (2, 0), (1, 1), (0, 2)))
+    normal = np.cross(su, sv)
+    normal /= np.linalg.norm(normal, axis=1)[:, None]
+    first = np.einsum("inc,jnc->nij", [su, sv], [su, sv])
+    second = np.einsum("ijnc,nc->nij", [[suu, suv], [suv, svv]], normal)
+    bends = np.linalg.eigvals(np.linalg.solve(first, second)).real
+    largest = np.take_along_axis(bends, np.abs(bends).argmax(axis=1)[:, None], axis=1)
+    points = carrier(u, v) + np.random.default_rng(2).uniform(0.95, 1.6, (20000, 1)) / largest * normal
+    found = carrier.foot_points(points, 1)
+    assert found.failures == 0
+    apart = np.linalg.norm(points - carrier(*found.parameters.T), axis=1)
+    grid = carrier.spline.grid(np.linspace(0, 1, 401), np.linspace(0, 1, 397)).reshape(-1, 3)
+    assert (apart - cKDTree(grid).query(points)[0]).max() < 1e-12
+
+
+def test_layers_closer_than_their_cells_are_thick_are_told_apart() -> None:
+    def spiral(u: Array, v: Array) -> tuple[Array, Array, Array]:
+        radius = 2 + 0.01 * u / (2 * np.pi)
+        return radius * np.cos(u), radius * np.sin(u), 3 * v
+
+    end = 4.4 * np.pi
+    carrier = FreeFormSurface(fitted(spiral, (40, 1), (7, 2), (0.0, end), (0.0, 1.0)))
+    rng = np.random.default_rng(1)
+    u, v, distance = rng.uniform(0.3, end - 0.3, 2000), rng.uniform(0.1, 0.9, 2000), rng.uniform(-0.0045, 0.0045, 2000)
+    normal = carrier.normal(u, v)
+    normal /= np.linalg.norm(normal, axis=1)[:, None]
+    found = carrier.foot_points(carrier(u, v) + distance[:, None] * normal)
+    np.testing.assert_allclose(found.distance, distance, rtol=0, atol=1e-13)
