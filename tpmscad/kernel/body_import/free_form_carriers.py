@@ -190,7 +190,7 @@ def _stop_at_pole(surface: Geom_Surface, face_box: Array, axis: int, start: floa
     ways = np.linspace(start, stop, STRETCH_SAMPLES).tolist()
     speeds = np.array([speed(t) for t in ways])
     # a pole between two lines: the derivative changes its direction there, and decreases before
-    slow = np.flatnonzero(speeds <= max(POLE_SPEED * inside, 0.0))
+    slow = np.flatnonzero(speeds <= POLE_SPEED * inside)
     turns = (
         np.flatnonzero((speeds[1:-1] < speeds[:-2]) & (speeds[1:-1] < speeds[2:]) & (speeds[1:-1] < 0.1 * inside)) + 1
     )
