@@ -98,6 +98,11 @@ def shape_list(shapes: Iterable[Any]) -> Any:
     return result
 
 
+def real_array(count: int) -> Any:
+    """OCCT array of `count` numbers, from index 1."""
+    return RealArray(1, count)
+
+
 def _knots(knots: Array) -> tuple[Any, Any]:
     """Distinct knots and their multiplicities, cached: many curves share them, and OCCT constructors copy them."""
     return _cached_knots(knots.tobytes())

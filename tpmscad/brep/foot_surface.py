@@ -1,0 +1,203 @@
+"""A polynomial B-spline surface prepared for the search of foot points: polynomials of its spans, poles, and cells that bound it.
+
+The surface is stored as one tensor of monomials per knot span, in two local parameters on [-1, 1]. Horner's rule then gives
+points and derivatives to second order, and an end span goes on beyond the border of the surface by the same polynomial.
+
+All parameters in here are measured from the start of the surface's domain, all points from the middle of its poles, so that the
+place of the surface costs no digits.
+"""
+
+from __future__ import annotations
+
+from math import factorial
+from typing import NamedTuple
+
+import numpy as np
+
+from tpmscad._typing import Array, IntArray
+from tpmscad.brep.foot_cells import SINGULAR_RATIO, FootCells, fine_lines, make_cells, subdivide, unit
+from tpmscad.splines.basis import design_matrices
+from tpmscad.splines.bspline import BSplineSurface
+
+MAX_DEGREE = 9
+"""Up to this degree monomials on [-1, 1] lose no more than two digits."""
+
+SIDES = ((3, 1), (0, 2))
+"""Numbers of the sides of a spline surface at the low and the high end of u, and of v."""
+
+POLE_SPREAD = 1e-10
+"""In sizes of the surface: a side whose poles all lie within this is one point."""
+
+POLE_DIRECTIONS = 24
+"""Directions about a pole of the surface from which its curvatures are found."""
+
+SMOOTH_POLE = 1e-4
+"""A pole is smooth if the tangents about it are in one plane, and their curvatures those of one surface, within this fraction."""
+
+
+class SpanPolynomials(NamedTuple):
+    """The surface span by span, a named tuple, which compiled functions take.
+
+    Attributes
+    ----------
+    breaks_u, breaks_v : (nu + 1,), (nv + 1,)
+        Ends of the spans.
+    monomials : (nu, nv, degree_u + 1, degree_v + 1, 3)
+        Coefficients of the powers of two local parameters, which run from -1 to 1 over the span.
+    box : (2, 2)
+        Lowest and highest u, and v, where feet are sought: the domain and its continuation.
+    period : (2,)
+        Periods of u and v, 0 for none.
+    speed : (2,)
+        Greatest |S_u| and |S_v|.
+    size : float
+        Diagonal of the box of the poles.
+    pole : (4,)
+        1 for a side, numbered as those of a spline surface, that is a smooth point of the surface, -1 for another point, else 0.
+    pole_normal, pole_curvature : (4, 3), (4, 3, 3)
+        Unit normals there, and the second fundamental form as a matrix in space, for smooth poles.
+    """
+
+    breaks_u: Array
+    breaks_v: Array
+    monomials: Array
+    box: Array
+    period: Array
+    speed: Array
+    size: float
+    pole: IntArray
+    pole_normal: Array
+    pole_curvature: Array
+
+
+class FootSurface(NamedTuple):
+    """What the search reads of a surface: the middle of its poles (3,), the start (2,) of its domain, its spans and its cells."""
+
+    centre: Array
+    origin: Array
+    spans: SpanPolynomials
+    cells: FootCells
+
+
+def prepare_foot_surface(
+    surface: BSplineSurface, closed: tuple[bool, bool] = (False, False), continuation: float = 0.0
+) -> FootSurface:
+    """The data of a surface for the search of foot points.
+
+    Parameters
+    ----------
+    surface : BSplineSurface
+        Surface in space, of degrees up to `MAX_DEGREE`, without creases.
+    closed : tuple of bool, optional
+        Whether the surface is closed along u, and along v, with one tangent plane on both sides of the seam.
+    continuation : float, optional
+        Length in model units by which it goes on beyond each of its borders, at most. It goes on by half an end span at most, and
+        neither beyond a point nor beyond a seam.
+
+    Returns
+    -------
+    FootSurface
+        Monomials and cells.
+
+    Raises
+    ------
+    ValueError
+        If the surface is not in space, a degree is too high, or the continuation is negative.
+    """
+    degrees = surface.degree_u, surface.degree_v
+    if surface.poles.shape[2] != 3 or min(degrees) < 1 or max(degrees) > MAX_DEGREE:
+        raise ValueError(
+            f"degrees {degrees} in {surface.poles.shape[2]} dimensions: in space they are 1 to {MAX_DEGREE}"
+        )
+    if not continuation >= 0.0:
+        raise ValueError(f"a surface can't go on by {continuation} beyond its border")
+    flat = surface.poles.reshape(-1, 3)
+    low, high = flat.min(axis=0), flat.max(axis=0)
+    centre, size = 0.5 * (low + high), float(np.linalg.norm(high - low))
+    origin = np.array([interval[0] for interval in surface.domain])
+    poles = surface.poles - centre
+    local = BSplineSurface(poles, surface.knots_u - origin[0], surface.knots_v - origin[1], *degrees)
+    (breaks_u, left), (breaks_v, right) = (
+        _span_powers(knots, degree) for knots, degree in zip((local.knots_u, local.knots_v), degrees, strict=True)
+    )
+    box = np.array(local.domain)
+    sides = np.array([np.ptp(side, axis=0).max() for side in (poles[:, 0], poles[-1], poles[:, -1], poles[0])])
+    is_point = sides <= POLE_SPREAD * size
+    for axis, breaks in enumerate((breaks_u, breaks_v)):
+        for far in (0, 1):
+            if closed[axis] or is_point[SIDES[axis][far]]:
+                continue
+            span = breaks[-1] - breaks[-2] if far else breaks[1] - breaks[0]
+            step = min(0.5 * span, continuation / max(_border_speed(local, axis, far), 1e-300))
+            box[axis, far] += step if far else -step
+    fine = fine_lines(local, box)
+    speed = np.array([np.linalg.norm(local.grid(*fine, *d), axis=2).max() for d in ((1, 0), (0, 1))])
+    spans = SpanPolynomials(
+        breaks_u,
+        breaks_v,
+        np.ascontiguousarray(np.einsum("aku,uvc,blv->abklc", left, poles, right, optimize=True)),
+        box,
+        np.where(closed, (breaks_u[-1], breaks_v[-1]), 0.0),
+        speed,
+        size,
+        *_describe_poles(local, np.flatnonzero(is_point), speed, size),
+    )
+    return FootSurface(centre, origin, spans, make_cells(local, box, closed, float(speed.prod()), size))
+
+
+def _span_powers(knots: Array, degree: int) -> tuple[Array, Array]:
+    """Ends (m + 1,) of the spans, and matrices (m, degree + 1, n) from poles to monomials in each span's parameter on [-1, 1]."""
+    ends = np.unique(knots[degree : len(knots) - degree])
+    half = 0.5 * np.diff(ends)
+    orders = range(degree + 1)
+    rows = design_matrices(knots, degree, ends[:-1] + half, orders)
+    powers = np.stack([row * (half**k / factorial(k))[:, None] for k, row in zip(orders, rows, strict=True)], axis=1)
+    return ends, powers
+
+
+def _border_speed(local: BSplineSurface, axis: int, far: int) -> float:
+    """Greatest length of the derivative across a border."""
+    along = subdivide(np.unique(local.knots_v if axis == 0 else local.knots_u), 9)
+    at = np.array([local.domain[axis][far]])
+    slopes = local.grid(at, along, 1, 0) if axis == 0 else local.grid(along, at, 0, 1)
+    return float(np.linalg.norm(slopes, axis=2).max())
+
+
+def _describe_poles(
+    local: BSplineSurface, points: IntArray, speed: Array, size: float
+) -> tuple[IntArray, Array, Array]:
+    """Marks, normals and curvatures of the sides, of which some are points.
+
+    About such a point the tangents t across the side are in one plane, and their normal curvatures are t . K t with one matrix K.
+    """
+    pole, normal, curvature = np.zeros(4, np.int64), np.zeros((4, 3)), np.zeros((4, 3, 3))
+    for side in points.tolist():
+        pole[side] = -1
+        across = 1 if side in (0, 2) else 0
+        far = side in (1, 2)
+        along = np.linspace(*local.domain[1 - across], POLE_DIRECTIONS + 1)[:-1]
+        at = np.array([local.domain[across][int(far)]])
+
+        def derivative(a: int, b: int, across: int = across, along: Array = along, at: Array = at) -> Array:
+            """Derivative a times across the side and b times along it: (POLE_DIRECTIONS, 3)."""
+            grid = local.grid(along, at, b, a) if across else local.grid(at, along, a, b)
+            return grid.reshape(-1, 3)
+
+        first, second, turning = derivative(1, 0), derivative(2, 0), derivative(1, 1)
+        tangent = unit(first, SINGULAR_RATIO * speed[across])
+        # S_u = (v - v0) S_uv to first order, so that S_u x S_v has the direction of +- S_uv x S_v
+        cross = np.cross(turning, first) if across else np.cross(first, turning)
+        normals = unit(cross * (-1.0 if far else 1.0), 0.0)
+        n = unit(normals.sum(axis=0), 0.0)
+        if np.abs(tangent @ n).max() > SMOOTH_POLE or not tangent.any(axis=1).all() or not n.any():
+            continue
+        e = unit(np.cross(n, tangent[0]), 0.0)
+        x, y = tangent @ tangent[0], tangent @ e
+        bend = second @ n / np.einsum("nk,nk->n", first, first)
+        rows = np.stack([x * x, 2 * x * y, y * y], axis=1)
+        (a, b, c), *_ = np.linalg.lstsq(rows, bend, rcond=1e-10)
+        if np.abs(rows @ [a, b, c] - bend).max() > SMOOTH_POLE * (np.abs(bend).max() + 1.0 / size):
+            continue
+        frame = np.stack([tangent[0], e])
+        pole[side], normal[side], curvature[side] = 1, n, frame.T @ np.array([[a, b], [b, c]]) @ frame
+    return pole, normal, curvature

@@ -1,0 +1,401 @@
+"""Free-form carriers of OCCT faces: polynomial splines with the parameters of the kernel's surfaces, within 1e-10 of the size.
+
+A polynomial B-spline is taken as it is. Every other surface is fitted by least squares on Gauss points of its own parameters, in
+each parameter with a space of splines that is
+
+- its own, where the surface is polynomial along the parameter: the lines of an extrusion, curves that are polynomial splines,
+  rational splines whose weights do not change along it;
+- of degree 9 with spans of 15 degrees along the angle of a revolution, which is exact to round-off and as smooth as the circle;
+- of degree 9 otherwise, with spans that are bisected until lines of the surface are within the tolerance.
+
+The breaks and their continuity are those of the kernel's surface, so that the fit is as smooth as the surface. The result reaches
+beyond the face where the surface does, by a part of the face's range of parameters, but neither to a pole nor to a crease.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from OCP.BRep import BRep_Tool
+from OCP.BRepTools import BRepTools
+from OCP.Geom import (
+    Geom_BezierCurve,
+    Geom_BezierSurface,
+    Geom_BSplineCurve,
+    Geom_BSplineSurface,
+    Geom_Curve,
+    Geom_ElementarySurface,
+    Geom_Line,
+    Geom_RectangularTrimmedSurface,
+    Geom_Surface,
+    Geom_SurfaceOfLinearExtrusion,
+    Geom_SurfaceOfRevolution,
+    Geom_TrimmedCurve,
+)
+from OCP.GeomAbs import GeomAbs_C1, GeomAbs_C2, GeomAbs_C3, GeomAbs_CN
+from OCP.GeomAdaptor import GeomAdaptor_Surface
+from OCP.gp import gp_Pnt, gp_Vec
+from OCP.TopoDS import TopoDS_Face
+
+from tpmscad._typing import Array
+from tpmscad.brep.foot_surface import MAX_DEGREE
+from tpmscad.brep.free_form_surface import SEAM_ANGLE, FreeFormSurface, find_smooth_seams
+from tpmscad.kernel.occt import convert
+from tpmscad.kernel.recognise.edge_curves import UnsupportedFace
+from tpmscad.kernel.recognise.face_carriers import EXACT_REL_TOL
+from tpmscad.splines.bspline import BSplineSurface
+from tpmscad.splines.knots import restrict_surface
+from tpmscad.splines.quadrature import composite_gauss_legendre
+from tpmscad.splines.spline_axis import SplineAxis, sampled_axis
+from tpmscad.splines.surface_fit import fit_surface
+
+REACH = 0.5
+"""Of the range of the face's parameters: how far the carrier goes on beyond the face on each side, on the kernel's surface."""
+
+ANGLE_SPAN = np.radians(15.0)
+"""Span along the angle of a revolution: the error of degree 9 is 1e-17 of the radius."""
+
+FIT_LINES = 7
+"""Lines of the surface on which the spans along one parameter are bisected."""
+
+MAX_SPANS = 96
+"""Most spans along one parameter; a surface that needs more is returned with the error that is left."""
+
+MIN_POINTS = 4
+"""Fewest Gauss points in a span."""
+
+LINE_TOL = 0.25
+"""Of the tolerance: error of the lines, to leave some for what is between them."""
+
+SPAN_CHECKS = np.linspace(0.02, 0.98, 9)
+"""Places in a span at which the error of a line is measured."""
+
+CHECK_LINES = (61, 53)
+"""Lines along u and v on whose grid the error of a carrier is measured; they are on no Gauss points."""
+
+POLE_SPEED = 1e-3
+"""Of the largest derivative along u on the face: where it is less, v is next to a pole; the same with u and v exchanged."""
+
+STRETCH_SAMPLES = 17
+"""Lines beyond a side of the face on which poles are sought."""
+
+SNAP_RTOL = 1e-9
+"""Of a parameter's range: parameters that agree within it are one; the same of the size for poles of a pole of the surface."""
+
+Space = tuple[Array, int]
+"""Knots and degree."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ConvertedSurface:
+    """The carrier of a face, and its greatest measured distance from the kernel's surface at equal parameters, in model units."""
+
+    carrier: FreeFormSurface
+    error: float
+
+
+def convert_free_form(face: TopoDS_Face, size: float, reach: float = REACH) -> ConvertedSurface:
+    """The free-form carrier of an OCCT face, with the kernel's parameters and S_u x S_v.
+
+    Parameters
+    ----------
+    face : TopoDS_Face
+        A face on an extrusion, a revolution, a Bezier, B-spline or offset surface.
+    size : float
+        Size of the body in model units; the carrier is to be within 1e-10 of it.
+    reach : float, optional
+        Part of the face's range of parameters by which the carrier goes on beyond each side, where the surface does.
+
+    Returns
+    -------
+    ConvertedSurface
+        The carrier and its measured error, which exceeds the tolerance if `MAX_SPANS` were not enough.
+
+    Raises
+    ------
+    UnsupportedFace
+        If the surface is a plane or a quadric, or has a crease inside the face.
+    """
+    surface = BRep_Tool.Surface_s(face)
+    while isinstance(surface, Geom_RectangularTrimmedSurface):
+        surface = surface.BasisSurface()
+    if isinstance(surface, Geom_ElementarySurface):
+        raise UnsupportedFace("is on a plane or a quadric, which has a carrier of its own")
+    u0, u1, v0, v1 = BRepTools.UVBounds_s(face)
+    face_box = np.array([[u0, u1], [v0, v1]])
+    box = _widen(surface, face_box, reach)
+    adaptor = GeomAdaptor_Surface(surface, *box.ravel().tolist())
+
+    def sample(u: Array, v: Array) -> Array:
+        """Points of the kernel's surface on the grid of all u with all v: (len(u), len(v), 3)."""
+        rows = v.tolist()
+        found = [adaptor.Value(a, b).Coord() for a in u.tolist() for b in rows]
+        return np.array(found).reshape(len(u), len(v), 3)
+
+    spline, error = _convert(surface, adaptor, box, sample, EXACT_REL_TOL * size)
+    restricted = _cut_at_creases(spline, face_box)
+    spline = _join_poles(restricted, size)
+    closed = find_smooth_seams(spline)
+    return ConvertedSurface(FreeFormSurface(spline, closed), max(error, _measure(spline, sample)))
+
+
+def _widen(surface: Geom_Surface, face_box: Array, reach: float) -> Array:
+    """Box of parameters (2, 2) around that of the face, within the surface and one period of it, clear of poles."""
+    bounds = np.array(surface.Bounds()).reshape(2, 2)
+    periods = (
+        surface.UPeriod() if surface.IsUPeriodic() else 0.0,
+        surface.VPeriod() if surface.IsVPeriodic() else 0.0,
+    )
+    box = face_box.copy()
+    for axis, period in enumerate(periods):
+        low, high = face_box[axis]
+        step = reach * (high - low)
+        if period:
+            if high - low + 2.0 * step >= period * (1.0 - SNAP_RTOL):
+                low = max(low, high - period)
+                box[axis] = low, low + period
+                continue
+            box[axis] = low - step, high + step
+            continue
+        box[axis] = max(low - step, bounds[axis, 0]), min(high + step, bounds[axis, 1])
+        tiny = SNAP_RTOL * (high - low)
+        for end in (0, 1):  # bounds that the face's box misses by the kernel's tolerance
+            if abs(face_box[axis, end] - bounds[axis, end]) <= tiny:
+                box[axis, end] = bounds[axis, end]
+    for axis in (0, 1):
+        for end in (0, 1):
+            box[axis, end] = _stop_at_pole(surface, face_box, axis, float(face_box[axis, end]), float(box[axis, end]))
+    return box
+
+
+def _stop_at_pole(surface: Geom_Surface, face_box: Array, axis: int, start: float, stop: float) -> float:
+    """Where the way from a side of the face to a wider one ends: half-way to a pole, if there is one."""
+    if start == stop:
+        return stop
+    across = np.linspace(face_box[1 - axis, 0], face_box[1 - axis, 1], FIT_LINES + 2)[1:-1]
+    point, first, second = gp_Pnt(), gp_Vec(), gp_Vec()
+
+    def speed(t: float) -> float:
+        """Greatest derivative along the other parameter."""
+        found = 0.0
+        for s in across.tolist():
+            surface.D1(*((t, s) if axis == 0 else (s, t)), point, first, second)
+            found = max(found, (second if axis == 0 else first).Magnitude())
+        return found
+
+    inside = max(speed(t) for t in np.linspace(face_box[axis, 0], face_box[axis, 1], FIT_LINES).tolist())
+    ways = np.linspace(start, stop, STRETCH_SAMPLES).tolist()
+    speeds = np.array([speed(t) for t in ways])
+    # a pole between two lines: the derivative changes its direction there, and decreases before
+    slow = np.flatnonzero(speeds <= POLE_SPEED * inside)
+    turns = (
+        np.flatnonzero((speeds[1:-1] < speeds[:-2]) & (speeds[1:-1] < speeds[2:]) & (speeds[1:-1] < 0.1 * inside)) + 1
+    )
+    found = np.sort(np.concatenate([slow, turns]))
+    if not len(found):
+        return stop
+    return 0.5 * (start + ways[found[0]]) if found[0] > 0 else start
+
+
+def _convert(
+    surface: Geom_Surface, adaptor: GeomAdaptor_Surface, box: Array, sample: Callable[[Array, Array], Array], tol: float
+) -> tuple[BSplineSurface, float]:
+    """The surface over the box as a polynomial spline, and the greatest measured error."""
+    if isinstance(surface, Geom_BSplineSurface) and convert.is_plain_spline(surface):
+        degrees = surface.UDegree(), surface.VDegree()
+        if max(degrees) <= MAX_DEGREE:
+            whole = convert.surface_from_occt(surface)
+            ends = np.array(whole.domain)
+            box = np.where(np.abs(box - ends) > SNAP_RTOL * np.ptp(ends, axis=1, keepdims=True), box, ends)
+            return _restrict(whole, box), 0.0
+    own = _own_degrees(surface)
+    spaces: list[Space] = []
+    adaptive: list[bool] = []
+    for axis in (0, 1):
+        breaks, continuity = _read_breaks(adaptor, axis)
+        if own[axis] is not None:
+            degree = int(own[axis] or 1)
+            spaces.append((_make_knots(breaks, continuity, degree), degree))
+        elif axis == 0 and isinstance(surface, Geom_SurfaceOfRevolution):
+            parts = int(np.ceil((box[0, 1] - box[0, 0]) / ANGLE_SPAN))
+            ends = np.linspace(box[0, 0], box[0, 1], parts + 1)
+            spaces.append((_make_knots(ends, np.full(parts - 1, MAX_DEGREE - 1), MAX_DEGREE), MAX_DEGREE))
+        else:
+            spaces.append(_find_space(sample, axis, box, breaks, continuity, tol))
+        adaptive.append(own[axis] is None)
+    while True:
+        axes = [_make_axis(*space) for space in spaces]
+        spline = fit_surface(sample(axes[0].points, axes[1].points), axes[0], axes[1])
+        error = _measure(spline, sample)
+        finer = [_bisect_all(space) if free else space for space, free in zip(spaces, adaptive, strict=True)]
+        counts = [len(np.unique(knots)) - 1 for knots, _ in finer]
+        if error <= tol or not any(adaptive) or max(counts) > MAX_SPANS:
+            return spline, error
+        spaces = finer
+
+
+def _restrict(spline: BSplineSurface, box: Array) -> BSplineSurface:
+    """The surface on a box (2, 2) of its parameters."""
+    (u0, u1), (v0, v1) = box.tolist()
+    return restrict_surface(spline, (u0, u1), (v0, v1))
+
+
+def _own_degrees(surface: Geom_Surface) -> tuple[int | None, int | None]:
+    """Degrees along u and v where the surface is a polynomial spline along that parameter, else None."""
+    if isinstance(surface, Geom_SurfaceOfLinearExtrusion):
+        return _curve_degree(surface.BasisCurve()), 1
+    if isinstance(surface, Geom_SurfaceOfRevolution):
+        return None, _curve_degree(surface.BasisCurve())
+    if isinstance(surface, Geom_BSplineSurface | Geom_BezierSurface):
+        weights = np.array(
+            [[surface.Weight(i, j) for j in range(1, surface.NbVPoles() + 1)] for i in range(1, surface.NbUPoles() + 1)]
+        )
+        limit = 1e-14 * weights.max()
+        degrees = surface.UDegree(), surface.VDegree()
+        plain = [np.ptp(weights, axis=axis).max() <= limit and degrees[axis] <= MAX_DEGREE for axis in (0, 1)]
+        return (degrees[0] if plain[0] else None), (degrees[1] if plain[1] else None)
+    return None, None
+
+
+def _curve_degree(curve: Geom_Curve) -> int | None:
+    """Degree of a curve that is a line or a polynomial spline, else None."""
+    while isinstance(curve, Geom_TrimmedCurve):
+        curve = curve.BasisCurve()
+    if isinstance(curve, Geom_Line):
+        return 1
+    if isinstance(curve, Geom_BSplineCurve | Geom_BezierCurve) and not curve.IsRational():
+        return int(curve.Degree()) if curve.Degree() <= MAX_DEGREE else None
+    return None
+
+
+def _read_breaks(adaptor: GeomAdaptor_Surface, axis: int) -> tuple[Array, Array]:
+    """Ends (n + 1,) of the intervals on which the surface is smooth along a parameter, and the continuity (n - 1,) between them.
+
+    The continuity is 0 to 3: more is not told apart.
+    """
+
+    def intervals(kind: Any) -> Array:
+        count = adaptor.NbUIntervals(kind) if axis == 0 else adaptor.NbVIntervals(kind)
+        values = convert.real_array(count + 1)
+        (adaptor.UIntervals if axis == 0 else adaptor.VIntervals)(values, kind)
+        return np.array([values.Value(i) for i in range(1, count + 2)])
+
+    breaks = intervals(GeomAbs_CN)
+    continuity = np.full(len(breaks) - 2, 3)
+    tiny = SNAP_RTOL * (breaks[-1] - breaks[0])
+    for order, kind in ((3, GeomAbs_C3), (2, GeomAbs_C2), (1, GeomAbs_C1)):
+        broken = np.abs(breaks[1:-1, None] - intervals(kind)[None, 1:-1]).min(axis=1, initial=np.inf) <= tiny
+        continuity[broken] = order - 1
+    return breaks, continuity
+
+
+def _make_knots(breaks: Array, continuity: Array, degree: int) -> Array:
+    """Clamped knots with the given continuity at the inner breaks."""
+    repeats = np.maximum(degree - continuity, 1)
+    return np.concatenate(
+        [np.repeat(breaks[0], degree + 1), np.repeat(breaks[1:-1], repeats), np.repeat(breaks[-1], degree + 1)]
+    )
+
+
+def _make_axis(knots: Array, degree: int) -> SplineAxis:
+    """The space with Gauss points, a few more than it has degrees of freedom: samples of a tensor grid are what a fit costs."""
+    ends, repeats = np.unique(knots, return_counts=True)
+    repeats[[0, -1]] = MIN_POINTS
+    spans = len(ends) - 1
+    least = max(MIN_POINTS, int(np.ceil(1.5 * (degree + spans) / spans)))
+    counts = np.clip(1 + np.maximum(repeats[:-1], repeats[1:]), least, max(least, degree + 3))
+    points, weights = zip(
+        *(composite_gauss_legendre(ends[k : k + 2], count) for k, count in enumerate(counts.tolist())), strict=True
+    )
+    return sampled_axis(knots, degree, np.concatenate(points), np.concatenate(weights))
+
+
+def _bisect_all(space: Space) -> Space:
+    """The space with every span halved."""
+    knots, degree = space
+    ends = np.unique(knots)
+    return np.sort(np.concatenate([knots, 0.5 * (ends[1:] + ends[:-1])])), degree
+
+
+def _find_space(
+    sample: Callable[[Array, Array], Array], axis: int, box: Array, breaks: Array, continuity: Array, tol: float
+) -> Space:
+    """A space of degree `MAX_DEGREE` whose fits to lines of the surface along one parameter are within LINE_TOL."""
+    knots = _make_knots(breaks, continuity, MAX_DEGREE)
+    low, high = box[1 - axis]
+    across = low + (high - low) * (0.5 - 0.5 * np.cos(np.pi * np.arange(FIT_LINES) / (FIT_LINES - 1)))
+
+    def lines(t: Array) -> Array:
+        """Points of all lines at parameters t: (len(t), FIT_LINES * 3)."""
+        found = sample(t, across) if axis == 0 else sample(across, t).swapaxes(0, 1)
+        return found.reshape(len(t), -1)
+
+    while True:
+        own = _make_axis(knots, MAX_DEGREE)
+        rows = own.weighted_design_matrix() * np.sqrt(own.weights)[:, None]
+        coordinates = rows.T @ lines(own.points)
+        ends = np.unique(knots)
+        at = ends[:-1, None] + np.diff(ends)[:, None] * SPAN_CHECKS
+        missed = own.design_matrix(at.ravel()) @ coordinates - lines(at.ravel())
+        distance = np.linalg.norm(missed.reshape(*at.shape, FIT_LINES, 3), axis=3).max(axis=(1, 2))
+        bad = distance > LINE_TOL * tol
+        if not bad.any() or len(ends) - 1 + bad.sum() > MAX_SPANS:
+            return knots, MAX_DEGREE
+        knots = np.sort(np.concatenate([knots, 0.5 * (ends[1:] + ends[:-1])[bad]]))
+
+
+def _measure(spline: BSplineSurface, sample: Callable[[Array, Array], Array]) -> float:
+    """Greatest distance of equal parameters on a grid, from the spline to the kernel's surface."""
+    u, v = (np.linspace(*interval, count) for interval, count in zip(spline.domain, CHECK_LINES, strict=True))
+    return float(np.linalg.norm(spline.grid(u, v) - sample(u, v), axis=2).max())
+
+
+def _cut_at_creases(spline: BSplineSurface, face_box: Array) -> BSplineSurface:
+    """The surface without what lies beyond creases outside the face. Raises UnsupportedFace if there is one inside."""
+    keep = np.array(spline.domain)
+    for axis, (knots, degree) in enumerate(((spline.knots_u, spline.degree_u), (spline.knots_v, spline.degree_v))):
+        values, counts = np.unique(knots[degree + 1 : -degree - 1], return_counts=True)
+        tiny = SNAP_RTOL * np.ptp(knots)
+        for t in values[counts >= degree].tolist():
+            if not _has_crease(spline, axis, t):
+                continue
+            if t <= face_box[axis, 0] + tiny:
+                keep[axis, 0] = max(keep[axis, 0], t)
+            elif t >= face_box[axis, 1] - tiny:
+                keep[axis, 1] = min(keep[axis, 1], t)
+            else:
+                raise UnsupportedFace(f"has a crease at {'uv'[axis]} = {t:.6g}")
+    return _restrict(spline, keep)
+
+
+def _has_crease(spline: BSplineSurface, axis: int, t: float) -> bool:
+    """Whether the normals on both sides of a knot line differ."""
+    low, high = spline.domain[1 - axis]
+    across = low + (high - low) * np.linspace(0.01, 0.99, STRETCH_SAMPLES)
+    knots = np.unique(spline.knots_u if axis == 0 else spline.knots_v)
+    k = int(np.searchsorted(knots, t))
+    sides: list[Array] = []
+    for start, end in ((knots[k - 1], t), (t, knots[k + 1])):
+        span = ((start, end), (low, high)) if axis == 0 else ((low, high), (start, end))
+        part = restrict_surface(spline, *span)
+        at = np.full_like(across, t)
+        sides.append(part.normal(*((at, across) if axis == 0 else (across, at))))
+    lengths = np.linalg.norm(sides[0], axis=1) * np.linalg.norm(sides[1], axis=1)
+    regular = lengths > 1e-12 * lengths.max()
+    turned = np.linalg.norm(np.cross(sides[0], sides[1]), axis=1) > SEAM_ANGLE * lengths
+    return bool(((turned | (np.einsum("nk,nk->n", sides[0], sides[1]) < 0)) & regular).any())
+
+
+def _join_poles(spline: BSplineSurface, size: float) -> BSplineSurface:
+    """The surface with the poles of a side that is a point made one, and those of a seam on both sides."""
+    poles, tiny = spline.poles.copy(), SNAP_RTOL * size
+    for row in (poles[0], poles[-1], poles[:, 0], poles[:, -1]):
+        if np.ptp(row, axis=0).max() <= tiny:
+            row[:] = row.mean(axis=0)
+    for one, other in ((poles[0], poles[-1]), (poles[:, 0], poles[:, -1])):
+        if np.abs(one - other).max() <= tiny:
+            one[:] = other[:] = 0.5 * (one + other)
+    return BSplineSurface(poles, spline.knots_u, spline.knots_v, spline.degree_u, spline.degree_v)
