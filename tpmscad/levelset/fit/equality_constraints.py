@@ -15,8 +15,8 @@ from scipy.linalg import lapack
 from tpmscad._typing import Array, IntArray
 
 MIN_PIVOT = 1e-8
-"""Pivots or singular values of hard rows below this fraction of the largest count as zero: of the rows for tangent continuity many
-follow from others. A row that is left out so is violated by an angle of about this fraction of a radian."""
+"""Pivots or singular values of hard rows below this fraction of the largest count as zero: of the rows for tangent continuity
+many follow from others. A row that is left out so is violated by an angle of about this fraction of a radian."""
 
 BLOCK_SIZE = 32
 """Columns that LAPACK factorises at once where its workspace allows it, as in its own defaults."""
