@@ -117,10 +117,10 @@ def fill(path: Path, cells: float, skin_cells: float | None) -> dict[str, Any]:
         file = Path(folder) / "filled.step"
         model.export_step(file)
         again = tpmscad.check_step(file)
-        faults = [] if again.valid else ["the file read again is not valid"]
+        faults = [] if again.ok else ["the file read again is not valid"]
         fraction, error = sample_fraction(body, cell, skin, SAMPLES)
         allowed = STANDARD_ERRORS * error + 0.2 * MINIMAL_OFF["gyroid"] * 6
-        taken = (again.volume + sum(model.certificate.dropped)) / volume
+        taken = (again.shape.volume + sum(model.certificate.dropped)) / volume
         if abs(taken - fraction) > allowed:
             faults.append(f"it takes {taken:.4g} of the body, the sample says {fraction:.4g} +- {allowed:.2g}")
     return found | {"outcome": "WRONG" if faults else "met", "words": "; ".join(faults)}
