@@ -17,8 +17,9 @@ from typing import Any, TypeVar
 import numpy as np
 from OCP.BRep import BRep_Tool
 from OCP.BRepAdaptor import BRepAdaptor_Curve2d
+from OCP.BRepBuilderAPI import BRepBuilderAPI_NurbsConvert
 from OCP.BRepGProp import BRepGProp, BRepGProp_Domain, BRepGProp_Face, BRepGProp_Vinert
-from OCP.Geom import Geom_Plane
+from OCP.Geom import Geom_Plane, Geom_SurfaceOfLinearExtrusion
 from OCP.gp import gp_Pnt, gp_Trsf, gp_Vec
 from OCP.GProp import GProp_GProps
 from OCP.TopAbs import TopAbs_FORWARD
@@ -44,8 +45,9 @@ T = TypeVar("T")
 MIN_AREA_POINTS = 16
 """Least Gauss points per knot cell and direction: the area density contains a square root and is no polynomial."""
 
-OCCT_QUADRATURE_REL_TOL = 1e-9
-"""Relative error requested of OCCT for faces on other surfaces."""
+OCCT_QUADRATURE_REL_TOL = 1e-13
+"""Relative error requested of OCCT for faces on other surfaces. At 1e-9 turned arcs of splines were off by 2e-7, at 1e-11 by
+3e-9, all in the same time."""
 
 BORDER_FRACTION = 1e-6
 """Distance from the patch's side, as a fraction of its parameter range, up to which an edge lies on that side."""
@@ -74,6 +76,9 @@ def face_moments(faces: Sequence[TopoDS_Face]) -> Array:
     trimmed: dict[SplineSpaceKey, list[tuple[int, TrimmedSplineFace]]] = {}
     for i, face in enumerate(faces):
         geometry = BRep_Tool.Surface_s(face)
+        if isinstance(geometry, Geom_SurfaceOfLinearExtrusion) and recognise_quadric(face) is None:
+            face = _as_spline_face(face)
+            geometry = BRep_Tool.Surface_s(face)
         if isinstance(geometry, Geom_Plane):
             result[i] = _planar_face_moments(face, geometry, nodes_of)
         elif convert.is_plain_spline(geometry):
@@ -115,6 +120,15 @@ def solid_moments(solid: TopoDS_Shape) -> Array:
     moments = face_moments(faces_of(solid.Moved(TopLoc_Location(shift)))).sum(axis=0)
     moments[2:] += moments[1] * centre
     return np.asarray(moments)
+
+
+def _as_spline_face(face: TopoDS_Face) -> TopoDS_Face:
+    """The face on a B-spline surface in place of an extrusion.
+
+    OCCT's Gauss quadrature does not split extrusions at the knots of their curves: volumes were found off by 4 to 9 % at any
+    tolerance asked for.
+    """
+    return convert.as_face(BRepBuilderAPI_NurbsConvert(face, True).Shape().Oriented(face.Orientation()))
 
 
 def _untrimmed_moments(surfaces: Sequence[BSplineSurface]) -> Array:
