@@ -85,10 +85,44 @@ class SplineMap(Map):
             The map of the block, scaled to the domain.
         """
         low, high = (np.array(corner) for corner in self.domain)
-        factor = (high - low) / size
-        exact = self.jacobian_function
-        assert exact is not None
-        return Map(lambda p: self(low + factor * p), lambda p: exact(low + factor * p) * factor, self.name)
+        return BlockMap.over(self.volume, self.closed, low, (high - low) / size, self.name)
+
+    def images_and_jacobians(self, points: Array, scale: float) -> tuple[Array, Array]:
+        """Return images (..., 3) and exact Jacobians (..., 3, 3) of points (..., 3) of the domain."""
+        return _evaluate(self.volume, self.closed, points)
+
+
+@dataclass(frozen=True, slots=True)
+class BlockMap(Map):
+    """A trivariate B-spline of a block of cells: the block is first scaled by `factor` (3,) to the domain, from `low` (3,).
+
+    Along the axes that are `closed` it repeats after the length of the domain.
+    """
+
+    volume: BSplineVolume = field(kw_only=True)
+    closed: tuple[bool, bool, bool] = field(kw_only=True)
+    low: Array = field(kw_only=True)
+    factor: Array = field(kw_only=True)
+
+    @classmethod
+    def over(
+        cls, volume: BSplineVolume, closed: tuple[bool, bool, bool], low: Array, factor: Array, name: str
+    ) -> BlockMap:
+        """The map of a block that is scaled by `factor` (3,) to the domain, from its corner `low` (3,)."""
+        return cls(
+            lambda p: _evaluate(volume, closed, low + factor * p)[0],
+            lambda p: _evaluate(volume, closed, low + factor * p)[1] * factor,
+            name,
+            volume=volume,
+            closed=closed,
+            low=low,
+            factor=factor,
+        )
+
+    def images_and_jacobians(self, points: Array, scale: float) -> tuple[Array, Array]:
+        """Return images (..., 3) and exact Jacobians (..., 3, 3) of points (..., 3) of the block."""
+        image, jacobian = _evaluate(self.volume, self.closed, self.low + self.factor * points)
+        return image, jacobian * self.factor
 
 
 @validate_call()

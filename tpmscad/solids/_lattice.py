@@ -27,7 +27,9 @@ from tpmscad.kernel.measure.envelope import Envelope
 from tpmscad.lattices import mapped_lattice, mapped_surface
 from tpmscad.lattices.coordinate_maps import Map, as_map, composition, stretching
 from tpmscad.lattices.offset_surfaces import LayersFit
+from tpmscad.lattices.rounded_maps import round_over_cells
 from tpmscad.lattices.self_contact import require_no_self_contact
+from tpmscad.lattices.spline_maps import SplineMap
 from tpmscad.lattices.spline_volumes import SplineVolumes, mapped_walls
 from tpmscad.memory_limit import require_memory
 from tpmscad.requests.lattice_options import LatticeOptions
@@ -92,12 +94,13 @@ def make_lattice(
     map: Map | Callable[[Array], Array] | None = None,
 ) -> Model:
     """The lattice of a valid request, with or without its loose pieces; errors as for `lattice`."""
-    mapping = _compose_map(request, map)
+    mapping, map_notes = _compose_map(request, map)
     made = _fit_and_copy(request, stages) if mapping is None else _fit_mapped_patches(request, mapping, stages)
     with stages("build"):
         brep, built, dropped = drop_loose_pieces(made.brep, build_solids(made.brep), loose)
     with stages("check"):
         notes = (
+            *map_notes,
             *made.notes,
             *dropped.notes,
             *(_note_phase(request, len(dropped.volumes) + built.n_solids) if map is None else ()),
@@ -154,15 +157,25 @@ class LatticePatches:
     make_spline_volumes: Callable[[], SplineVolumes | None] | None = None
 
 
-def _compose_map(request: LatticeRequest, map: Map | Callable[[Array], Array] | None) -> Map | None:
-    """The map from cubic lattice coordinates (cell = the first edge) to the model; None if it is the identity."""
+def _compose_map(
+    request: LatticeRequest, map: Map | Callable[[Array], Array] | None
+) -> tuple[Map | None, tuple[str, ...]]:
+    """The map from cubic lattice coordinates (cell = the first edge) to the model, None if it is the identity, and notes on it."""
     stretch = None
     if len(set(request.cell)) > 1 and not request.source.follows_cell_edges:
         stretch = stretching(tuple(edge / request.cell[0] for edge in request.cell))
     if map is None:
-        return stretch
-    wrap = as_map(map).over_block(np.array(request.cell) * request.cells)
-    return wrap if stretch is None else composition(wrap, stretch, request.cell[0])
+        return stretch, ()
+    block = np.array(request.cell)
+    notes: tuple[str, ...] = ()
+    if isinstance(map, SplineMap):
+        rounded = round_over_cells(map, request.cells, block, request.tol)
+        wrap = rounded.map
+        if rounded.moved > 0:
+            notes = (f"the {map.name} is rounded at its knots, by {rounded.moved:.2g} mm at most",)
+    else:
+        wrap = as_map(map).over_block(block * request.cells)
+    return (wrap if stretch is None else composition(wrap, stretch, request.cell[0])), notes
 
 
 def _fit_until_traced(request: LatticeRequest, fit_and_trim: Callable[[float], LatticePatches]) -> LatticePatches:
