@@ -68,7 +68,9 @@ def round_over_cells(spline: SplineMap, cells: tuple[int, int, int], cell: Array
         in_cells = [_to_cells(spline, axis, n, t) for axis, (n, t) in enumerate(zip(cells, at, strict=True))]
         miss = np.linalg.norm(volume.grid(*in_cells) - exact, axis=-1)
         if miss.max() <= ROUNDING_SHARE * tol:
-            return RoundedMap(BlockMap.over(volume, spline.closed, np.zeros(3), 1.0 / cell, spline.name), float(miss.max()))
+            return RoundedMap(
+                BlockMap.over(volume, spline.closed, np.zeros(3), 1.0 / cell, spline.name), float(miss.max())
+            )
     worst = np.unravel_index(int(np.argmax(miss)), miss.shape)
     place, parameters = exact[worst], np.array([t[i] for t, i in zip(at, worst, strict=True)])
     raise InvalidRequest(_describe(spline, cells, rough, parameters, place, float(miss.max()), tol))
@@ -82,7 +84,9 @@ def _continuity(spline: SplineMap, axis: int) -> Array:
 
 def _check_places(spline: SplineMap, axis: int, n_cells: int) -> Array:
     low, high = spline.volume.domain[axis]
-    return np.union1d(np.linspace(low, high, CHECKS_PER_CELL * n_cells + 1), np.clip(spline.volume.knots[axis], low, high))
+    return np.union1d(
+        np.linspace(low, high, CHECKS_PER_CELL * n_cells + 1), np.clip(spline.volume.knots[axis], low, high)
+    )
 
 
 def _to_cells(spline: SplineMap, axis: int, n_cells: int, t: Array) -> Array:

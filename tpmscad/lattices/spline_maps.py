@@ -59,11 +59,15 @@ class SplineMap(Map):
         A proved lower bound of the Jacobian determinant on the domain: positive.
     closed : (bool, bool, bool)
         Along which axes the ends of the domain meet, so that a lattice closes there.
+    face_error : float
+        Greatest measured distance, in model units, of the ends of the map from the two faces that it was made between; 0 for a map
+        of given poles.
     """
 
     volume: BSplineVolume = field(kw_only=True)
     least_jacobian: float = field(kw_only=True)
     closed: tuple[bool, bool, bool] = field(kw_only=True)
+    face_error: float = field(kw_only=True, default=0.0)
 
     @property
     def domain(self) -> tuple[tuple[float, float, float], tuple[float, float, float]]:
@@ -177,7 +181,7 @@ def trivariate(
     return spline_map(BSplineVolume(net, triple(given), (p, q, r)), "trivariate spline")
 
 
-def spline_map(volume: BSplineVolume, name: str) -> SplineMap:
+def spline_map(volume: BSplineVolume, name: str, face_error: float = 0.0) -> SplineMap:
     """The map of a trivariate spline; InvalidRequest with the place if it folds or lies on itself."""
     closed = _find_closed_axes(volume)
     result = SplineMap(
@@ -187,6 +191,7 @@ def spline_map(volume: BSplineVolume, name: str) -> SplineMap:
         volume=volume,
         least_jacobian=_prove_positive_jacobian(volume, name),
         closed=closed,
+        face_error=face_error,
     )
     _require_one_to_one(result)
     return result
