@@ -136,7 +136,7 @@ def require_regular(map: Map, points: Array, cell: float) -> int:
     sizes = np.linalg.svd(jacobian, compute_uv=False)
     sign = np.sign(np.linalg.det(jacobian))
     worst = int(np.argmin(sizes[:, 2] / np.maximum(sizes[:, 0], np.finfo(float).tiny)))
-    place = f"near lattice point {format_point(points[worst], 6)}"
+    place = f"near lattice point {format_point(points[worst], 6)}, {format_point(map(points[worst]))} in the model"
     if sign.min() != sign.max():
         raise InvalidRequest(
             f"{map.name} folds: its Jacobian determinant changes sign over the lattice, {place}; "

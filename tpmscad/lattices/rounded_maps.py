@@ -1,11 +1,13 @@
 """Spline maps rounded at their knots, over the cells of a lattice.
 
-The patches of a lattice join with continuous curvature because neighbours read the same derivatives of one smooth surface on their
-common border (`g2_fit`). Across a knot at which a map is only C1 or C2, as faces of CAD parts are, these derivatives differ, and the
-offset by the normal is a derivative less smooth still. Over a block of cells such a map is replaced by the nearest spline of degree 7
-on spans of half a cell, or fewer: C6, the same to round-off where the map is one polynomial over some spans, and elsewhere away from it
-by a distance that is measured. Beyond an open end of its domain, where whole cells reach, a map goes on by its second-order Taylor
-polynomial: polynomials of higher degree turn over within a cell.
+The patches of a lattice join with continuous curvature because neighbours read the same derivatives of one smooth surface on
+their common border (`g2_fit`). Across a knot at which a map is only C1 or C2, as faces of CAD parts are, these derivatives
+differ, and the offset by the normal is a derivative less smooth still. Over a block of cells such a map is replaced by the
+nearest spline of degree 7 on spans of half a cell, or shorter ones: C6, and at a measured distance from the map. Where the map is
+one polynomial it is the same but for what comes from the knots nearby, which decays from span to span.
+
+Beyond an open end of its domain, where whole cells reach, a map goes on by its second-order Taylor polynomial: polynomials of
+higher degree turn over within a cell.
 """
 
 from __future__ import annotations
@@ -22,7 +24,7 @@ from tpmscad.splines.basis import design_matrices, design_matrix
 from tpmscad.splines.bspline_volume import BSplineVolume
 
 SMOOTH_ENOUGH = 5
-"""Continuous derivatives at every knot with which a map is taken as it is: the 48 nodes of a patch resolve the jump of the next."""
+"""Continuous derivatives at knots with which a map is taken as it is: the nodes of a patch resolve the jump of the next."""
 
 DEGREE = 7
 """Degree of the rounded map."""
@@ -54,8 +56,8 @@ class RoundedMap:
 def round_over_cells(spline: SplineMap, cells: tuple[int, int, int], cell: Array, tol: float) -> RoundedMap:
     """The map of a block of cells that fills the domain of a spline map, C6 or smoother.
 
-    `cell` (3,) are the edges of a cell in block coordinates, `tol` the tolerance of the lattice in model units. InvalidRequest with
-    knot and place if the rounded map moves by more than its share of the tolerance even on the shortest spans.
+    `cell` (3,) are the edges of a cell in block coordinates, `tol` the tolerance of the lattice in model units. InvalidRequest
+    with knot and place if the rounded map moves by more than its share of the tolerance even on the shortest spans.
     """
     size = cell * np.array(cells, float)
     rough = triple(_continuity(spline, axis).min(initial=SMOOTH_ENOUGH) < SMOOTH_ENOUGH for axis in range(3))

@@ -1,8 +1,8 @@
 """The solid between two four-sided faces of a CAD part as the domain of a coordinate map.
 
-Both faces become splines of one space: of a face on a polynomial spline these are its own knots and poles, of degree raised to that of
-the other and with the knots of both. The segments between points of equal parameters fill the domain: a trivariate spline that is
-linear from the first face to the second. Its knots are lengths: fields keep their size on average.
+Both faces become splines of one space: of a face on a polynomial spline these are its own knots and poles, of degree raised to
+that of the other and with the knots of both. The segments between points of equal parameters fill the domain: a trivariate spline
+that is linear from the first face to the second. Its knots are lengths: fields keep their size on average.
 """
 
 from __future__ import annotations
@@ -19,10 +19,15 @@ from tpmscad.kernel.body_import.four_sided_face import convert_four_sided
 from tpmscad.lattices.spline_maps import SplineMap, spline_map
 from tpmscad.splines.bspline import BSplineSurface
 from tpmscad.splines.bspline_volume import BSplineVolume, ruled_volume
-from tpmscad.splines.knots import reverse_surface, swap_parameters, to_common_space
+from tpmscad.splines.knots import to_common_space, turn_surface
 
 CLOSED_TOL_FRACTION = 1e-9
 """A face closes on itself if opposite sides agree to this fraction of its size."""
+
+CROSSING_REMEDY = (
+    "there the segments between corresponding points cross or lie in a face: use faces that lie over each other there, "
+    "farther apart than they are bent"
+)
 
 COARSE = np.linspace(0.0, 1.0, 13)
 """Parameters at which the sides of both faces are compared."""
@@ -49,8 +54,8 @@ def between(
     Raises
     ------
     InvalidRequest
-        If a face has not four edges, has a knot across which it is not C1, or is trimmed in a way that no smooth chart follows; or if
-        the segments cross, so that the map folds.
+        If a face has not four edges, has a knot across which it is not C1, or is trimmed in a way that no smooth chart follows;
+        or if the segments cross, so that the map folds.
 
     Notes
     -----
@@ -76,28 +81,19 @@ def between(
     ruled = ruled_volume(lower, upper)
     knots = triple(t * length for t, length in zip(ruled.knots, lengths, strict=True))
     volume = BSplineVolume(ruled.poles, knots, ruled.degrees)
-    return spline_map(volume, "map between two faces", max(first.error, second.error))
+    return spline_map(volume, "map between two faces", max(first.error, second.error), CROSSING_REMEDY)
 
 
 def _match(first: BSplineSurface, second: BSplineSurface) -> tuple[BSplineSurface, BSplineSurface]:
     """Both surfaces with corners that correspond, right-handed with the direction from the first to the second."""
     a = first.grid(COARSE, COARSE)
-    choices = [_turn(second, *how) for how in product((False, True), repeat=3)]
+    choices = [turn_surface(second, *how) for how in product((False, True), repeat=3)]
     b = min(choices, key=lambda surface: float(np.square(surface.grid(COARSE, COARSE) - a).sum()))
     across = b.grid(COARSE, COARSE) - a
     du, dv = np.gradient(a, axis=0), np.gradient(a, axis=1)
     if np.einsum("ijd,ijd->", np.cross(du, dv), across) < 0:
-        return swap_parameters(first), swap_parameters(b)
+        return turn_surface(first, swap=True), turn_surface(b, swap=True)
     return first, b
-
-
-def _turn(surface: BSplineSurface, swap: bool, reverse_s: bool, reverse_t: bool) -> BSplineSurface:
-    """The surface with its parameters reversed, then swapped."""
-    if reverse_s:
-        surface = reverse_surface(surface)
-    if reverse_t:
-        surface = swap_parameters(reverse_surface(swap_parameters(surface)))
-    return swap_parameters(surface) if swap else surface
 
 
 def _join_seams(surfaces: tuple[BSplineSurface, BSplineSurface]) -> tuple[BSplineSurface, BSplineSurface]:

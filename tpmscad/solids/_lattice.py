@@ -160,7 +160,7 @@ class LatticePatches:
 def _compose_map(
     request: LatticeRequest, map: Map | Callable[[Array], Array] | None
 ) -> tuple[Map | None, tuple[str, ...]]:
-    """The map from cubic lattice coordinates (cell = the first edge) to the model, None if it is the identity, and notes on it."""
+    """The map from cubic lattice coordinates (cell = the first edge) to the model, None for the identity, and notes on it."""
     stretch = None
     if len(set(request.cell)) > 1 and not request.source.follows_cell_edges:
         stretch = stretching(tuple(edge / request.cell[0] for edge in request.cell))
@@ -171,8 +171,12 @@ def _compose_map(
     if isinstance(map, SplineMap):
         rounded = round_over_cells(map, request.cells, block, request.tol)
         wrap = rounded.map
+        edges = " x ".join(f"{edge:.3g}" for edge in map.mean_edges() / request.cells)
+        notes = (f"the {map.name} has cells of {edges} mm on average",)
         if rounded.moved > 0:
-            notes = (f"the {map.name} is rounded at its knots, by {rounded.moved:.2g} mm at most",)
+            notes += (f"it is rounded at its knots, by {rounded.moved:.2g} mm at most",)
+        if map.face_error > 0:
+            notes += (f"its ends are within {map.face_error:.2g} mm of the faces",)
     else:
         wrap = as_map(map).over_block(block * request.cells)
     return (wrap if stretch is None else composition(wrap, stretch, request.cell[0])), notes
@@ -244,6 +248,9 @@ def _fit_mapped_patches(request: LatticeRequest, mapping: Map, stages: StageTime
             source.patch, source.symmetry, cover.placements, mapping, cell, cover.periods, request.thickness
         )
         surface.orientation()
+        mapped_lattice.require_patches_that_bend(
+            surface, request.layer_offsets, request.offset, f"mapped {name}", request.tol
+        )
         mapped_lattice.require_offsets_below_curvature_radius(surface, request.offset, f"mapped {name}")
         if request.kind == "sheet":
             require_no_self_contact(surface, request.offset, cover.limits)

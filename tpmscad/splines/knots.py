@@ -274,17 +274,22 @@ def map_to_unit_square(surface: BSplineSurface) -> BSplineSurface:
     return BSplineSurface(surface.poles, knots[0], knots[1], surface.degree_u, surface.degree_v)
 
 
-def swap_parameters(surface: BSplineSurface) -> BSplineSurface:
-    """The surface S(v, u)."""
-    poles = surface.poles.swapaxes(0, 1).copy()
-    return BSplineSurface(poles, surface.knots_v, surface.knots_u, surface.degree_v, surface.degree_u)
-
-
-def reverse_surface(surface: BSplineSurface) -> BSplineSurface:
-    """The surface with u reversed on the same domain."""
-    low, high = surface.domain[0]
-    knots = (low + high) - surface.knots_u[::-1]
-    return BSplineSurface(surface.poles[::-1].copy(), knots, surface.knots_v, surface.degree_u, surface.degree_v)
+def turn_surface(
+    surface: BSplineSurface, reverse_u: bool = False, reverse_v: bool = False, swap: bool = False
+) -> BSplineSurface:
+    """The surface with parameters reversed on their domain, then swapped."""
+    poles, knots, degrees = surface.poles, [surface.knots_u, surface.knots_v], (surface.degree_u, surface.degree_v)
+    for direction, reverse in enumerate((reverse_u, reverse_v)):
+        if reverse:
+            low, high = surface.domain[direction]
+            knots[direction] = (low + high) - knots[direction][::-1]
+            poles = np.flip(poles, direction)
+    order = (1, 0) if swap else (0, 1)
+    return BSplineSurface(
+        np.ascontiguousarray(poles.swapaxes(0, 1) if swap else poles),
+        *(knots[i] for i in order),
+        *(degrees[i] for i in order),
+    )
 
 
 def to_common_space(first: BSplineSurface, second: BSplineSurface) -> tuple[BSplineSurface, BSplineSurface]:

@@ -1,9 +1,9 @@
 """Four-sided faces of a CAD part as polynomial splines on the unit square.
 
-A face whose sides are lines of parameters of its surface has the surface's own parametrisation: of a polynomial spline the knots and
-poles themselves, of any other surface a spline within 1e-9 of the size. A face that closes on itself, as a whole cylinder does, has its
-seam as two sides. Any other face is parametrised anew: a bilinearly blended Coons patch of its sides in the parameter plane fills the
-region that they bound, so that its image lies on the surface exactly, and a spline is fitted to it.
+A face whose sides are lines of parameters of its surface has the surface's own parametrisation: of a polynomial spline the
+knots and poles themselves, of any other surface a spline within 1e-9 of the size. A face that closes on itself, as a whole
+cylinder does, has its seam as two sides. Any other face is parametrised anew: a bilinearly blended Coons patch of its sides in
+the parameter plane fills the region that they bound, so that its image lies on the surface exactly, and a spline is fitted to it.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ from tpmscad.kernel.body_import.free_form_carriers import convert_box, fit_chart
 from tpmscad.kernel.occt import convert
 from tpmscad.kernel.occt.exploration import list_subshapes, orientation_sign, require_shape
 from tpmscad.splines.bspline import BSplineSurface
-from tpmscad.splines.knots import map_to_unit_square, reverse_surface
+from tpmscad.splines.knots import map_to_unit_square, turn_surface
 
 N_SIDES = 4
 
@@ -39,7 +39,7 @@ CHART_RTOL = 1e-6
 """Of the size: greatest error of the spline of a face that is trimmed in another way."""
 
 SIDE_RTOL = 1e-7
-"""Of the range of parameters: how far a side may be from a line of parameters, as the kernel's tolerance is for parts of a metre."""
+"""Of the range of parameters: how far a side may be from a line of parameters, as kernels draw it."""
 
 SIDE_SAMPLES = np.linspace(0.0, 1.0, 9)
 """Places on a side at which it is compared with a line of parameters."""
@@ -77,7 +77,7 @@ def convert_four_sided(face: Any, name: str) -> FaceSpline:
             surface = surface.BasisSurface()
         limit = CONVERSION_RTOL * size
         spline, error = convert_box(surface, box, 0.1 * limit)
-        spline = map_to_unit_square(spline)
+        spline = _start_at_first_side(map_to_unit_square(spline), sides[0], box)
     else:
         limit = CHART_RTOL * size
         spline, error = fit_chart(chart, limit)
@@ -116,6 +116,14 @@ def _is_whole(sides: list[Side], box: Array) -> bool:
     return True
 
 
+def _start_at_first_side(spline: BSplineSurface, side: Side, box: Array) -> BSplineSurface:
+    """The spline of the box (2, 2) turned so that its first parameter runs along a side, which is at the start of the second."""
+    start, end = (_points(side, np.array([float(i)]))[0] for i in (0, 1))
+    along = int(np.argmax(np.abs(end - start) / np.ptp(box, axis=1)))
+    reverse = [bool(end[i] < start[i]) if i == along else bool(start[i] > box[i].mean()) for i in (0, 1)]
+    return turn_surface(spline, *reverse, swap=along == 1)
+
+
 def _refuse_intricate(spline: BSplineSurface, chart: Any, name: str, error: float, limit: float) -> None:
     """InvalidRequest for a face that no spline follows, with the place if it is trimmed."""
     place = ""
@@ -124,36 +132,30 @@ def _refuse_intricate(spline: BSplineSurface, chart: Any, name: str, error: floa
         miss = np.linalg.norm(spline.grid(CHECK_LINES, CHECK_LINES) - points, axis=2)
         place = f" near {format_point(points[np.unravel_index(int(np.argmax(miss)), miss.shape)])}"
     raise InvalidRequest(
-        f"{name} is too intricate for a map: its spline misses it by {error:.3g}{place}, more than {limit:.3g}; use a face without "
-        "creases and with smooth sides, or split it there"
+        f"{name} is too intricate for a map: its spline misses it by {error:.3g}{place}, more than {limit:.3g}; "
+        "use a face without creases and with smooth sides, or split it there"
     )
 
 
 def _require_tangents(spline: BSplineSurface, name: str) -> None:
     """InvalidRequest, with knot and place, where the surface is not C1."""
     for axis in (0, 1):
-        along = (
-            spline
-            if axis == 0
-            else BSplineSurface(
-                spline.poles.swapaxes(0, 1), spline.knots_v, spline.knots_u, spline.degree_v, spline.degree_u
-            )
-        )
+        along = turn_surface(spline, swap=axis == 1)
         values, counts = np.unique(along.knots_u[along.degree_u + 1 : -along.degree_u - 1], return_counts=True)
         suspects = values[counts >= along.degree_u]
         if not len(suspects):
             continue
         # at a knot the span above is evaluated; that below is the span above of the reversed surface
         above = along.grid(suspects, SIDE_SAMPLES, 1)
-        below = -reverse_surface(along).grid(1 - suspects, SIDE_SAMPLES, 1)
+        below = -turn_surface(along, reverse_u=True).grid(1 - suspects, SIDE_SAMPLES, 1)
         jump = np.linalg.norm(above - below, axis=2) / np.linalg.norm(above, axis=2).max()
         i, j = np.unravel_index(int(np.argmax(jump)), jump.shape)
         if jump[i, j] > KINK_ANGLE:
             place = along.grid(suspects[i : i + 1], SIDE_SAMPLES[j : j + 1])[0, 0]
             raise InvalidRequest(
                 f"{name} is not smooth enough for a map: at its knot {'uv'[axis]} = {suspects[i]:.6g} (of 0 to 1) near "
-                f"{format_point(place)} the derivative across the knot jumps by {jump[i, j]:.3g} of its size; split the face there, "
-                "or make its surface C1"
+                f"{format_point(place)} the derivative across it jumps by {jump[i, j]:.3g} of its size; split the face "
+                "there, or make its surface C1"
             )
 
 
