@@ -12,6 +12,30 @@ pytestmark = [pytest.mark.kernel, pytest.mark.slow]
 
 b3d = pytest.importorskip("build123d")
 
+from OCP.BRep import BRep_Tool  # noqa: E402  (after the check that there is a kernel)
+from OCP.BRepBuilderAPI import BRepBuilderAPI_MakeFace, BRepBuilderAPI_NurbsConvert  # noqa: E402
+from OCP.Geom import Geom_BSplineSurface, Geom_OffsetSurface  # noqa: E402
+from OCP.gp import gp_Pnt  # noqa: E402
+from OCP.TColgp import TColgp_Array2OfPnt  # noqa: E402
+from OCP.TColStd import TColStd_Array1OfInteger, TColStd_Array1OfReal  # noqa: E402
+from OCP.TopoDS import TopoDS  # noqa: E402
+
+from tpmscad.kernel.occt.convert import surface_from_occt  # noqa: E402
+
+
+def reals(values):
+    array = TColStd_Array1OfReal(1, len(values))
+    for i, value in enumerate(values):
+        array.SetValue(i + 1, value)
+    return array
+
+
+def integers(values):
+    array = TColStd_Array1OfInteger(1, len(values))
+    for i, value in enumerate(values):
+        array.SetValue(i + 1, value)
+    return array
+
 
 def plate():
     return b3d.Box(30, 20, 6).faces().sort_by(b3d.Axis.Z)[::5]
@@ -68,3 +92,88 @@ def test_faces_without_four_sides_are_refused() -> None:
         maps.between(holed[0], holed[-1])
     with pytest.raises(InvalidRequest, match="face_b holds 6 faces"):
         maps.between(plate()[0], b3d.Box(1, 1, 1))
+
+
+def wavy(z: float, seed: int, counts: tuple[int, int] = (5, 7)):
+    """A face through points of a bumpy sheet of 50 x 90: cubic, C2 at its inner knots."""
+    rng = np.random.default_rng(seed)
+    x, y = np.linspace(0, 50, counts[0]), np.linspace(0, 90, counts[1])
+    rows = [[b3d.Vector(a, b, z + 0.5 * rng.uniform(-1, 1)) for b in y] for a in x]
+    return b3d.Face.make_surface_from_array_of_points(rows)
+
+
+def test_a_polynomial_spline_is_taken_with_its_own_knots_and_points() -> None:
+    faces = wavy(0, 1), wavy(10, 2, (6, 5))
+    map = maps.between(*faces)
+    assert map.face_error == 0
+    ends = [surface_from_occt(BRep_Tool.Surface_s(face.wrapped)) for face in faces]
+    for axis, name in enumerate("uv"):
+        own = map.volume.knots[axis] / map.volume.knots[axis][-1]
+        for end in ends:
+            knots = getattr(end, f"knots_{name}")
+            knots = (knots - knots[0]) / np.ptp(knots)
+            either = np.minimum(
+                np.abs(own[:, None] - knots).min(axis=0), np.abs(own[:, None] - (1 - knots)).min(axis=0)
+            )
+            assert either.max() < 1e-14
+    low, high = (np.array(corner) for corner in map.domain)
+    rng = np.random.default_rng(1)
+    at = low + (high - low) * rng.random((60, 3))
+    for w, face in ((low[2], faces[0]), (high[2], faces[1])):
+        at[:, 2] = w
+        assert max(face.distance_to(b3d.Vector(*p)) for p in map(at)) < 1e-12
+
+
+def tilted_pair(face):
+    """A face and a copy of it above, closer at one side."""
+    return face, face.moved(b3d.Location((0, 0, 9), (2, 0, 0)))
+
+
+def extruded():
+    curve = b3d.Edge.make_spline([(0, 0, 0), (10, 0, 2), (20, 0, -1), (34, 0, 1)])
+    return tilted_pair(b3d.Face.extrude(curve, (0, 21, 0)))
+
+
+def rational():
+    """A quarter of a cone, as a rational spline surface."""
+    cone = b3d.Solid.make_cone(12, 20, 15, angle=90).faces().filter_by(b3d.GeomType.CONE)[0]
+    spline = BRepBuilderAPI_NurbsConvert(cone.wrapped).Shape()
+    inner = b3d.Face(TopoDS.Face_s(spline))
+    return inner, b3d.Solid.make_cone(15, 24, 15, angle=90).faces().filter_by(b3d.GeomType.CONE)[0]
+
+
+def offset():
+    return b3d.Face(
+        BRepBuilderAPI_MakeFace(Geom_OffsetSurface(BRep_Tool.Surface_s(wavy(0, 1).wrapped), 2.0), 1e-6).Face()
+    ), wavy(10, 2)
+
+
+def trimmed():
+    tool = b3d.Pos(25, 45, 5) * b3d.Rot(0, 0, 10) * b3d.Box(30, 40, 40)
+    return tuple((wavy(z, seed, (4, 4)) & tool).faces()[0] for z, seed in ((0, 1), (10, 2)))
+
+
+@pytest.mark.parametrize(("make", "rtol"), [(extruded, 1e-9), (rational, 1e-9), (offset, 1e-9), (trimmed, 1e-6)])
+def test_faces_of_every_kind_are_met_within_what_is_told(make, rtol) -> None:
+    faces = make()
+    map = maps.between(*faces)
+    low, high = (np.array(corner) for corner in map.domain)
+    assert map.face_error <= rtol * np.linalg.norm(high - low)
+    at = low + (high - low) * np.random.default_rng(1).random((60, 3))
+    for w, face in ((low[2], faces[0]), (high[2], faces[1])):
+        at[:, 2] = w
+        assert max(face.distance_to(b3d.Vector(*p)) for p in map(at)) <= map.face_error + 1e-12
+
+
+def test_a_knot_that_is_not_smooth_is_named_with_its_place() -> None:
+    """A roof whose ridge is a knot: the kernel would split a crease that is extruded, but not one in the poles."""
+    poles = TColgp_Array2OfPnt(1, 3, 1, 2)
+    for i, (x, z) in enumerate([(0, 0), (12, 3), (30, 0)]):
+        for j, y in enumerate([0, 20]):
+            poles.SetValue(i + 1, j + 1, gp_Pnt(x, y, z))
+    line = Geom_BSplineSurface(
+        poles, reals([0.0, 0.4, 1.0]), reals([0.0, 1.0]), integers([2, 1, 2]), integers([2, 2]), 1, 1
+    )
+    roof = b3d.Face(BRepBuilderAPI_MakeFace(line, 1e-6).Face())
+    with pytest.raises(InvalidRequest, match=r"face_b is not smooth .* at its knot [uv] = 0\.[46] .* near \(12, "):
+        maps.between(b3d.Pos(15, 10, -5) * b3d.Face.make_rect(30, 20), roof)

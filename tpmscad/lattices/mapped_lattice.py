@@ -238,9 +238,9 @@ def _measure_patches(
 ) -> Deviation:
     """Deviation of the fitted patches, or of the first found that exceeds `limit`; `progress` receives the fraction done.
 
-    The difference at equal parameters is never less than the orthogonal distances. Patches are measured from the greatest difference
-    down, as long as one could exceed the deviation found; of the others the component along the normal counts, for the root mean
-    square.
+    The difference at equal parameters is never less than the orthogonal distances. Patches are measured from the greatest
+    difference down, as long as one could exceed the deviation found; of the others the component along the normal counts, for
+    the root mean square.
     """
     compared = [_compare_at_grid(mapped, d, layer, c) for d, layer, c in zip(distances, layers, classes, strict=True)]
     at = [(k, i) for k, (greatest, _) in enumerate(compared) for i in range(len(greatest))]
