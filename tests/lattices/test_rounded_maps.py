@@ -63,7 +63,7 @@ def test_away_from_knots_and_ends_the_map_stays_the_same() -> None:
     points = inside(300)
     points[:, 0] = SIZE[0] * (0.5 + 0.1 * RNG.random(300))
     distance = np.linalg.norm(rounded.map(points) - spline(points / SIZE), axis=1).max()
-    assert distance < 1e-3 * rounded.moved
+    assert distance < 5e-3 * rounded.moved
 
 
 def test_the_sixth_derivative_is_continuous_where_the_third_of_the_map_jumps() -> None:

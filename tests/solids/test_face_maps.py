@@ -14,27 +14,10 @@ b3d = pytest.importorskip("build123d")
 
 from OCP.BRep import BRep_Tool  # noqa: E402  (after the check that there is a kernel)
 from OCP.BRepBuilderAPI import BRepBuilderAPI_MakeFace, BRepBuilderAPI_NurbsConvert  # noqa: E402
-from OCP.Geom import Geom_BSplineSurface, Geom_OffsetSurface  # noqa: E402
-from OCP.gp import gp_Pnt  # noqa: E402
-from OCP.TColgp import TColgp_Array2OfPnt  # noqa: E402
-from OCP.TColStd import TColStd_Array1OfInteger, TColStd_Array1OfReal  # noqa: E402
-from OCP.TopoDS import TopoDS  # noqa: E402
+from OCP.Geom import Geom_OffsetSurface  # noqa: E402
 
-from tpmscad.kernel.occt.convert import surface_from_occt  # noqa: E402
-
-
-def reals(values):
-    array = TColStd_Array1OfReal(1, len(values))
-    for i, value in enumerate(values):
-        array.SetValue(i + 1, value)
-    return array
-
-
-def integers(values):
-    array = TColStd_Array1OfInteger(1, len(values))
-    for i, value in enumerate(values):
-        array.SetValue(i + 1, value)
-    return array
+from tpmscad.kernel.occt.convert import as_face, surface, surface_from_occt  # noqa: E402
+from tpmscad.splines import BSplineSurface  # noqa: E402
 
 
 def plate():
@@ -107,15 +90,16 @@ def test_a_polynomial_spline_is_taken_with_its_own_knots_and_points() -> None:
     map = maps.between(*faces)
     assert map.face_error == 0
     ends = [surface_from_occt(BRep_Tool.Surface_s(face.wrapped)) for face in faces]
-    for axis, name in enumerate("uv"):
+    for axis in range(2):
         own = map.volume.knots[axis] / map.volume.knots[axis][-1]
+        missed = []
         for end in ends:
-            knots = getattr(end, f"knots_{name}")
-            knots = (knots - knots[0]) / np.ptp(knots)
-            either = np.minimum(
-                np.abs(own[:, None] - knots).min(axis=0), np.abs(own[:, None] - (1 - knots)).min(axis=0)
-            )
-            assert either.max() < 1e-14
+            choices = []
+            for knots in (end.knots_u, end.knots_v):
+                knots = (knots - knots[0]) / np.ptp(knots)
+                choices += [np.abs(own[:, None] - t).min(axis=0).max() for t in (knots, 1 - knots)]
+            missed.append(min(choices))
+        assert max(missed) < 1e-14
     low, high = (np.array(corner) for corner in map.domain)
     rng = np.random.default_rng(1)
     at = low + (high - low) * rng.random((60, 3))
@@ -138,7 +122,7 @@ def rational():
     """A quarter of a cone, as a rational spline surface."""
     cone = b3d.Solid.make_cone(12, 20, 15, angle=90).faces().filter_by(b3d.GeomType.CONE)[0]
     spline = BRepBuilderAPI_NurbsConvert(cone.wrapped).Shape()
-    inner = b3d.Face(TopoDS.Face_s(spline))
+    inner = b3d.Face(as_face(spline))
     return inner, b3d.Solid.make_cone(15, 24, 15, angle=90).faces().filter_by(b3d.GeomType.CONE)[0]
 
 
@@ -167,13 +151,8 @@ def test_faces_of_every_kind_are_met_within_what_is_told(make, rtol) -> None:
 
 def test_a_knot_that_is_not_smooth_is_named_with_its_place() -> None:
     """A roof whose ridge is a knot: the kernel would split a crease that is extruded, but not one in the poles."""
-    poles = TColgp_Array2OfPnt(1, 3, 1, 2)
-    for i, (x, z) in enumerate([(0, 0), (12, 3), (30, 0)]):
-        for j, y in enumerate([0, 20]):
-            poles.SetValue(i + 1, j + 1, gp_Pnt(x, y, z))
-    line = Geom_BSplineSurface(
-        poles, reals([0.0, 0.4, 1.0]), reals([0.0, 1.0]), integers([2, 1, 2]), integers([2, 2]), 1, 1
-    )
-    roof = b3d.Face(BRepBuilderAPI_MakeFace(line, 1e-6).Face())
+    poles = np.array([[[x, y, z] for y in (0.0, 20.0)] for x, z in ((0.0, 0.0), (12.0, 3.0), (30.0, 0.0))])
+    ridge = BSplineSurface(poles, np.array([0, 0, 0.4, 1, 1]), np.array([0.0, 0, 1, 1]), 1, 1)
+    roof = b3d.Face(BRepBuilderAPI_MakeFace(surface(ridge), 1e-6).Face())
     with pytest.raises(InvalidRequest, match=r"face_b is not smooth .* at its knot [uv] = 0\.[46] .* near \(12, "):
         maps.between(b3d.Pos(15, 10, -5) * b3d.Face.make_rect(30, 20), roof)
