@@ -19,10 +19,6 @@ from tpmscad._typing import Array, IntArray
 from tpmscad.brep.orthogonal_projection import project_to_patch, project_to_surface
 from tpmscad.splines.bspline import BSplineSurface
 
-REFERENCE_FOOT_TOL = 1e-6
-"""Step of the parameters at which feet on the reference have converged: the next would move a foot by 1e-8 of the patch, and its
-distance, which is least there, by the square of that."""
-
 ReferenceSurface = Callable[[Array, Array], Array]
 """Positions (..., 3) of the reference surface at (u, v); defined a little beyond the domain, where foot points may lie."""
 
@@ -129,7 +125,7 @@ def _distances_to_reference(fitted: BSplineSurface, reference: ReferenceSurface,
     def jet(s: Array, t: Array, rows: IntArray) -> Sequence[Array]:
         return reference(s, t), tangents[0][rows], tangents[1][rows]
 
-    foot_u, foot_v = project_to_surface(jet, points, u, v, domain, REFERENCE_FOOT_TOL)
+    foot_u, foot_v = project_to_surface(jet, points, u, v, domain)
     return np.linalg.norm(points - reference(foot_u, foot_v), axis=-1)
 
 
