@@ -100,7 +100,7 @@ PARTS = {
     "sector": (sector, (2, 3, 1), 0.6),
     "tube": (tube, (2, 8, 1), 0.3),
     "loft": (loft, (2, 2, 1), 0.6),
-    "splines": (splines, (5, 10, 1), 0.8),
+    "splines": (splines, (10, 5, 1), 0.8),
     "lofted": (lofted, (9, 4, 1), 0.8),
     "trimmed": (trimmed, (4, 3, 1), 0.8),
 }

@@ -42,6 +42,9 @@ CONGRUENCE_SAMPLES_PER_PARAMETER = 13
 CURVATURE_SAMPLES_PER_PARAMETER = 9
 """Samples along each parameter of a patch at which its curvature is found."""
 
+COARSE_SAMPLES = 3
+"""The same for the first look at all patches."""
+
 NORMAL_STEP = 1e-4
 """Step of the parameters by which normals are differenced."""
 
@@ -314,23 +317,25 @@ def describe_cell(mapped: MappedSurface, index: int) -> str:
 def require_patches_that_bend(
     mapped: MappedSurface, distances: Layers, offsets: Sequence[float], name: str, tol: float
 ) -> None:
-    """InvalidRequest, with the place, if the cells are too large where the map bends most: told before all patches are fitted.
+    """InvalidRequest, with the place, if cells are too large for the bends of the map: told before all patches are fitted.
 
+    A few samples of all patches are compared with their curvature, and the patches over which the map bends most are fitted.
     `distances` are those of `fit_mapped_layers`, `offsets` and `name` those of `require_offsets_below_curvature_radius`.
     """
-    most_bent = replace(mapped, placements=mapped.placements[find_most_bent(mapped, MOST_BENT)])
-    require_offsets_below_curvature_radius(most_bent, offsets, name)
-    fit_mapped_layers(most_bent, distances, tol)
+    require_offsets_below_curvature_radius(mapped, offsets, name, COARSE_SAMPLES)
+    fit_mapped_layers(replace(mapped, placements=mapped.placements[find_most_bent(mapped, MOST_BENT)]), distances, tol)
 
 
-def find_least_curvature_radius(mapped: MappedSurface) -> tuple[float, Array]:
-    """Least radius of curvature of the mapped mid surface, sampled, and where it is (3,); offsets must stay below it.
+def find_least_curvature_radius(
+    mapped: MappedSurface, samples: int = CURVATURE_SAMPLES_PER_PARAMETER
+) -> tuple[float, int]:
+    """Least radius of curvature of the mapped mid surface, sampled, and the placement that has it; offsets stay below it.
 
     Of a wall of graded thickness the radius is measured in local thicknesses, as its offsets are. The curvature is the
     derivative of the exact normals by central differences: their error is far below what lies between the samples.
     """
-    u, v = (g.ravel() for g in np.meshgrid(*[np.linspace(0, 1, CURVATURE_SAMPLES_PER_PARAMETER)] * 2))
-    largest, place = 0.0, np.zeros(3)
+    u, v = (g.ravel() for g in np.meshgrid(*[np.linspace(0, 1, samples)] * 2))
+    largest, worst = 0.0, 0
     for start in range(0, len(mapped.placements), PATCHES_AT_ONCE):
         index = np.arange(start, min(start + PATCHES_AT_ONCE, len(mapped.placements)))
         here, h = mapped.points(u, v, index), NORMAL_STEP
@@ -342,8 +347,8 @@ def find_least_curvature_radius(mapped: MappedSurface) -> tuple[float, Array]:
         curvature = curvature * mapped.distance_unit(here.position)
         if curvature.max() > largest:
             largest = float(curvature.max())
-            place = here.position[np.unravel_index(int(np.argmax(curvature)), curvature.shape)]
-    return 1.0 / largest, place
+            worst = int(index[np.argmax(curvature.max(axis=1))])
+    return 1.0 / largest, worst
 
 
 def least_curvature_radius(mapped: MappedSurface) -> float:
@@ -351,18 +356,20 @@ def least_curvature_radius(mapped: MappedSurface) -> float:
     return find_least_curvature_radius(mapped)[0]
 
 
-def require_offsets_below_curvature_radius(mapped: MappedSurface, offsets: Sequence[float], name: str) -> None:
+def require_offsets_below_curvature_radius(
+    mapped: MappedSurface, offsets: Sequence[float], name: str, samples: int = CURVATURE_SAMPLES_PER_PARAMETER
+) -> None:
     """InvalidRequest if an offset is not below the least radius of curvature; `name` is that of the surface in the message."""
     worst = max(offsets, key=abs)
-    limit, place = find_least_curvature_radius(mapped)
+    limit, index = find_least_curvature_radius(mapped, samples)
     if abs(worst) >= limit and mapped.thickness is not None:
         raise InvalidRequest(
-            f"the graded wall reaches beyond the curvature radius of the {name}, near {format_point(place)} by the factor "
-            f"{0.5 / limit:.3g}: make it thinner there, or take larger cells"
+            f"the graded wall reaches beyond the curvature radius of the {name}, {describe_cell(mapped, index)}, by the "
+            f"factor {0.5 / limit:.3g}: make it thinner there, or take larger cells"
         )
     if abs(worst) >= limit:
         raise InvalidRequest(
-            f"offset {worst:g} passes the least curvature radius of the {name}, {limit:.6g} near {format_point(place)}: "
+            f"offset {worst:g} passes the least curvature radius of the {name}, {limit:.6g} {describe_cell(mapped, index)}: "
             f"offsets stay below it, a symmetric wall's thickness below {2 * limit:.6g}; larger cells have larger radii"
         )
 

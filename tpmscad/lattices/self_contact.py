@@ -146,9 +146,9 @@ def _predict_pairs(mapped: MappedSurface, offsets: tuple[float, float]) -> WallP
     lattice = surface.lattice.reshape(-1, 3)
     tree, step = cKDTree(position), np.repeat(spacing, shape[1])
     unit = mapped.distance_unit(position)
-    reach = max(abs(d) for d in offsets) * float(unit.max()) + (FOOT_RANGE_SPACINGS + MARGIN_SPACINGS) * float(
-        spacing.max()
-    )
+    # a predicted foot is at most MARGIN_SPACINGS beyond the wall and FOOT_RANGE_SPACINGS aside
+    wall, greatest = max(abs(d) for d in offsets) * float(unit.max()), float(spacing.max())
+    reach = float(np.hypot(wall + MARGIN_SPACINGS * greatest, FOOT_RANGE_SPACINGS * greatest))
     jacobian = mapped.map.jacobian(lattice, mapped.cell)
     # a foot is at most this far from the sample that predicts it, in the lattice
     foot_range = FOOT_RANGE_SPACINGS * step / np.linalg.svd(jacobian, compute_uv=False)[:, -1]
