@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+import re
+
 import numpy as np
 import pytest
 
+import tpmscad
 from tpmscad import maps
 from tpmscad.errors import InvalidRequest
 
@@ -156,3 +159,33 @@ def test_a_knot_that_is_not_smooth_is_named_with_its_place() -> None:
     roof = b3d.Face(BRepBuilderAPI_MakeFace(surface(ridge), 1e-6).Face())
     with pytest.raises(InvalidRequest, match=r"face_b is not smooth .* at its knot [uv] = 0\.[46] .* near \(12, "):
         maps.between(b3d.Pos(15, 10, -5) * b3d.Face.make_rect(30, 20), roof)
+
+
+def test_walls_between_faces_that_are_only_c2_join_with_continuous_curvature() -> None:
+    model = tpmscad.lattice(
+        "gyroid", cell=5, cells=(4, 2, 1), thickness=0.6, tol=0.05, boundary="natural",
+        map=maps.between(*[face.scale(0.4) for face in (wavy(0, 1), wavy(24, 2, (6, 5)))]),
+    )  # fmt: skip
+    certificate = model.certificate
+    assert certificate.met
+    assert certificate.tangent_jump_deg < 1e-5
+    assert certificate.curvature_jump < 1e-6
+    notes = "; ".join(certificate.notes)
+    assert "has cells of" in notes
+    moved = float(re.search(r"rounded at its knots, by (\S+) mm", notes)[1])
+    assert 0 < moved <= 0.025
+
+
+def test_numbers_of_cells_along_the_wrong_axes_are_told_with_better_ones() -> None:
+    with pytest.raises(
+        InvalidRequest, match=r"near \(.*where a cell measures .*: cells=\(9, 5, 1\) would be more nearly cubic"
+    ):
+        tpmscad.lattice(
+            "gyroid",
+            cell=5,
+            cells=(5, 9, 1),
+            thickness=2.0,
+            tol=0.05,
+            boundary="natural",
+            map=maps.between(wavy(0, 1), wavy(10, 2)),
+        )
