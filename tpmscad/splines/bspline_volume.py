@@ -113,30 +113,6 @@ class BSplineVolume:
             jacobian[rows, :, 2] = np.einsum("nkd,nk->nd", lines, dw)
         return image, jacobian
 
-    def _images_of_few(self, points: Array) -> tuple[Array, Array]:
-        """As `images`. The points of one span share its poles, so that each span is three products of matrices."""
-        first, value, slope = zip(
-            *(nonzero_basis(k, p, t) for k, p, t in zip(self.knots, self.degrees, points.T, strict=True)), strict=True
-        )
-        image, jacobian = np.empty((len(points), 3)), np.empty((len(points), 3, 3))
-        span = np.ravel_multi_index(first, self.poles.shape[:3])
-        order = np.argsort(span, kind="stable")
-        for rows in np.split(order, 1 + np.flatnonzero(np.diff(span[order]))) if len(points) else ():
-            i, j, k = (slice(at[rows[0]], at[rows[0]] + p + 1) for at, p in zip(first, self.degrees, strict=True))
-            net = self.poles[i, j, k].reshape(-1, 3 * (self.degrees[2] + 1))
-            (u, v, w), (du, dv, dw) = ([values[rows] for values in each] for each in (value, slope))
-
-            def along_uv(a: Array, b: Array, net: Array = net) -> Array:
-                """Poles (n, degree_w + 1, 3) of the lines along w at the points."""
-                return ((a[:, :, None] * b[:, None]).reshape(len(a), -1) @ net).reshape(len(a), -1, 3)
-
-            lines = along_uv(u, v)
-            image[rows] = np.einsum("nkd,nk->nd", lines, w)
-            jacobian[rows, :, 0] = np.einsum("nkd,nk->nd", along_uv(du, v), w)
-            jacobian[rows, :, 1] = np.einsum("nkd,nk->nd", along_uv(u, dv), w)
-            jacobian[rows, :, 2] = np.einsum("nkd,nk->nd", lines, dw)
-        return image, jacobian
-
     def integrate_volume(self) -> float:
         """The integral of the Jacobian determinant, by a Gauss rule that is exact for it; negative if left-handed."""
         rules = [

@@ -284,12 +284,10 @@ def turn_surface(
             low, high = surface.domain[direction]
             knots[direction] = (low + high) - knots[direction][::-1]
             poles = np.flip(poles, direction)
-    order = (1, 0) if swap else (0, 1)
-    return BSplineSurface(
-        np.ascontiguousarray(poles.swapaxes(0, 1) if swap else poles),
-        *(knots[i] for i in order),
-        *(degrees[i] for i in order),
-    )
+    turned = BSplineSurface(np.ascontiguousarray(poles), knots[0], knots[1], *degrees)
+    if not swap:
+        return turned
+    return BSplineSurface(np.ascontiguousarray(poles.swapaxes(0, 1)), knots[1], knots[0], degrees[1], degrees[0])
 
 
 def to_common_space(first: BSplineSurface, second: BSplineSurface) -> tuple[BSplineSurface, BSplineSurface]:
@@ -333,7 +331,9 @@ def to_common_space(first: BSplineSurface, second: BSplineSurface) -> tuple[BSpl
             for poles, t, p in parts
         ]
         first, second = (
-            _replace_direction(surface, direction, net.reshape(len(at), *part[0].shape[1:]), knots, degree)
+            _replace_direction(
+                surface, direction, np.asarray(net, float).reshape(len(at), *part[0].shape[1:]), knots, degree
+            )
             for surface, net, part in zip((first, second), nets, parts, strict=True)
         )
     return first, second
