@@ -78,7 +78,8 @@ def test_the_sixth_derivative_is_continuous_at_the_ends_of_the_spans() -> None:
 
     ends = np.arange(5.0, 40.0, 5.0)  # spans of half a cell
     beside = np.concatenate([ends - 1.0, ends + 1.0])
-    assert sixth(ends).max() < 1.5 * sixth(beside).max()
+    # not about the ends themselves: there an even difference of an odd jump is zero
+    assert sixth(ends + h / 2).max() < 1.5 * sixth(beside).max()
 
 
 def test_the_jacobian_is_the_derivative_also_beyond_the_block() -> None:
