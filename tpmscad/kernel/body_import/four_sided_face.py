@@ -121,7 +121,7 @@ def _start_at_first_side(spline: BSplineSurface, side: Side, box: Array) -> BSpl
     start, end = (_points(side, np.array([float(i)]))[0] for i in (0, 1))
     along = int(np.argmax(np.abs(end - start) / np.ptp(box, axis=1)))
     reverse = [bool(end[i] < start[i]) if i == along else bool(start[i] > box[i].mean()) for i in (0, 1)]
-    return turn_surface(spline, *reverse, swap=along == 1)
+    return turn_surface(spline, reverse[0], reverse[1], swap=along == 1)
 
 
 def _refuse_intricate(spline: BSplineSurface, chart: Any, name: str, error: float, limit: float) -> None:
