@@ -7,6 +7,14 @@ the faces named 'surface +' and 'surface -' are taken; no code that made them is
 is its least distance from the whole other wall: Newton steps from the nearest samples on several patches, kept inside each patch.
 Where the nearest point lies on the rim, at which the other wall ends, there is no thickness to compare. The seconds of the map
 alone are shown beside those of all.
+
+Measured on a shared machine, seconds of CPU, before and after maps took the faces' own splines:
+
+    part     cells        before                                           after
+    splines  10 x 5 x 1   refused: 32 spans miss a face by 1.8e-4 mm       map 0.6 s, in all 38 s, met, 3380 faces
+    sector   2 x 3 x 1    map 0.3 s                                        map 0.5 s, in all 15 s, met, 444 faces
+    lofted   any          map 0.1 s                                        map 0.1 s
+    trimmed  any          refused: 32 spans miss a face by 2.4e-5 mm       map within 2.9e-5 mm of the faces
 """
 
 from __future__ import annotations
@@ -101,7 +109,7 @@ PARTS = {
     "tube": (tube, (2, 8, 1), 0.3),
     "loft": (loft, (2, 2, 1), 0.6),
     "splines": (splines, (10, 5, 1), 0.8),
-    "lofted": (lofted, (9, 4, 1), 0.8),
+    "lofted": (lofted, (5, 2, 1), 0.8),
     "trimmed": (trimmed, (4, 3, 1), 0.8),
 }
 """Faces, cells along the three axes of the domain, and thickness in mm."""
