@@ -49,7 +49,7 @@ def test_a_rounded_map_is_within_the_distance_that_it_tells_and_that_within_half
 
 
 def test_a_map_of_high_degree_or_of_one_span_is_taken_as_it_is() -> None:
-    for spline in (bumpy(0.5, []), bumpy(0.5, [0.4, 0.7], 6)):
+    for spline in (bumpy(0.1, []), bumpy(0.02, [0.4, 0.7], 6)):
         rounded = round_over_cells(spline, CELLS, CELL, 1e-6)
         assert rounded.moved == 0
         points = inside(50)
@@ -120,3 +120,10 @@ def test_a_map_too_rough_for_its_cells_is_refused_with_the_knot_and_the_place() 
         InvalidRequest, match=r"its knot u = 0\.6 it is C1 only.* near \(.*\) in the model.*more cells along x"
     ):
         round_over_cells(spline, CELLS, CELL, 1e-5)
+
+
+def test_beyond_its_domain_a_map_of_high_degree_does_not_turn_over() -> None:
+    spline = bumpy(0.01, [0.9, 0.95], 9)  # its last polynomials go on over three times their span
+    rounded = round_over_cells(spline, CELLS, CELL, 0.3).map
+    beyond = np.array([SIZE[0] + 0.5 * CELL[0], 20.0, 4.0])
+    assert np.linalg.norm(rounded(beyond) - beyond) < 0.1 * np.linalg.norm(spline(beyond / SIZE) - beyond)

@@ -38,6 +38,12 @@ SAMPLES_PER_SPAN = 6
 OVERHANG_CELLS = 1
 """The spline reaches so far beyond open ends: whole cells of a natural boundary reach half a cell beyond."""
 
+REACH_CELLS = 0.6
+"""How far the patches of a natural boundary reach beyond the ends."""
+
+MAX_SLOPE_CHANGE = 0.7
+"""Greatest change of a derivative over that way, as a part of it, with which the polynomials of the last spans are kept."""
+
 ROUNDING_SHARE = 0.5
 """Of the tolerance: how far a map may move where it is rounded."""
 
@@ -60,15 +66,18 @@ def round_over_cells(spline: SplineMap, cells: tuple[int, int, int], cell: Array
     with knot and place if the rounded map moves by more than its share of the tolerance even on the shortest spans.
     """
     size = cell * np.array(cells, float)
-    rough = triple(_continuity(spline, axis).min(initial=SMOOTH_ENOUGH) < SMOOTH_ENOUGH for axis in range(3))
+    rough = triple(
+        _continuity(spline, axis).min(initial=SMOOTH_ENOUGH) < SMOOTH_ENOUGH or _turns_beyond(spline, axis, n)
+        for axis, n in enumerate(cells)
+    )
     if not any(rough):
         return RoundedMap(spline.over_block(size), 0.0)
     at = [_check_places(spline, axis, n) for axis, n in enumerate(cells)]
-    exact = spline.volume.grid(*at)
+    exact = spline.volume.grid(at[0], at[1], at[2])
     for per_cell in SPANS_PER_CELL:
         volume = _fit(spline, cells, rough, per_cell)
         in_cells = [_to_cells(spline, axis, n, t) for axis, (n, t) in enumerate(zip(cells, at, strict=True))]
-        miss = np.linalg.norm(volume.grid(*in_cells) - exact, axis=-1)
+        miss = np.linalg.norm(volume.grid(in_cells[0], in_cells[1], in_cells[2]) - exact, axis=-1)
         if miss.max() <= ROUNDING_SHARE * tol:
             return RoundedMap(
                 BlockMap.over(volume, spline.closed, np.zeros(3), 1.0 / cell, spline.name), float(miss.max())
@@ -82,6 +91,22 @@ def _continuity(spline: SplineMap, axis: int) -> Array:
     """Orders of the derivatives that are continuous at each inner knot along an axis."""
     knots, degree = spline.volume.knots[axis], spline.volume.degrees[axis]
     return np.asarray(degree - np.unique(knots[degree + 1 : -degree - 1], return_counts=True)[1])
+
+
+def _turns_beyond(spline: SplineMap, axis: int, n_cells: int) -> bool:
+    """Whether the polynomials of the last spans turn over where cells reach beyond the ends of an axis."""
+    if spline.closed[axis]:
+        return False
+    volume, (low, high) = spline.volume, spline.volume.domain[axis]
+    reach = REACH_CELLS * (high - low) / n_cells
+    at = [np.linspace(*ends, CHECKS_PER_CELL) for ends in volume.domain]
+    orders = (int(axis == 0), int(axis == 1), int(axis == 2))
+    slopes = []
+    for t in ([low, high], [low - reach, high + reach]):
+        at[axis] = np.array(t)
+        slopes.append(volume.grid(at[0], at[1], at[2], orders))
+    change = np.linalg.norm(slopes[1] - slopes[0], axis=-1) / np.linalg.norm(slopes[0], axis=-1)
+    return bool(change.max() > MAX_SLOPE_CHANGE)
 
 
 def _check_places(spline: SplineMap, axis: int, n_cells: int) -> Array:
@@ -148,14 +173,25 @@ def _describe(
         alone = triple(rough[i] and i == axis for i in range(3))
         volume = _fit(spline, cells, alone, SPANS_PER_CELL[-1])
         in_cells = [_to_cells(spline, i, n, at[i : i + 1]) for i, n in enumerate(cells)]
-        moves.append(float(np.linalg.norm(volume.grid(*in_cells) - spline.volume.grid(*at[:, None]))))
+        moves.append(
+            float(
+                np.linalg.norm(
+                    volume.grid(in_cells[0], in_cells[1], in_cells[2]) - spline.volume.grid(at[:1], at[1:2], at[2:])
+                )
+            )
+        )
     axis = int(np.argmax(moves))
     knots, degree = spline.volume.knots[axis], spline.volume.degrees[axis]
     inner = np.unique(knots[degree + 1 : -degree - 1])
-    nearest = int(np.argmin(np.abs(inner - at[axis])))
+    cause = f"beyond the ends of {'uvw'[axis]} it turns over"
+    if len(inner):
+        nearest = int(np.argmin(np.abs(inner - at[axis])))
+        order = int(_continuity(spline, axis)[nearest])
+        if order < SMOOTH_ENOUGH:
+            cause = f"at its knot {'uvw'[axis]} = {inner[nearest]:.6g} it is C{order} only"
     return (
-        f"the {spline.name} is too rough for cells of this size: at its knot {'uvw'[axis]} = {inner[nearest]:.6g} it is C"
-        f"{_continuity(spline, axis)[nearest]} only, and rounded there over an eighth of a cell it moves by {moved:.3g} near "
-        f"{format_point(place)} in the model, more than {ROUNDING_SHARE * tol:.3g}, half of tol: take more cells along "
-        f"{'xyz'[axis]}, a greater tol, or a face that is smoother there"
+        f"the {spline.name} is too rough for cells of this size: {cause}, and rounded there over an eighth of a cell it moves "
+        f"by {moved:.3g} near {format_point(place)} in the model, "
+        f"more than {ROUNDING_SHARE * tol:.3g}, half of tol: take more cells "
+        f"along {'xyz'[axis]}, a greater tol, or a face that is smoother there"
     )
