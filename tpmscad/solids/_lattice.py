@@ -251,7 +251,8 @@ def _fit_mapped_patches(request: LatticeRequest, mapping: Map, stages: StageTime
             source.patch,
             source.symmetry,
             copies.translate_motions(
-                source.symmetry.cell_motions, copies.cell_origins(request.cells, 0) + request.phase
+                source.symmetry.cell_motions,
+                np.asarray(copies.cell_origins(request.cells, 0) + np.array(request.phase), float),
             ),
             mapping,
             cell,
