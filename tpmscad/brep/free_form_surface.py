@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from tpmscad._typing import Array
+from tpmscad.brep.carriers import Plane, Quadric
 from tpmscad.brep.foot_points import FootPoints, find_foot_points
 from tpmscad.brep.foot_surface import FootSurface, prepare_foot_surface
 from tpmscad.rigid_motion import Motion
@@ -108,6 +109,10 @@ class FreeFormSurface:
                 spline.degree_v,
             )
         return FreeFormSurface(spline, self.closed, self.continuation)
+
+
+BodyCarrier = Plane | Quadric | FreeFormSurface
+"""What carries a face of a body to trim by: a surface with a signed distance and with parameters of points."""
 
 
 @lru_cache(maxsize=256)

@@ -15,6 +15,7 @@ from tpmscad._typing import Array, IntArray
 from tpmscad.brep import connectivity, loops
 from tpmscad.brep.boundary_representation import Brep, Edges, EdgeUses, Faces, select_faces
 from tpmscad.brep.carriers import EdgeCurve, Plane
+from tpmscad.brep.free_form_surface import FreeFormSurface
 from tpmscad.brep.restricted_surfaces import restrict_carriers
 from tpmscad.errors import TrimmingError
 from tpmscad.rigid_motion import Motion
@@ -303,7 +304,7 @@ def _compact_brep(
     ends = np.concatenate([edges.start[used], edges.end[used]])
     used_vertices, ends = np.unique(ends, return_inverse=True)
     return Brep(
-        carriers=(*lattice.carriers, *body.carriers),
+        carriers=(*lattice.carriers, *(c.spline if isinstance(c, FreeFormSurface) else c for c in body.carriers)),
         curves=tables.curves,
         pcurves=tables.pcurves,
         vertices=tables.vertices[used_vertices],
