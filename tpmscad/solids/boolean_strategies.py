@@ -20,7 +20,7 @@ from tpmscad.brep.boundary_representation import Brep, reverse_faces, spline_fac
 from tpmscad.brep.moments import integral_properties
 from tpmscad.errors import KernelError, TrimmingError
 from tpmscad.fallbacks import Fallback, Fallbacks
-from tpmscad.kernel.body_import.body_brep import brep_from_shape
+from tpmscad.kernel.body_import.body_brep import read_free_form_body
 from tpmscad.kernel.body_import.cad_body import CadBody
 from tpmscad.kernel.boolean.boolean_operations import OcctSolids, estimate_volume, intersect_solids, subtract_solid
 from tpmscad.kernel.boolean.local_intersection import intersect_locally
@@ -138,10 +138,12 @@ def trim_on_parameters(patches: Brep, body: CadBody, tol: float) -> BooleanResul
 
     InvalidRequest or TrimmingError if that is impossible, KernelError if the volume of the result is wrong.
     """
+    read = read_free_form_body(body.shape, body.face_labels)
     cut = trim(
         patches,
-        brep_from_shape(body.shape, body.face_labels),
+        read.brep,
         build=_build_valid_solids,
+        free_form=read.free_form,
         clearance=corner_clearance(patches),
         max_shift=tol,
     )

@@ -1,4 +1,4 @@
-"""Trimming of a lattice by a body of planes and quadrics: the boundary of the lattice's solid inside the body.
+"""Trimming of a lattice by a body of planes, quadrics and free-form surfaces: the boundary of its solid inside the body.
 
 The pipeline has four stages: operands, intersection, classification and rebuilding. Each congruence class of patch and surface is
 intersected once. Where an intersection curve passes an edge of the body, its direction tells into which face it continues; so
@@ -11,7 +11,7 @@ The lattice need not be closed; it must cover the body.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any
@@ -20,6 +20,7 @@ import numpy as np
 
 from tpmscad._typing import Array, BoolArray
 from tpmscad.brep.boundary_representation import Brep, translate_brep
+from tpmscad.brep.free_form_surface import FreeFormSurface
 from tpmscad.brep.loops import LoopError
 from tpmscad.errors import InvalidRequest, TrimmingError, UntracedCurve
 from tpmscad.fallbacks import Fallback, Fallbacks
@@ -87,6 +88,7 @@ def trim(
     inside: Callable[[Array], Array] | None = None,
     *,
     build: Callable[[Brep], Any] | None = None,
+    free_form: Mapping[int, FreeFormSurface] | None = None,
     clearance: float = 0.0,
     max_shift: float = 0.0,
 ) -> TrimResult:
@@ -99,7 +101,8 @@ def trim(
     lattice
         Whole patches with outward senses that cover the body; they may end raggedly outside.
     body
-        A closed boundary representation of planes, cylinders, cones, spheres and tori, convex or not.
+        A closed boundary representation of planes, cylinders, cones, spheres and tori, and of splines whose distances are in
+        `free_form`; convex or not.
     tol
         Largest distance between an intersection curve and its surfaces, in model units; `DEFAULT_TOL` by default.
     inside
@@ -109,6 +112,8 @@ def trim(
         Makes `TrimResult.built` of the result. If it raises TrimmingError, since the kernel rejects what it builds, the next
         placement is tried: where a face of the body is tangent to the side of a patch, a curve comes within the kernel's
         tolerance of that side, which the kernel takes for a self-intersecting loop.
+    free_form
+        The free-form surfaces with distances of the body's spline carriers, by the numbers of these.
     clearance, max_shift
         The lattice is translated by at most `max_shift`, so that no corner of a patch lies nearer to a face of the body than
         `clearance`, both in model units; as far from it as possible if that cannot be had.
@@ -123,7 +128,8 @@ def trim(
     domain = LatticeDomain(np.arange(len(lattice.faces)), 1)
     build_first = None if build is None else lambda result: build(result.breps[0])
     request = _TrimRequest([domain], inside, build_first)
-    trimmed, report = _trim_with_placements(lattice, body, tol, request, clearance, max_shift)
+    operands = prepare_operands(lattice, body, DEFAULT_TOL if tol is None else tol, free_form)
+    trimmed, report = _trim_with_placements(operands, request, clearance, max_shift)
     return TrimResult(trimmed.result.breps[0], report, trimmed.built)
 
 
@@ -140,7 +146,7 @@ def trim_domains(
     Lattice and body are intersected and classified once; only the rebuilding is repeated for each domain.
     """
     request = _TrimRequest(domains, None, None)
-    trimmed, report = _trim_with_placements(lattice, body, None, request, clearance, max_shift)
+    trimmed, report = _trim_with_placements(prepare_operands(lattice, body, DEFAULT_TOL), request, clearance, max_shift)
     return trimmed.result, report
 
 
@@ -189,10 +195,9 @@ PLACEMENTS: Fallbacks[[Operands, _TrimRequest], _Trim] = Fallbacks(
 
 
 def _trim_with_placements(
-    lattice: Brep, body: Brep, tol: float | None, request: _TrimRequest, clearance: float, max_shift: float
+    operands: Operands, request: _TrimRequest, clearance: float, max_shift: float
 ) -> tuple[_Trim, TrimReport]:
     """The trim at the first of the `PLACEMENTS` that succeeds, and its statistics."""
-    operands = prepare_operands(lattice, body, DEFAULT_TOL if tol is None else tol)
     shift, reasons = np.zeros(3), []
     if clearance > 0:
         shift, before, after = find_clear_shift(operands, clearance, max_shift)
@@ -220,11 +225,13 @@ def compute_arrangement(operands: Operands) -> Arrangement:
     return classify_lattice_edges(a)
 
 
-def prepare_operands(lattice: Brep, body: Brep, tol: float) -> Operands:
+def prepare_operands(
+    lattice: Brep, body: Brep, tol: float, free_form: Mapping[int, FreeFormSurface] | None = None
+) -> Operands:
     """The operands of a trim, with the candidate pairs of the broad phase."""
     if not (np.isfinite(tol) and tol > 0):
         raise InvalidRequest(f"tol must be positive and finite, not {tol}")
-    sides, prepared = read_patch_sides(lattice), prepare_trimming_body(body)
+    sides, prepared = read_patch_sides(lattice), prepare_trimming_body(body, free_form)
     regions, patches = tuple(build_face_regions(prepared)), read_patches(lattice)
     candidates = find_candidate_pairs(lattice, patches, prepared, regions)
     return Operands(lattice, sides, patches, read_spline_curves(lattice), prepared, regions, candidates, tol)

@@ -15,7 +15,9 @@ from numpy.typing import NDArray
 from scipy.interpolate import make_interp_spline
 
 from tpmscad._typing import Array
-from tpmscad.brep.carriers import Circle, ConicalSurface, EdgeCurve, Plane, Quadric, SphericalSurface
+from tpmscad.brep.carriers import Circle, ConicalSurface, EdgeCurve, Quadric, SphericalSurface
+from tpmscad.brep.conics import TWO_PI
+from tpmscad.brep.free_form_surface import BodyCarrier, FreeFormSurface
 from tpmscad.splines.basis import design_matrix
 from tpmscad.splines.bspline import BSplineCurve, line_segment
 from tpmscad.splines.quadrature import gauss_legendre
@@ -65,8 +67,11 @@ class UnsupportedFace(Exception):
     """The reason, in words, why a face or one of its edges cannot be represented exactly on a plane or quadric."""
 
 
-def is_at_pole(carrier: Plane | Quadric, points: Array, size: float) -> NDArray[np.bool_]:
-    """Mask of the points (n, 3) that are a pole of a sphere or the apex of a cone: (n,)."""
+def is_at_pole(carrier: BodyCarrier, points: Array, size: float) -> NDArray[np.bool_]:
+    """Mask of the points (n, 3) that are a pole of a sphere or the apex of a cone: (n,).
+
+    Faces with a pole of a free-form surface are not represented (`exact_faces`).
+    """
     if not isinstance(carrier, SphericalSurface | ConicalSurface):
         return np.zeros(len(points), bool)
     arm = points - carrier.origin
@@ -74,7 +79,12 @@ def is_at_pole(carrier: Plane | Quadric, points: Array, size: float) -> NDArray[
 
 
 def follow_parameters(
-    carrier: Quadric, curve: EdgeCurve, span: tuple[float, float], near: Array | None, t: Array | None, size: float
+    carrier: Quadric | FreeFormSurface,
+    curve: EdgeCurve,
+    span: tuple[float, float],
+    near: Array | None,
+    t: Array | None,
+    size: float,
 ) -> Array:
     """Continuous (u, v) of the curve on the carrier at parameters t (n,) of the span: (n, 2).
 
@@ -101,7 +111,7 @@ def follow_parameters(
 
 @lru_cache(maxsize=1024)
 def _sample_parameters(
-    carrier: Quadric, curve: EdgeCurve, span: tuple[float, float], size: float
+    carrier: Quadric | FreeFormSurface, curve: EdgeCurve, span: tuple[float, float], size: float
 ) -> tuple[Array, Array]:
     """Evenly spaced parameters of the span, denser where angles vary fast, and continuous (u, v) there."""
     grid = np.linspace(*span, EDGE_SAMPLES)
@@ -113,21 +123,31 @@ def _sample_parameters(
         for axis, period in enumerate(carrier.period):
             if period:
                 uv[:, axis] = np.unwrap(uv[:, axis], period=period)
-        steps = np.abs(np.diff(uv, axis=0))[:, [p > 0 for p in carrier.period]].max(axis=1)
+        turns = [uv[:, axis] / (period / TWO_PI) for axis, period in enumerate(carrier.period) if period]
+        if not turns:
+            return grid, uv
+        steps = np.abs(np.diff(np.stack(turns, axis=1), axis=0)).max(axis=1)
         wide = np.flatnonzero((steps > MAX_ANGLE_STEP) & (np.diff(grid) > MIN_INTERVAL_FRACTION * (span[1] - span[0])))
         if len(wide) == 0:
             return grid, uv
         grid = np.union1d(grid, 0.5 * (grid[wide] + grid[wide + 1]))
 
 
-def _parameters(carrier: Quadric, curve: EdgeCurve, t: Array, size: float) -> tuple[Array, NDArray[np.bool_]]:
+def _parameters(
+    carrier: Quadric | FreeFormSurface, curve: EdgeCurve, t: Array, size: float
+) -> tuple[Array, NDArray[np.bool_]]:
     """(u, v) of the curve at t, and a mask of poles."""
     points = curve(t)
     return carrier.parameters(points), is_at_pole(carrier, points, size)
 
 
 def fit_pcurve(
-    carrier: Quadric, curve: EdgeCurve, span: tuple[float, float], near: Array, size: float, tol: float
+    carrier: Quadric | FreeFormSurface,
+    curve: EdgeCurve,
+    span: tuple[float, float],
+    near: Array,
+    size: float,
+    tol: float,
 ) -> BSplineCurve:
     """Pcurve on the carrier, within `tol` of the curve; a line wherever (u, v) is affine in the parameter."""
     t = np.linspace(*span, EDGE_SAMPLES)
@@ -180,7 +200,7 @@ def _knots_and_sites(breaks: Array) -> tuple[Array, Array]:
     return knots, np.clip(sites, breaks[0], breaks[-1])
 
 
-def project_to_carriers(carriers: Sequence[Plane | Quadric], points: Array) -> Array:
+def project_to_carriers(carriers: Sequence[BodyCarrier], points: Array) -> Array:
     """Points (n, 3) projected onto all the surfaces at once by least-norm Newton steps; they must start close to them."""
     for _ in range(MAX_NEWTON_STEPS):
         off = np.stack([c.distance(points) for c in carriers], axis=1)
@@ -195,7 +215,7 @@ def project_to_carriers(carriers: Sequence[Plane | Quadric], points: Array) -> A
 ARC_LENGTH_GAUSS_POINTS = 6
 
 
-def fit_intersection_curve(first: Plane | Quadric, second: Plane | Quadric, path: Array, tol: float) -> BSplineCurve:
+def fit_intersection_curve(first: BodyCarrier, second: BodyCarrier, path: Array, tol: float) -> BSplineCurve:
     """B-spline through the points (m, 3), within `tol` of both surfaces, parametrised by arc length.
 
     The points are close to both surfaces; they are projected onto them first.

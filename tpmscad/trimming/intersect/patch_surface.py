@@ -8,6 +8,7 @@ orientation only belong to one class.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import partial
 from itertools import pairwise
 
 import numpy as np
@@ -22,6 +23,7 @@ from tpmscad.trimming.intersect.arrangement import (
     CurveSegments,
     FittedArc,
     IntersectionCurves,
+    Operands,
     PatchArcs,
 )
 from tpmscad.trimming.intersect.marching import ArcEnd, Trace
@@ -54,7 +56,12 @@ def intersect_patches(a: Arrangement) -> Arrangement:
     o = a.operands
     pairs = _group_pairs(a)
     patches = [o.patches[c] for c in pairs.carrier.tolist()]
-    traces = march_patches(patches, pairs.surfaces, pairs.borders, pairs.on_corner, ZERO_FRACTION_OF_TOL * o.fit_tol)
+    near_faces = {
+        i: partial(_find_near_faces, o, int(pairs.face[pairs.first[i]]), int(pairs.surface[pairs.first[i]]))
+        for i in np.flatnonzero(pairs.surfaces.is_free_form).tolist()
+    }
+    zero_tol = ZERO_FRACTION_OF_TOL * o.fit_tol
+    traces = march_patches(patches, pairs.surfaces, pairs.borders, pairs.on_corner, zero_tol, near_faces)
     fitted, first_fitted = _fit_all_arcs(a, traces, pairs)
     arcs, points = _scatter_arcs(a, traces, pairs, fitted, first_fitted)
     return replace(
@@ -63,6 +70,15 @@ def intersect_patches(a: Arrangement) -> Arrangement:
         curves=(*o.curves, *(arc.curve for arc in fitted)),
         vertices=np.vstack([a.vertices, points]),
     ).snap_vertices()
+
+
+def _find_near_faces(o: Operands, face: int, surface: int, points: Array, margin: float) -> BoolArray:
+    """Points (n, 3) in the frame of a patch that lie in a face on a surface of the body, or within the margin of its border."""
+    there = o.lattice.faces.motion[face].apply(points)
+    result = np.zeros(len(points), bool)
+    for f in np.flatnonzero(o.body.surface_of_face == surface).tolist():
+        result |= o.regions[f].contains(there) | (o.regions[f].distance_to_border(there) <= margin)
+    return result
 
 
 def _group_pairs(a: Arrangement) -> _PairClasses:
@@ -98,8 +114,10 @@ def _collect_borders(a: Arrangement, face: int, surface: int, flip: int) -> tupl
     """The four sides of a patch as its edges see the surface, whose orientation is multiplied by `flip`.
 
     TrimmingError if a T-vertex of a side lies in the surface, or if one of its edges lies in the surface and another does not.
+    The sign of a free-form distance may jump along a side.
     """
     sides = a.operands.sides
+    may_jump = bool(a.operands.body.surfaces.is_free_form[surface])
     result = []
     for side in range(4):
         uses = sides.uses_on(face, side)
@@ -108,7 +126,7 @@ def _collect_borders(a: Arrangement, face: int, surface: int, flip: int) -> tupl
             at = a.vertices[sides.vertex[uses[1]]].round(6)
             raise TrimmingError(f"a surface of the body passes through a T-vertex of the lattice near {at}")
         signs = [(part.sign, part.sign * (-1) ** len(part.roots)) for part in parts]
-        if any(before[1] != after[0] for before, after in pairwise(signs)):
+        if not may_jump and any(before[1] != after[0] for before, after in pairwise(signs)):
             raise TrimmingError("two edges on the side of a patch disagree on the side of their common vertex")
         result.append(BorderSide(np.concatenate([part.roots for part in parts]), parts[0].sign))
     return tuple(result)

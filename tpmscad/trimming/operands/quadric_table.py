@@ -127,6 +127,11 @@ class QuadricTable:
         """Rows whose distance is that of a foot point and may jump: (n,)."""
         return self.kind == FREE_FORM
 
+    @property
+    def placed_rows(self) -> BoolArray:
+        """Rows that `placed` holds, free-form surfaces and normals along edges: (n,)."""
+        return self.kind >= FREE_FORM
+
     @staticmethod
     def concatenate(tables: Sequence[QuadricTable]) -> QuadricTable:
         """The rows of tables, one after the other."""

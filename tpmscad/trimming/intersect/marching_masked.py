@@ -1,0 +1,243 @@
+"""Marching the zero set of the distance from a free-form surface, which jumps where two feet are equally near.
+
+It differs from `marching` in what a jump asks for.
+
+- A grid edge changes sign only if |d1| + |d2| is at most a little more than its length, since a distance is Lipschitz. A cell
+  with another change of sign, or with a foot forced to the border of the surface at a corner, is *masked*: no branch passes it.
+- A branch may end at a masked cell; its end is an inner point.
+- The signs on the patch's border are those of the distance, for parity says nothing after a jump; they must agree with the roots.
+- What lies away from the faces on the surface is left out before anything is fitted.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from tpmscad._typing import Array, BoolArray
+from tpmscad.errors import TrimmingError
+from tpmscad.splines.bspline import BSplineSurface
+from tpmscad.trimming.intersect.critical_points import (
+    BORDER_SPACINGS,
+    PatchCriticalPoint,
+    iterate_to_critical_point,
+    place_newton_starts,
+    refine_grid_lines,
+)
+from tpmscad.trimming.intersect.marching import (
+    EMPTY_TRACE,
+    MAX_REFINEMENTS,
+    Arc,
+    ArcEnd,
+    Trace,
+    interpolate_crossings,
+    link_crossings,
+    locate_border_end,
+    project_to_zero,
+)
+from tpmscad.trimming.intersect.patch_borders import BorderSide, place_grid_lines, side_fractions, view_side_nodes
+from tpmscad.trimming.operands.quadric_table import ComposedDistance, QuadricTable
+
+LIPSCHITZ_FACTOR = 1.2
+"""Largest ratio of |d1| + |d2| to the length of a grid edge at whose ends a distance has two signs: 1, and some for chords."""
+
+NearFaces = Callable[[Array, float], BoolArray]
+"""Points (n, 3) in the patch's frame that lie on a face of the surface, or within a distance of its border: (n,)."""
+
+MARGIN_STEPS = 3.0
+"""Grid steps beyond the border of a face to which a branch is followed, so that it crosses the edge for certain."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Samples:
+    """The distance on grid lines us and vs: values and marks of forced feet (nu, nv), points (nu, nv, 3), masked cells."""
+
+    us: Array
+    vs: Array
+    values: Array
+    points: Array
+    masked: BoolArray
+
+
+def march_masked_patch(
+    surface: BSplineSurface,
+    implicit: QuadricTable,
+    borders: tuple[BorderSide, ...],
+    on_corner: BoolArray,
+    zero_tol: float,
+    near_faces: NearFaces,
+) -> Trace:
+    """The arcs of one free-form surface (a table of one row) on a patch, as by `march_patch`, next to the surface's faces.
+
+    TrimmingError if a corner or a side of the patch lies in the surface.
+    """
+    if on_corner.any() or any(border.sign == 0 for border in borders):
+        raise TrimmingError("a corner of a patch lies in a free-form face of the body")
+    distance = ComposedDistance(surface, implicit)
+    samples = _sample(distance, *place_grid_lines(surface, borders, on_corner))
+    critical = _find_critical_points(distance, samples)
+    us, vs, saddles = refine_grid_lines(samples.us, samples.vs, critical, on_corner, zero_tol)
+    if len(us) > len(samples.us) or len(vs) > len(samples.vs) or len(saddles):
+        samples = _sample(distance, us, vs)
+    for _ in range(MAX_REFINEMENTS):
+        negative = samples.values < 0
+        _check_borders(samples, negative, borders)
+        follow, ambiguous = link_crossings(negative, samples.us, samples.vs, saddles, samples.masked)
+        if len(ambiguous) == 0:
+            break
+        us, vs = samples.us, samples.vs
+        i, j = ambiguous.T
+        samples = _sample(
+            distance,
+            np.union1d(us, 0.5 * (us[i] + us[i + 1])),
+            np.union1d(vs, 0.5 * (vs[j] + vs[j + 1])),
+        )
+    else:
+        raise TrimmingError(
+            f"branches of an intersection curve stay unresolved near (u, v) = ({us[i[0]]:.6f}, {vs[j[0]]:.6f})"
+        )
+    arcs, points = _chain_near_arcs(distance, follow, samples, borders, saddles, near_faces)
+    if not arcs:
+        return replace(EMPTY_TRACE, sign=1)  # the sign is asked for next to coincident sides only, which are refused
+    foci = np.array([[*c.parameters, c.radius] for c in critical if abs(c.value) > zero_tol]).reshape(-1, 3)
+    return Trace(arcs, 0, points, np.zeros(4, np.int64), foci)
+
+
+def _sample(distance: ComposedDistance, us: Array, vs: Array) -> _Samples:
+    """The distance on a grid, with the cells that no branch passes."""
+    points = distance.surface.grid(us, vs)
+    (values,), forced = distance.implicit.marked_jet(points.reshape(1, -1, 3), 0)
+    d, forced = values.reshape(points.shape[:2]), forced.reshape(points.shape[:2])
+    jumps = []
+    for axis in (0, 1):
+        a, b = (d[:-1], d[1:]) if axis == 0 else (d[:, :-1], d[:, 1:])
+        length = np.linalg.norm(np.diff(points, axis=axis), axis=2)
+        jumps.append(((a < 0) != (b < 0)) & (np.abs(a) + np.abs(b) > LIPSCHITZ_FACTOR * length))
+    masked = forced[:-1, :-1] | forced[1:, :-1] | forced[:-1, 1:] | forced[1:, 1:]
+    masked |= jumps[0][:, :-1] | jumps[0][:, 1:] | jumps[1][:-1] | jumps[1][1:]
+    return _Samples(us, vs, d, points, masked)
+
+
+def _find_critical_points(distance: ComposedDistance, samples: _Samples) -> list[PatchCriticalPoint]:
+    """The critical points in cells without a mask at which the grid may miss a branch, as by `find_critical_points`."""
+    us, vs = samples.us, samples.vs
+    points = samples.points.reshape(1, -1, 3)
+    gradient = distance.implicit.jet(points, 1)[1][0]
+    slopes = [
+        np.einsum("nk,nk->n", gradient, distance.surface.grid(us, vs, *d).reshape(-1, 3)).reshape(
+            1, *samples.values.shape
+        )
+        for d in ((1, 0), (0, 1))
+    ]
+    bad = np.zeros(samples.values.shape, bool)
+    for i, j in ((0, 0), (1, 0), (0, 1), (1, 1)):
+        bad[i : i + len(us) - 1, j : j + len(vs) - 1] |= samples.masked
+    reach = float(np.linalg.norm(np.diff(samples.points, axis=0), axis=2).max())
+    far = np.abs(samples.values) > MARGIN_STEPS * reach  # a jump of value there is none of the sign
+    small, _, starts = place_newton_starts(samples.values[None], *slopes, us, vs, (bad | far)[None])
+    h = np.array([np.diff(us).max(), np.diff(vs).max()])
+    result: list[PatchCriticalPoint] = []
+    for start in starts:
+        found = iterate_to_critical_point(distance, start, h)
+        if found is None or abs(found.value) > small[0]:
+            continue
+        if not any((np.abs(found.parameters - p.parameters) < BORDER_SPACINGS * h).all() for p in result):
+            result.append(found)
+    return result
+
+
+def _check_borders(samples: _Samples, negative: BoolArray, borders: tuple[BorderSide, ...]) -> None:
+    """TrimmingError unless a border edge of a cell without a mask changes sign exactly if it has an odd number of roots."""
+    masked = samples.masked
+    cells = masked[:, 0], masked[-1], masked[::-1, -1], masked[0, ::-1]
+    for side, border in enumerate(borders):
+        signs = view_side_nodes(negative, side)
+        inside = np.diff(np.searchsorted(border.roots, side_fractions(samples.us, samples.vs, side)))
+        if (((signs[1:] != signs[:-1]) != (inside % 2 == 1)) & ~cells[side]).any():
+            raise TrimmingError("a patch and its edge disagree on an intersection with a free-form face")
+
+
+def _chain_near_arcs(
+    distance: ComposedDistance,
+    follow: dict[int, int],
+    samples: _Samples,
+    borders: tuple[BorderSide, ...],
+    saddles: Array,
+    near_faces: NearFaces,
+) -> tuple[tuple[Arc, ...], Array]:
+    """The parts of the branches that are near faces, and the inner points (n, 2) at which they end."""
+    us, vs = samples.us, samples.vs
+    steps = [np.linalg.norm(np.diff(samples.points, axis=axis), axis=2).max() for axis in (0, 1)]
+    margin = MARGIN_STEPS * float(max(steps))
+    points = list(saddles)
+    arcs: list[Arc] = []
+    for chain, is_closed in _collect_chains(follow):
+        inner = np.array([c for c in chain if c >= 0], np.int64)
+        path = interpolate_crossings(inner, samples.values[None], us, vs)
+        ends: list[ArcEnd | None] = [None, None]
+        for k, at in ((0, 0), (1, -1)):
+            crossing = chain[at]
+            if crossing < 0:
+                saddle = (-crossing - 1) // 4
+                ends[k] = ("point", saddle, 0)
+                path = np.insert(path, 0 if k == 0 else len(path), saddles[saddle], axis=0)
+            elif not is_closed and _is_on_border(crossing, len(us), len(vs)):
+                ends[k], path[at] = locate_border_end(crossing, us, vs, borders)
+        near = near_faces(distance.surface(*path.T), margin)
+        if is_closed:
+            path, near = path[:-1], near[:-1]
+            if near.all():
+                half = len(path) // 2
+                path, near = np.vstack([path, path[:1]]), np.ones(len(path) + 1, bool)
+                pieces = [(0, half), (half, len(path) - 1)]
+            else:
+                turn = int(np.argmin(near))
+                path, near = np.roll(path, -turn, axis=0), np.roll(near, -turn)
+                pieces = _runs(near)
+        else:
+            pieces = _runs(near)
+        made: dict[int, ArcEnd] = {}
+        for first, last in pieces:
+            own: list[ArcEnd] = []
+            tips = path[[first, last]]
+            for k, at in ((0, first), (1, last)):
+                known = ends[k] if not is_closed and at == (0, len(path) - 1)[k] else None
+                key = at % (len(path) - 1) if is_closed and near.all() else at
+                if known is None and key not in made:
+                    made[key] = ("point", len(points), 0)
+                    points.append(project_to_zero(distance, path[at]))
+                end = known or made[key]
+                if end[0] == "point":
+                    tips[k] = points[end[1]]
+                own.append(end)
+            arcs.append(Arc(np.vstack([tips[:1], path[first + 1 : last], tips[1:]]), own[0], own[1]))
+    return tuple(arcs), np.array(points).reshape(-1, 2)
+
+
+def _collect_chains(follow: dict[int, int]) -> list[tuple[list[int], bool]]:
+    """Crossings in order along every branch, and whether it is closed: the first is repeated at the end then."""
+    left, chains = dict(follow), []
+    for head in [*sorted(follow.keys() - set(follow.values())), None]:
+        while left if head is None else head in left:
+            chain = [next(iter(left)) if head is None else head]
+            while chain[-1] in left:
+                chain.append(left.pop(chain[-1]))
+            chains.append((chain, head is None))
+    return chains
+
+
+def _is_on_border(crossing: int, nu: int, nv: int) -> bool:
+    """Whether a crossed grid edge lies on the border of the grid."""
+    i, j = divmod(crossing % (nu * nv), nv)
+    return j in (0, nv - 1) if crossing < nu * nv else i in (0, nu - 1)
+
+
+def _runs(near: BoolArray) -> list[tuple[int, int]]:
+    """First and last index of each run of at least two near points, one more on both sides included."""
+    wide = near.copy()
+    wide[1:] |= near[:-1]
+    wide[:-1] |= near[1:]
+    change = np.flatnonzero(np.diff(np.concatenate([[False], wide, [False]]).astype(np.int64)))
+    return [(int(a), int(b) - 1) for a, b in change.reshape(-1, 2) if b - a > 1]
