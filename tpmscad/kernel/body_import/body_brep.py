@@ -24,7 +24,7 @@ from tpmscad.errors import InvalidRequest, NotQuadric
 from tpmscad.kernel.body_import.closed_face_splitting import split_closed_faces
 from tpmscad.kernel.body_import.exact_faces import read_exact_body
 from tpmscad.kernel.body_import.unrolled_faces import ImportedBody, ImportedEdge, unroll_face
-from tpmscad.kernel.measure.mass_properties import face_moments
+from tpmscad.kernel.measure.mass_properties import face_moments, gauss_kronrod_volume
 from tpmscad.kernel.occt.bounding_boxes import box_center, box_diagonal
 from tpmscad.kernel.occt.exploration import faces_of, solids_of, unwrap
 from tpmscad.kernel.recognise.edge_curves import UnsupportedFace, fit_pcurve
@@ -199,10 +199,6 @@ def _edge_deviation(body: ImportedBody, carrier: BodyCarrier, edge: int, along: 
     return float(np.linalg.norm(carrier(*along(t).T) - points, axis=1).max())
 
 
-FREE_FORM_VOLUME_RTOL = 0.02
-"""Of the volume: largest difference from the kernel's, whose quadrature errs by 3.5e-3 on an extruded spline through six points."""
-
-
 def _check_closed_and_volume(brep: Brep, faces: list[TopoDS_Face], size: float, free_form: bool) -> None:
     """Raise NotQuadric unless the boundary representation is closed and has the kernel's volume."""
     unmatched = connectivity.find_unmatched_edges(brep)
@@ -210,11 +206,9 @@ def _check_closed_and_volume(brep: Brep, faces: list[TopoDS_Face], size: float, 
         at = brep.vertices[brep.edges.start[unmatched[0]]].round(6)
         raise NotQuadric(f"{len(unmatched)} edges of the body do not join two of its faces, the first at {at}", ())
     moments = integral_properties.integrate_faces(brep)
-    volume, expected = float(integral_properties.volume(moments)[0]), float(face_moments(faces)[:, 1].sum())
-    allowed = BOUNDARY_DISTANCE_TOL * size * moments.area.sum() + (
-        FREE_FORM_VOLUME_RTOL * expected if free_form else 0.0
-    )
-    if not abs(volume - expected) <= allowed:
+    volume = float(integral_properties.volume(moments)[0])
+    expected = gauss_kronrod_volume(faces) if free_form else float(face_moments(faces)[:, 1].sum())
+    if not abs(volume - expected) <= BOUNDARY_DISTANCE_TOL * size * moments.area.sum():
         raise NotQuadric(
             f"the body's faces bound {volume:.9g}, not {expected:.9g}, when read exactly: "
             "it needs the Boolean operations of the kernel",

@@ -36,6 +36,7 @@ from tpmscad.kernel.measure.spline_face_moments import (
 )
 from tpmscad.kernel.occt import convert
 from tpmscad.kernel.occt.bounding_boxes import box_center, box_corners, box_of_edges
+from tpmscad.kernel.occt.construction import make_compound
 from tpmscad.kernel.occt.exploration import edges_of, faces_of, orientation_sign
 from tpmscad.splines.bspline import BSplineSurface
 
@@ -52,6 +53,21 @@ BORDER_FRACTION = 1e-6
 
 FACES_PER_BATCH = 64
 """Faces evaluated at once; more faces need more memory and are no faster."""
+
+
+KRONROD_REL_TOL = 1e-7
+"""Relative error requested of OCCT's quadrature of Gauss and Kronrod."""
+
+
+def gauss_kronrod_volume(faces: Sequence[TopoDS_Face]) -> float:
+    """The volume that faces, oriented outwards, bound, by OCCT's adaptive quadrature of Gauss and Kronrod.
+
+    It is slower than `face_moments` and agrees with closed forms within its tolerance on extruded splines, where OCCT's Gauss
+    quadrature was found off by 4 % at any tolerance asked for.
+    """
+    properties = GProp_GProps()
+    BRepGProp.VolumePropertiesGK_s(make_compound(faces), properties, KRONROD_REL_TOL, False)
+    return float(properties.Mass())
 
 
 SplineSpaceKey = tuple[bytes, bytes, int, int]

@@ -6,7 +6,7 @@ or ambiguous branch; they are marched one by one by `marching.march_patch`, whic
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -16,7 +16,6 @@ from tpmscad.splines.basis import design_matrix
 from tpmscad.splines.bspline import BSplineSurface
 from tpmscad.trimming.intersect.critical_points import detect_critical_points
 from tpmscad.trimming.intersect.marching import EMPTY_TRACE, Arc, Trace, interpolate_crossings, link_cells, march_patch
-from tpmscad.trimming.intersect.marching_masked import NearFaces, march_masked_patch
 from tpmscad.trimming.intersect.patch_borders import CELLS_U, CELLS_V, BorderSide, grid_corners, side_fractions
 from tpmscad.trimming.operands.quadric_table import QuadricTable
 
@@ -30,19 +29,11 @@ def march_patches(
     borders: Sequence[tuple[BorderSide, ...]],
     on_corner: BoolArray,
     zero_tol: float,
-    near_faces: Mapping[int, NearFaces],
 ) -> list[Trace]:
-    """The traces of n pairs of a patch and an implicit surface, as by `march_patch`; on_corner (n, 4).
-
-    `near_faces`: by the numbers of the pairs with free-form surfaces, which are marched by `march_masked_patch`.
-    """
+    """The traces of n pairs of a patch and an implicit surface, as by `march_patch`; on_corner (n, 4)."""
     traces: list[Trace | None] = [None] * len(patches)
-    for i, near in near_faces.items():
-        traces[i] = march_masked_patch(patches[i], implicit.row(i), borders[i], on_corner[i], zero_tol, near)
     groups: dict[tuple[int, bool], list[int]] = {}
     for i, (patch, is_plane) in enumerate(zip(patches, implicit.is_plane.tolist(), strict=True)):
-        if i in near_faces:
-            continue
         groups.setdefault((id(patch), is_plane), []).append(i)
     for (_, is_plane), members in groups.items():
         at, patch = np.array(members), patches[members[0]]

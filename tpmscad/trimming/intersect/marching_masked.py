@@ -43,6 +43,12 @@ from tpmscad.trimming.operands.quadric_table import ComposedDistance, QuadricTab
 LIPSCHITZ_FACTOR = 1.2
 """Largest ratio of |d1| + |d2| to the length of a grid edge at whose ends a distance has two signs: 1, and some for chords."""
 
+BLOCK_NODES = 6
+"""Nodes along u and v of a block that is tested as a whole."""
+
+FAR_RADII = 2.0
+"""Distance of a block's middle, in radii of the block, beyond which no zero is within several steps of its nodes."""
+
 NearFaces = Callable[[Array, float], BoolArray]
 """Points (n, 3) in the patch's frame that lie on a face of the surface, or within a distance of its border: (n,)."""
 
@@ -52,13 +58,18 @@ MARGIN_STEPS = 3.0
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Samples:
-    """The distance on grid lines us and vs: values and marks of forced feet (nu, nv), points (nu, nv, 3), masked cells."""
+    """The distance on grid lines us and vs: values (nu, nv), points and gradients in space (nu, nv, 3), masked cells.
+
+    `is_far` (nu, nv): nodes without a zero in several steps about them, where values are extrapolated and have the right sign.
+    """
 
     us: Array
     vs: Array
     values: Array
     points: Array
+    gradients: Array
     masked: BoolArray
+    is_far: BoolArray
 
 
 def march_masked_patch(
@@ -106,10 +117,9 @@ def march_masked_patch(
 
 
 def _sample(distance: ComposedDistance, us: Array, vs: Array) -> _Samples:
-    """The distance on a grid, with the cells that no branch passes."""
+    """The distance on a grid, with the cells that no branch passes; most nodes far from the surface are not evaluated."""
     points = distance.surface.grid(us, vs)
-    (values,), forced = distance.implicit.marked_jet(points.reshape(1, -1, 3), 0)
-    d, forced = values.reshape(points.shape[:2]), forced.reshape(points.shape[:2])
+    d, gradients, forced, is_far = _evaluate_near_nodes(distance.implicit, points)
     jumps = []
     for axis in (0, 1):
         a, b = (d[:-1], d[1:]) if axis == 0 else (d[:, :-1], d[:, 1:])
@@ -117,26 +127,48 @@ def _sample(distance: ComposedDistance, us: Array, vs: Array) -> _Samples:
         jumps.append(((a < 0) != (b < 0)) & (np.abs(a) + np.abs(b) > LIPSCHITZ_FACTOR * length))
     masked = forced[:-1, :-1] | forced[1:, :-1] | forced[:-1, 1:] | forced[1:, 1:]
     masked |= jumps[0][:, :-1] | jumps[0][:, 1:] | jumps[1][:-1] | jumps[1][1:]
-    return _Samples(us, vs, d, points, masked)
+    return _Samples(us, vs, d, points, gradients, masked, is_far)
+
+
+def _evaluate_near_nodes(implicit: QuadricTable, points: Array) -> tuple[Array, Array, BoolArray, BoolArray]:
+    """Values, gradients, marks of forced feet, and marks of nodes that are far away, on a grid of points (nu, nv, 3).
+
+    A distance is Lipschitz: there is no zero in a block of nodes whose middle is farther away than they are from the middle.
+    """
+    shape = points.shape[:2]
+    rows, columns = (np.arange(n) // BLOCK_NODES for n in shape)
+    block = rows[:, None] * (columns[-1] + 1) + columns
+    middle = [
+        np.minimum(np.arange(own[-1] + 1) * BLOCK_NODES + BLOCK_NODES // 2, len(own) - 1) for own in (rows, columns)
+    ]
+    middles = points[np.ix_(*middle)].reshape(-1, 3)
+    arm = points - middles[block]
+    radius = np.zeros(len(middles))
+    np.maximum.at(radius, block.ravel(), np.linalg.norm(arm, axis=2).ravel())
+    at_middle, slope = (j[0] for j in implicit.jet(middles[None], 1))
+    is_far = (np.abs(at_middle) > FAR_RADII * radius)[block]
+    values = at_middle[block] + np.einsum("uvk,uvk->uv", slope[block], arm)
+    gradients, forced = slope[block], np.zeros(shape, bool)
+    near = ~is_far
+    if near.any():
+        (d, g), marks = implicit.marked_jet(points[near][None], 1)
+        values[near], gradients[near], forced[near] = d[0], g[0], marks[0]
+    return values, gradients, forced, is_far
 
 
 def _find_critical_points(distance: ComposedDistance, samples: _Samples) -> list[PatchCriticalPoint]:
     """The critical points in cells without a mask at which the grid may miss a branch, as by `find_critical_points`."""
     us, vs = samples.us, samples.vs
-    points = samples.points.reshape(1, -1, 3)
-    gradient = distance.implicit.jet(points, 1)[1][0]
-    slopes = [
-        np.einsum("nk,nk->n", gradient, distance.surface.grid(us, vs, *d).reshape(-1, 3)).reshape(
-            1, *samples.values.shape
-        )
-        for d in ((1, 0), (0, 1))
-    ]
-    bad = np.zeros(samples.values.shape, bool)
+    bad = samples.is_far.copy()
     for i, j in ((0, 0), (1, 0), (0, 1), (1, 1)):
         bad[i : i + len(us) - 1, j : j + len(vs) - 1] |= samples.masked
     reach = float(np.linalg.norm(np.diff(samples.points, axis=0), axis=2).max())
-    far = np.abs(samples.values) > MARGIN_STEPS * reach  # a jump of value there is none of the sign
-    small, _, starts = place_newton_starts(samples.values[None], *slopes, us, vs, (bad | far)[None])
+    bad |= np.abs(samples.values) > MARGIN_STEPS * reach  # a jump of the value there is none of the sign
+    slopes = []
+    for order in ((1, 0), (0, 1)):
+        slope = np.einsum("uvk,uvk->uv", samples.gradients, distance.surface.grid(us, vs, *order))
+        slopes.append(np.where(bad, np.inf, slope)[None])  # the flattest node is sought among the others
+    small, _, starts = place_newton_starts(samples.values[None], *slopes, us, vs, bad[None])
     h = np.array([np.diff(us).max(), np.diff(vs).max()])
     result: list[PatchCriticalPoint] = []
     for start in starts:

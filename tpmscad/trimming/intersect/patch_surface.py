@@ -16,6 +16,7 @@ import numpy as np
 from tpmscad._typing import Array, BoolArray, IntArray
 from tpmscad.errors import TrimmingError
 from tpmscad.rigid_motion import Motion
+from tpmscad.splines.bspline import BSplineSurface
 from tpmscad.trimming.intersect.arc_fitting import CoarsePath, fit_arcs
 from tpmscad.trimming.intersect.arrangement import (
     ZERO_FRACTION_OF_TOL,
@@ -28,6 +29,7 @@ from tpmscad.trimming.intersect.arrangement import (
 )
 from tpmscad.trimming.intersect.marching import ArcEnd, Trace
 from tpmscad.trimming.intersect.marching_batched import march_patches
+from tpmscad.trimming.intersect.marching_masked import march_masked_patch
 from tpmscad.trimming.intersect.patch_borders import BorderSide
 from tpmscad.trimming.operands.quadric_table import QuadricTable, group_rows
 
@@ -56,12 +58,7 @@ def intersect_patches(a: Arrangement) -> Arrangement:
     o = a.operands
     pairs = _group_pairs(a)
     patches = [o.patches[c] for c in pairs.carrier.tolist()]
-    near_faces = {
-        i: partial(_find_near_faces, o, int(pairs.face[pairs.first[i]]), int(pairs.surface[pairs.first[i]]))
-        for i in np.flatnonzero(pairs.surfaces.is_free_form).tolist()
-    }
-    zero_tol = ZERO_FRACTION_OF_TOL * o.fit_tol
-    traces = march_patches(patches, pairs.surfaces, pairs.borders, pairs.on_corner, zero_tol, near_faces)
+    traces = _march_classes(o, patches, pairs)
     fitted, first_fitted = _fit_all_arcs(a, traces, pairs)
     arcs, points = _scatter_arcs(a, traces, pairs, fitted, first_fitted)
     return replace(
@@ -70,6 +67,27 @@ def intersect_patches(a: Arrangement) -> Arrangement:
         curves=(*o.curves, *(arc.curve for arc in fitted)),
         vertices=np.vstack([a.vertices, points]),
     ).snap_vertices()
+
+
+def _march_classes(o: Operands, patches: list[BSplineSurface], pairs: _PairClasses) -> list[Trace]:
+    """The traces of all classes, those of free-form surfaces one by one."""
+    zero_tol = ZERO_FRACTION_OF_TOL * o.fit_tol
+    free_form = pairs.surfaces.is_free_form
+    others = np.flatnonzero(~free_form)
+    made = march_patches(
+        [patches[i] for i in others.tolist()],
+        pairs.surfaces.take(others),
+        [pairs.borders[i] for i in others.tolist()],
+        pairs.on_corner[others],
+        zero_tol,
+    )
+    traces = dict(zip(others.tolist(), made, strict=True))
+    for i in np.flatnonzero(free_form).tolist():
+        pair = int(pairs.first[i])
+        near_faces = partial(_find_near_faces, o, int(pairs.face[pair]), int(pairs.surface[pair]))
+        row, on_corner = pairs.surfaces.row(i), pairs.on_corner[i]
+        traces[i] = march_masked_patch(patches[i], row, pairs.borders[i], on_corner, zero_tol, near_faces)
+    return [traces[i] for i in range(len(patches))]
 
 
 def _find_near_faces(o: Operands, face: int, surface: int, points: Array, margin: float) -> BoolArray:
