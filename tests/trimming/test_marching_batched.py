@@ -28,7 +28,7 @@ def test_patches_marched_together_get_the_arcs_that_each_gets_alone(
     seen = []
 
     def both(patches, implicit, borders, on_corner, zero_tol):
-        together = marching_batched.march_patches(patches, implicit, borders, on_corner, zero_tol, {})
+        together = marching_batched.march_patches(patches, implicit, borders, on_corner, zero_tol)
         for i, trace in enumerate(together):
             alone = marching.march_patch(patches[i], implicit.row(i), borders[i], on_corner[i], zero_tol)
             seen.append((trace, alone))

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from tpmscad._typing import Array, BoolArray
+from tpmscad._typing import Array
 from tpmscad.brep.carriers import Plane
 from tpmscad.brep.free_form_surface import FreeFormSurface
 from tpmscad.errors import TrimmingError
@@ -63,11 +63,11 @@ def read_borders(patch: BSplineSurface, row: QuadricTable, within: float = np.in
 def march(patch: BSplineSurface, surface: FreeFormSurface, within: float = np.inf, near: float = np.inf) -> Trace:
     """The trace next to a face that reaches to the distance `near` from the origin."""
 
-    def near_faces(points: Array, margin: float) -> BoolArray:
-        return np.asarray(np.linalg.norm(points, axis=1) <= near + margin)
+    def border_distance(points: Array) -> Array:
+        return np.asarray(np.linalg.norm(points, axis=1) - near)
 
     row = build_implicit_surfaces([surface])
-    return march_masked_patch(patch, row, read_borders(patch, row, within), NO_CORNERS, 1e-9, near_faces)
+    return march_masked_patch(patch, row, read_borders(patch, row, within), NO_CORNERS, 1e-9, border_distance)
 
 
 def test_a_wide_sheet_has_the_arcs_of_its_plane() -> None:
@@ -132,4 +132,4 @@ def test_a_side_or_a_corner_in_the_surface_is_refused() -> None:
     row = build_implicit_surfaces([sheet(5.0)])
     borders = read_borders(patch, row)
     with pytest.raises(TrimmingError, match="corner of a patch"):
-        march_masked_patch(patch, row, borders, np.eye(4, dtype=bool)[0], 1e-9, lambda p, _: np.ones(len(p), bool))
+        march_masked_patch(patch, row, borders, np.eye(4, dtype=bool)[0], 1e-9, lambda p: -np.ones(len(p)))

@@ -13,10 +13,12 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from itertools import pairwise
 
 import numpy as np
 
-from tpmscad._typing import Array, BoolArray
+from tpmscad._typing import Array, BoolArray, IntArray
+from tpmscad.brep.free_form_surface import FreeFormSurface
 from tpmscad.errors import TrimmingError
 from tpmscad.splines.bspline import BSplineSurface
 from tpmscad.trimming.intersect.critical_points import (
@@ -49,8 +51,20 @@ BLOCK_NODES = 6
 FAR_RADII = 2.0
 """Distance of a block's middle, in radii of the block, beyond which no zero is within several steps of its nodes."""
 
-NearFaces = Callable[[Array, float], BoolArray]
-"""Points (n, 3) in the patch's frame that lie on a face of the surface, or within a distance of its border: (n,)."""
+BorderDistance = Callable[[Array], Array]
+"""Distances (n,) of points (n, 3) in the patch's frame from the nearest border of a face on the surface, negative in a face."""
+
+MAX_KINK_CONTINUITY = 2
+"""Continuity of a surface across a knot line up to which intersection curves are divided there."""
+
+KINK_CLEARANCE_STEPS = 0.2
+"""Grid steps from the border of a face within which they are not: an edge of the body is there, and short edges would result."""
+
+KINK_STEPS = 12
+"""Most steps of false position to such a line."""
+
+KINK_RTOL = 1e-11
+"""Distance from the line, in steps of the path, at which the iteration ends."""
 
 MARGIN_STEPS = 3.0
 """Grid steps beyond the border of a face to which a branch is followed, so that it crosses the edge for certain."""
@@ -78,7 +92,7 @@ def march_masked_patch(
     borders: tuple[BorderSide, ...],
     on_corner: BoolArray,
     zero_tol: float,
-    near_faces: NearFaces,
+    border_distance: BorderDistance,
 ) -> Trace:
     """The arcs of one free-form surface (a table of one row) on a patch, as by `march_patch`, next to the surface's faces.
 
@@ -109,7 +123,7 @@ def march_masked_patch(
         raise TrimmingError(
             f"branches of an intersection curve stay unresolved near (u, v) = ({us[i[0]]:.6f}, {vs[j[0]]:.6f})"
         )
-    arcs, points = _chain_near_arcs(distance, follow, samples, borders, saddles, near_faces)
+    arcs, points = _chain_near_arcs(distance, follow, samples, borders, saddles, border_distance)
     if not arcs:
         return replace(EMPTY_TRACE, sign=1)  # the sign is asked for next to coincident sides only, which are refused
     foci = np.array([[*c.parameters, c.radius] for c in critical if abs(c.value) > zero_tol]).reshape(-1, 3)
@@ -168,7 +182,7 @@ def _find_critical_points(distance: ComposedDistance, samples: _Samples) -> list
     for order in ((1, 0), (0, 1)):
         slope = np.einsum("uvk,uvk->uv", samples.gradients, distance.surface.grid(us, vs, *order))
         slopes.append(np.where(bad, np.inf, slope)[None])  # the flattest node is sought among the others
-    small, _, starts = place_newton_starts(samples.values[None], *slopes, us, vs, bad[None])
+    small, _, starts = place_newton_starts(samples.values[None], slopes[0], slopes[1], us, vs, bad[None])
     h = np.array([np.diff(us).max(), np.diff(vs).max()])
     result: list[PatchCriticalPoint] = []
     for start in starts:
@@ -197,12 +211,13 @@ def _chain_near_arcs(
     samples: _Samples,
     borders: tuple[BorderSide, ...],
     saddles: Array,
-    near_faces: NearFaces,
+    border_distance: BorderDistance,
 ) -> tuple[tuple[Arc, ...], Array]:
     """The parts of the branches that are near faces, and the inner points (n, 2) at which they end."""
     us, vs = samples.us, samples.vs
     steps = [np.linalg.norm(np.diff(samples.points, axis=axis), axis=2).max() for axis in (0, 1)]
-    margin = MARGIN_STEPS * float(max(steps))
+    step = float(max(steps))
+    margin = MARGIN_STEPS * step
     points = list(saddles)
     arcs: list[Arc] = []
     for chain, is_closed in _collect_chains(follow):
@@ -217,21 +232,30 @@ def _chain_near_arcs(
                 path = np.insert(path, 0 if k == 0 else len(path), saddles[saddle], axis=0)
             elif not is_closed and _is_on_border(crossing, len(us), len(vs)):
                 ends[k], path[at] = locate_border_end(crossing, us, vs, borders)
-        near = near_faces(distance.surface(*path.T), margin)
+        depth = border_distance(distance.surface(*path.T))
+        near = depth <= margin
         if is_closed:
-            path, near = path[:-1], near[:-1]
+            path, near, depth = path[:-1], near[:-1], depth[:-1]
             if near.all():
                 half = len(path) // 2
-                path, near = np.vstack([path, path[:1]]), np.ones(len(path) + 1, bool)
+                path, near, depth = (
+                    np.vstack([path, path[:1]]),
+                    np.ones(len(path) + 1, bool),
+                    np.append(depth, depth[0]),
+                )
                 pieces = [(0, half), (half, len(path) - 1)]
             else:
                 turn = int(np.argmin(near))
-                path, near = np.roll(path, -turn, axis=0), np.roll(near, -turn)
+                path, near, depth = np.roll(path, -turn, axis=0), np.roll(near, -turn), np.roll(depth, -turn)
                 pieces = _runs(near)
         else:
             pieces = _runs(near)
         made: dict[int, ArcEnd] = {}
-        for first, last in pieces:
+        clear = np.abs(depth) > KINK_CLEARANCE_STEPS * step
+        path, kinks = _insert_kinks(distance, path, clear, KINK_CLEARANCE_STEPS * step)
+        shifts = np.searchsorted(kinks - np.arange(len(kinks)), np.arange(len(path)), side="right")
+        ranges = [(int(i + shifts[i]), int(j + shifts[j])) for i, j in pieces]
+        for first, last in [part for piece in ranges for part in _split_range(*piece, kinks.tolist())]:
             own: list[ArcEnd] = []
             tips = path[[first, last]]
             for k, at in ((0, first), (1, last)):
@@ -246,6 +270,72 @@ def _chain_near_arcs(
                 own.append(end)
             arcs.append(Arc(np.vstack([tips[:1], path[first + 1 : last], tips[1:]]), own[0], own[1]))
     return tuple(arcs), np.array(points).reshape(-1, 2)
+
+
+def _insert_kinks(
+    distance: ComposedDistance, path: Array, clear: BoolArray, clearance: float
+) -> tuple[Array, IntArray]:
+    """The path (n, 2) with points inserted where it crosses lines of the surface at which curves bend, and their numbers (k,).
+
+    Across a knot line or a seam at which the surface is no smoother than C2, the third derivative of an intersection curve jumps,
+    or the second. The curve is divided there, since no fit across comes near the tolerance. A seam is an edge of the body, so
+    that the point lies on it to round-off; other lines are skipped where points are not `clear` (n,) of the borders of faces, and
+    within `clearance` of the ends of the path, lest short edges result.
+    """
+    placed = distance.implicit.placed
+    assert placed is not None
+    form, place = placed.forms[int(placed.number[0])], placed.place[0]
+    none = path, np.zeros(0, np.int64)
+    if not isinstance(form, FreeFormSurface):
+        return none
+    lines = [
+        (axis, x, False) for axis, values in enumerate(form.knot_lines(MAX_KINK_CONTINUITY)) for x in values.tolist()
+    ]
+    lines += [
+        (axis, form.domain[axis][0], True) for axis in (0, 1) if form.bends_at_seam(axis, MAX_KINK_CONTINUITY + 1)
+    ]
+    if not lines:
+        return none
+
+    def offsets(at: Array, axis: int, line: float) -> Array:
+        """Parameter of the feet less that of the line, to within half a period."""
+        off = form.parameters(place.apply(distance.surface(*at.T)))[:, axis] - line
+        period = form.period[axis]
+        return np.asarray(off - period * np.round(off / period) if period else off)
+
+    feet = form.parameters(place.apply(distance.surface(*path.T)))
+    ends = distance.surface(*path[[0, -1]].T)
+    found: list[tuple[int, Array]] = []
+    for axis, line, is_seam in lines:
+        period = form.period[axis]
+        off = feet[:, axis] - line
+        off = off - period * np.round(off / period) if period else off
+        near = np.abs(off) < 0.25 * period if period else np.ones(len(off), bool)
+        crossed = ((off[1:] < 0) != (off[:-1] < 0)) & near[1:] & near[:-1]
+        for i in np.flatnonzero(crossed).tolist():
+            if not (is_seam or (clear[i] and clear[i + 1])):
+                continue
+            a, b, f, g = path[i], path[i + 1], float(off[i]), float(off[i + 1])
+            scale = abs(f - g)
+            for _ in range(KINK_STEPS):
+                middle = project_to_zero(distance, a + (b - a) * f / (f - g))
+                h = float(offsets(middle[None], axis, line)[0])
+                if abs(h) <= KINK_RTOL * scale:
+                    break
+                a, b, f, g = (middle, b, h, g) if (h < 0) == (f < 0) else (a, middle, f, h)
+            apart = np.linalg.norm(ends - distance.surface(*middle), axis=1).min()
+            if apart > (0.0 if is_seam else clearance):
+                found.append((i + 1, middle))
+    found.sort(key=lambda item: item[0])
+    at = np.array([i for i, _ in found], np.int64)
+    if not len(at):
+        return none
+    return np.insert(path, at, np.array([p for _, p in found]), axis=0), at + np.arange(len(at))
+
+
+def _split_range(first: int, last: int, at: list[int]) -> list[tuple[int, int]]:
+    """The range from `first` to `last`, split at the numbers inside it."""
+    return list(pairwise([first, *(k for k in at if first < k < last), last]))
 
 
 def _collect_chains(follow: dict[int, int]) -> list[tuple[list[int], bool]]:

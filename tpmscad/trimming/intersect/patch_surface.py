@@ -84,19 +84,20 @@ def _march_classes(o: Operands, patches: list[BSplineSurface], pairs: _PairClass
     traces = dict(zip(others.tolist(), made, strict=True))
     for i in np.flatnonzero(free_form).tolist():
         pair = int(pairs.first[i])
-        near_faces = partial(_find_near_faces, o, int(pairs.face[pair]), int(pairs.surface[pair]))
+        border_distance = partial(_measure_border_distances, o, int(pairs.face[pair]), int(pairs.surface[pair]))
         row, on_corner = pairs.surfaces.row(i), pairs.on_corner[i]
-        traces[i] = march_masked_patch(patches[i], row, pairs.borders[i], on_corner, zero_tol, near_faces)
+        traces[i] = march_masked_patch(patches[i], row, pairs.borders[i], on_corner, zero_tol, border_distance)
     return [traces[i] for i in range(len(patches))]
 
 
-def _find_near_faces(o: Operands, face: int, surface: int, points: Array, margin: float) -> BoolArray:
-    """Points (n, 3) in the frame of a patch that lie in a face on a surface of the body, or within the margin of its border."""
+def _measure_border_distances(o: Operands, face: int, surface: int, points: Array) -> Array:
+    """Distances (n,) of points (n, 3) in the frame of a patch from the borders of the faces on a surface, negative in a face."""
     there = o.lattice.faces.motion[face].apply(points)
-    result = np.zeros(len(points), bool)
+    inside, distance = np.zeros(len(points), bool), np.full(len(points), np.inf)
     for f in np.flatnonzero(o.body.surface_of_face == surface).tolist():
-        result |= o.regions[f].contains(there) | (o.regions[f].distance_to_border(there) <= margin)
-    return result
+        inside |= o.regions[f].contains(there)
+        distance = np.minimum(distance, o.regions[f].distance_to_border(there))
+    return np.where(inside, -distance, distance)
 
 
 def _group_pairs(a: Arrangement) -> _PairClasses:
