@@ -17,10 +17,12 @@ from tpmscad.brep.boundary_representation import Brep, reverse_faces
 from tpmscad.brep.moments import integral_properties
 from tpmscad.errors import NotQuadric
 from tpmscad.kernel.body_import.body_brep import FreeFormBody, brep_from_shape, read_free_form_body
+from tpmscad.kernel.body_import.cad_body import read_body
 from tpmscad.kernel.build.solids import build_solids
-from tpmscad.kernel.measure.mass_properties import gauss_kronrod_volume
+from tpmscad.kernel.measure.mass_properties import converted_volume
 from tpmscad.kernel.measure.validity import is_brep_valid
 from tpmscad.kernel.occt.exploration import faces_of, unwrap
+from tpmscad.solids.boolean_strategies import split_near_body_faces
 from tpmscad.trimming.trim_pipeline import trim
 
 pytestmark = [pytest.mark.kernel, pytest.mark.slow]
@@ -88,7 +90,7 @@ def volume(brep: Brep) -> float:
 def test_a_body_is_read_closed_with_its_volume_and_tight_edges(case) -> None:
     body, read = case
     assert len(connectivity.find_unmatched_edges(read.brep)) == 0
-    assert volume(read.brep) == pytest.approx(gauss_kronrod_volume(faces_of(unwrap(body))), rel=1e-6)
+    assert volume(read.brep) == pytest.approx(converted_volume(faces_of(unwrap(body))), rel=1e-6)
     assert read.brep.edges.deviation.max() < 5e-8
     assert len(read.free_form) > 0
     for number, surface in read.free_form.items():
@@ -112,6 +114,14 @@ def test_what_is_inside_the_lattice_and_what_is_outside_make_up_the_body(case, c
         assert part.report.max_deviation < 3e-7
         built = build_solids(part.brep)
         assert is_brep_valid(part.brep, built.known_faces)
+
+
+def test_it_is_what_the_kernel_cuts(case, cover: Cover) -> None:
+    body, read = case
+    lattice = cover("P", (1, 1, 1), (0.07, 0.11, 0.19), (-0.04, 0.04))
+    own = volume(trim(lattice, read.brep, free_form=read.free_form).brep)
+    faces = [f for solid in split_near_body_faces(lattice, read_body(body)).solids for f in faces_of(solid)]
+    assert own == pytest.approx(converted_volume(faces), rel=1e-6)
 
 
 def test_tags_are_those_of_the_shapes_faces() -> None:

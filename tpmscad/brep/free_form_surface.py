@@ -75,8 +75,7 @@ class FreeFormSurface:
         t = np.linspace(*self.domain[1 - axis], SEAM_SAMPLES)
         for order in range(1, continuity + 1):
             low, high = (
-                self.spline(*((x, t) if axis == 0 else (t, x)), *((order, 0) if axis == 0 else (0, order)))
-                for x in self.domain[axis]
+                self.spline(x, t, order, 0) if axis == 0 else self.spline(t, x, 0, order) for x in self.domain[axis]
             )
             if np.abs(high - low).max() > SEAM_ANGLE * max(np.abs(low).max(), np.abs(high).max()):
                 return True

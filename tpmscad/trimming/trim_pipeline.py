@@ -193,11 +193,23 @@ PLACEMENTS: Fallbacks[[Operands, _TrimRequest], _Trim] = Fallbacks(
 )
 """Placements of the lattice that are tried while intersections are not resolved, or the kernel rejects what is built."""
 
+FREE_FORM_PLACEMENTS = replace(PLACEMENTS, methods=PLACEMENTS.methods[:2])
+"""Those for bodies with free-form faces, where each takes several times as long."""
+
+MAX_FREE_FORM_PAIRS = 2500
+"""Most pairs of a patch and a free-form face: each takes about 20 ms, and a failure must not cost more than the other methods."""
+
 
 def _trim_with_placements(
     operands: Operands, request: _TrimRequest, clearance: float, max_shift: float
 ) -> tuple[_Trim, TrimReport]:
     """The trim at the first of the `PLACEMENTS` that succeeds, and its statistics."""
+    free_form = operands.body.surfaces.is_free_form[: operands.body.n_surfaces]
+    pairs = int(operands.candidates[:, free_form].sum())
+    if pairs > MAX_FREE_FORM_PAIRS:
+        raise TrimmingError(
+            f"{pairs} pairs of a patch and a free-form face are more than {MAX_FREE_FORM_PAIRS}: the cut would take too long"
+        )
     shift, reasons = np.zeros(3), []
     if clearance > 0:
         shift, before, after = find_clear_shift(operands, clearance, max_shift)
@@ -206,7 +218,7 @@ def _trim_with_placements(
             reasons.append(
                 f"a corner of a patch lay {before:.2g} from a face of the body, where {after:.2g} is the nearest now"
             )
-    outcome = PLACEMENTS.run(operands, request)
+    outcome = (FREE_FORM_PLACEMENTS if free_form.any() else PLACEMENTS).run(operands, request)
     trimmed = outcome.value
     moved = float(np.linalg.norm(shift + trimmed.shift))
     reason = "; ".join([*reasons, *(str(failure) for failure in outcome.failures[:1])])

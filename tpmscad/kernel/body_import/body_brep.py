@@ -24,7 +24,7 @@ from tpmscad.errors import InvalidRequest, NotQuadric
 from tpmscad.kernel.body_import.closed_face_splitting import split_closed_faces
 from tpmscad.kernel.body_import.exact_faces import read_exact_body
 from tpmscad.kernel.body_import.unrolled_faces import ImportedBody, ImportedEdge, unroll_face
-from tpmscad.kernel.measure.mass_properties import face_moments, gauss_kronrod_volume
+from tpmscad.kernel.measure.mass_properties import converted_volume, face_moments
 from tpmscad.kernel.occt.bounding_boxes import box_center, box_diagonal
 from tpmscad.kernel.occt.exploration import faces_of, solids_of, unwrap
 from tpmscad.kernel.recognise.edge_curves import UnsupportedFace, fit_pcurve
@@ -207,7 +207,7 @@ def _check_closed_and_volume(brep: Brep, faces: list[TopoDS_Face], size: float, 
         raise NotQuadric(f"{len(unmatched)} edges of the body do not join two of its faces, the first at {at}", ())
     moments = integral_properties.integrate_faces(brep)
     volume = float(integral_properties.volume(moments)[0])
-    expected = gauss_kronrod_volume(faces) if free_form else float(face_moments(faces)[:, 1].sum())
+    expected = converted_volume(faces) if free_form else float(face_moments(faces)[:, 1].sum())
     if not abs(volume - expected) <= BOUNDARY_DISTANCE_TOL * size * moments.area.sum():
         raise NotQuadric(
             f"the body's faces bound {volume:.9g}, not {expected:.9g}, when read exactly: "

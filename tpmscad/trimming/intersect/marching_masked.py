@@ -5,7 +5,7 @@ It differs from `marching` in what a jump asks for.
 - A grid edge changes sign only if |d1| + |d2| is at most a little more than its length, since a distance is Lipschitz. A cell
   with another change of sign, or with a foot forced to the border of the surface at a corner, is *masked*: no branch passes it.
 - A branch may end at a masked cell; its end is an inner point.
-- The signs on the patch's border are those of the distance, for parity says nothing after a jump; they must agree with the roots.
+- The signs on the patch's border are those of the distance, for parity says nothing after a jump.
 - What lies away from the faces on the surface is left out before anything is fitted.
 """
 
@@ -108,8 +108,8 @@ def march_masked_patch(
         samples = _sample(distance, us, vs)
     for _ in range(MAX_REFINEMENTS):
         negative = samples.values < 0
-        _check_borders(samples, negative, borders)
-        follow, ambiguous = link_crossings(negative, samples.us, samples.vs, saddles, samples.masked)
+        masked = _mask_borders(samples, negative, borders)
+        follow, ambiguous = link_crossings(negative, samples.us, samples.vs, saddles, masked)
         if len(ambiguous) == 0:
             break
         us, vs = samples.us, samples.vs
@@ -194,15 +194,18 @@ def _find_critical_points(distance: ComposedDistance, samples: _Samples) -> list
     return result
 
 
-def _check_borders(samples: _Samples, negative: BoolArray, borders: tuple[BorderSide, ...]) -> None:
-    """TrimmingError unless a border edge of a cell without a mask changes sign exactly if it has an odd number of roots."""
-    masked = samples.masked
+def _mask_borders(samples: _Samples, negative: BoolArray, borders: tuple[BorderSide, ...]) -> BoolArray:
+    """The masked cells, with those whose border edge changes sign without an odd number of roots, or the other way round.
+
+    This is so next to a jump, where the edge's own samples lie on its other side.
+    """
+    masked = samples.masked.copy()
     cells = masked[:, 0], masked[-1], masked[::-1, -1], masked[0, ::-1]
     for side, border in enumerate(borders):
         signs = view_side_nodes(negative, side)
         inside = np.diff(np.searchsorted(border.roots, side_fractions(samples.us, samples.vs, side)))
-        if (((signs[1:] != signs[:-1]) != (inside % 2 == 1)) & ~cells[side]).any():
-            raise TrimmingError("a patch and its edge disagree on an intersection with a free-form face")
+        cells[side][(signs[1:] != signs[:-1]) != (inside % 2 == 1)] = True
+    return masked
 
 
 def _chain_near_arcs(
