@@ -33,6 +33,9 @@ EDGE_SAMPLES = 65
 MAX_ANGLE_STEP = 0.5
 """Radians by which an angle may change between neighbouring points; larger steps are bisected."""
 
+MIN_BREAK_FRACTION = 1e-6
+"""Fraction of the parameter range: closer breaks make the interpolation singular."""
+
 MIN_INTERVAL_FRACTION = 1e-9
 """Fraction of the edge's parameter range below which an interval is not bisected."""
 
@@ -161,6 +164,10 @@ def fit_pcurve(
         return line_segment(low, high, span)
     inner = curve.knots if isinstance(curve, BSplineCurve) else np.zeros(0)
     inner = inner[(inner > span[0]) & (inner < span[1])]
+    if isinstance(carrier, FreeFormSurface):  # knots of the curve, as close to each other as they come
+        least = MIN_BREAK_FRACTION * (span[1] - span[0])
+        kept = np.concatenate([[span[0]], inner])
+        inner = inner[(np.diff(kept) > least) & (inner < span[1] - least)]
 
     def error(fit: BSplineCurve, checks: Array) -> Array:
         return np.asarray(np.linalg.norm(carrier(*fit(checks).T) - curve(checks), axis=1))
@@ -180,7 +187,10 @@ def _fit_adaptively(
     inside = (np.arange(ERROR_CHECKS_PER_SPAN) + 0.5) / ERROR_CHECKS_PER_SPAN
     while len(breaks) <= MAX_FIT_SPANS:
         knots, sites = _knots_and_sites(breaks)
-        poles = np.asarray(np.linalg.solve(design_matrix(knots, FIT_DEGREE, sites), values(sites)), float)
+        try:
+            poles = np.asarray(np.linalg.solve(design_matrix(knots, FIT_DEGREE, sites), values(sites)), float)
+        except np.linalg.LinAlgError:
+            break
         fit = BSplineCurve(poles, knots, FIT_DEGREE)
         checks = (breaks[:-1, None] + np.diff(breaks)[:, None] * inside).ravel()
         worst = error(fit, checks).reshape(-1, ERROR_CHECKS_PER_SPAN).max(axis=1)

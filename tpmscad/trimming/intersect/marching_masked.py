@@ -258,6 +258,10 @@ def _chain_near_arcs(
         path, kinks = _insert_kinks(distance, path, clear, KINK_CLEARANCE_STEPS * step)
         shifts = np.searchsorted(kinks - np.arange(len(kinks)), np.arange(len(path)), side="right")
         ranges = [(int(i + shifts[i]), int(j + shifts[j])) for i, j in pieces]
+        if not (is_closed and near.all()):
+            reach = np.array([np.diff(us).max(), np.diff(vs).max()])
+            is_end = (ends[0] is not None, ends[1] is not None)
+            ranges = [r for r in (_shorten_range(distance, path, *r, is_end, reach) for r in ranges) if r[0] < r[1]]
         for first, last in [part for piece in ranges for part in _split_range(*piece, kinks.tolist())]:
             own: list[ArcEnd] = []
             tips = path[[first, last]]
@@ -334,6 +338,28 @@ def _insert_kinks(
     if not len(at):
         return none
     return np.insert(path, at, np.array([p for _, p in found]), axis=0), at + np.arange(len(at))
+
+
+def _shorten_range(
+    distance: ComposedDistance, path: Array, first: int, last: int, is_end: tuple[bool, bool], reach: Array
+) -> tuple[int, int]:
+    """The range of a path (n, 2), shorter where its inner ends are no points near zeros: next to a jump they may be none.
+
+    `is_end`: whether the ends of the whole path are known. A projection moves by at most `reach` (2,).
+    """
+
+    def is_near_zero(i: int) -> bool:
+        try:
+            moved = np.abs(project_to_zero(distance, path[i]) - path[i])
+        except TrimmingError:
+            return False
+        return bool((moved <= reach).all())
+
+    while first < last and not (first == 0 and is_end[0]) and not is_near_zero(first):
+        first += 1
+    while first < last and not (last == len(path) - 1 and is_end[1]) and not is_near_zero(last):
+        last -= 1
+    return first, last
 
 
 def _split_range(first: int, last: int, at: list[int]) -> list[tuple[int, int]]:

@@ -61,6 +61,8 @@ class PlacedForms:
             at, form = np.flatnonzero(self.number[row] == number), self.forms[number]
             place = self.place[row[at]]
             local = place[:, None].apply(points[at]).reshape(-1, 3)
+            if not np.isfinite(local).all():
+                raise TrimmingError("an intersection with a free-form face of the body does not converge")
             if isinstance(form, EdgeNormals):
                 jet = form.jet(local, order)
             else:
