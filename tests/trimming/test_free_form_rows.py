@@ -73,6 +73,9 @@ def test_a_row_in_a_frame_has_the_jet_of_the_moved_points(name: str) -> None:
         np.testing.assert_allclose(value[i], expected[0][0], atol=1e-13)
         np.testing.assert_allclose(m.apply_to_vectors(gradient[i]), expected[1][0], atol=1e-12)
         np.testing.assert_allclose(m.rotation @ hessian[i] @ m.rotation.T, expected[2][0], atol=1e-9)
+    inner = frames(np.random.default_rng(8))
+    again = framed.in_frames(inner).value(inner[:, None].apply_inverse(local))
+    np.testing.assert_allclose(again, value, atol=1e-12)
     distances = framed.distances(local[1])
     np.testing.assert_allclose(distances[:, 1], expected[0][0], atol=1e-13)
 

@@ -20,7 +20,7 @@ from tpmscad._typing import Array
 from tpmscad.brep.boundary_representation import Brep, reverse_faces, spline_faces
 from tpmscad.brep.free_form_surface import FreeFormSurface
 from tpmscad.brep.moments import integral_properties
-from tpmscad.errors import KernelError, NotQuadric, TrimmingError
+from tpmscad.errors import KernelError, NotQuadric, TpmscadError, TrimmingError
 from tpmscad.fallbacks import Fallback, Fallbacks
 from tpmscad.kernel.body_import.body_brep import brep_from_shape, read_free_form_body
 from tpmscad.kernel.body_import.cad_body import CadBody
@@ -140,7 +140,28 @@ def trim_on_parameters(patches: Brep, body: CadBody, tol: float) -> BooleanResul
 
     InvalidRequest or TrimmingError if that is impossible, KernelError if the volume of the result is wrong.
     """
-    brep, free_form = _read_exactly(body)
+    try:
+        brep = brep_from_shape(body.shape, body.face_labels)
+    except NotQuadric:
+        return _trim_by_free_form_faces(patches, body, tol)
+    return _trim_by_brep(patches, body, brep, {}, tol)
+
+
+def _trim_by_free_form_faces(patches: Brep, body: CadBody, tol: float) -> BooleanResult:
+    """The patches trimmed by a body with free-form faces; errors as in `trim_on_parameters`, whatever goes wrong."""
+    try:
+        read = read_free_form_body(body.shape, body.face_labels)
+        return _trim_by_brep(patches, body, read.brep, read.free_form, tol)
+    except TpmscadError:
+        raise
+    except Exception as error:  # OCCT's exceptions have no common base class, and systems of equations may be singular
+        raise TrimmingError(f"the cut by free-form faces failed: {error}") from error
+
+
+def _trim_by_brep(
+    patches: Brep, body: CadBody, brep: Brep, free_form: Mapping[int, FreeFormSurface], tol: float
+) -> BooleanResult:
+    """The patches trimmed by the boundary representation of the body."""
     cut = trim(
         patches,
         brep,
@@ -155,15 +176,6 @@ def trim_on_parameters(patches: Brep, body: CadBody, tol: float) -> BooleanResul
     _check_volume_by_sampling(float(integral_properties.volume(cut.built.nesting.moments)[0]), patches, body)
     notes = "trimmed on the patches' parameters", *cut.report.notes
     return BooleanResult(cut.built, cut.brep, TRIMMED_PATCHES, notes)
-
-
-def _read_exactly(body: CadBody) -> tuple[Brep, Mapping[int, FreeFormSurface]]:
-    """The boundary representation of a body and its free-form carriers by their numbers; NotQuadric if it is not exact."""
-    try:
-        return brep_from_shape(body.shape, body.face_labels), {}
-    except NotQuadric:
-        read = read_free_form_body(body.shape, body.face_labels)
-        return read.brep, read.free_form
 
 
 def _build_valid_solids(brep: Brep) -> BrepSolids | None:

@@ -74,7 +74,7 @@ MARGIN_STEPS = 3.0
 class _Samples:
     """The distance on grid lines us and vs: values (nu, nv), points and gradients in space (nu, nv, 3), masked cells.
 
-    `is_far` (nu, nv): nodes without a zero in several steps about them, where values are extrapolated and have the right sign.
+    `is_far` (nu, nv): nodes without a zero in several steps about them, where the values are those of nodes nearby.
     """
 
     us: Array
@@ -156,12 +156,11 @@ def _evaluate_near_nodes(implicit: QuadricTable, points: Array) -> tuple[Array, 
         np.minimum(np.arange(own[-1] + 1) * BLOCK_NODES + BLOCK_NODES // 2, len(own) - 1) for own in (rows, columns)
     ]
     middles = points[np.ix_(*middle)].reshape(-1, 3)
-    arm = points - middles[block]
     radius = np.zeros(len(middles))
-    np.maximum.at(radius, block.ravel(), np.linalg.norm(arm, axis=2).ravel())
+    np.maximum.at(radius, block.ravel(), np.linalg.norm(points - middles[block], axis=2).ravel())
     at_middle, slope = (j[0] for j in implicit.jet(middles[None], 1))
     is_far = (np.abs(at_middle) > FAR_RADII * radius)[block]
-    values = at_middle[block] + np.einsum("uvk,uvk->uv", slope[block], arm)
+    values = at_middle[block]
     gradients, forced = slope[block], np.zeros(shape, bool)
     near = ~is_far
     if near.any():
