@@ -10,7 +10,10 @@ from tpmscad._typing import Array
 from tpmscad.brep.conics import Circle
 from tpmscad.brep.free_form_surface import FreeFormSurface
 from tpmscad.rigid_motion import Motion
-from tpmscad.splines.bspline import BSplineCurve
+from tpmscad.splines.bspline import BSplineCurve, BSplineSurface, line_segment
+from tpmscad.splines.knots import bezier_knots
+from tpmscad.trimming.intersect.arrangement import CurveSegments
+from tpmscad.trimming.intersect.curve_surface import intersect_segments
 from tpmscad.trimming.operands.edge_normals import ACROSS_SAMPLES, build_edge_normals
 from tpmscad.trimming.operands.quadric_table import QuadricTable, build_edge_normal_row, build_implicit_surfaces
 
@@ -131,3 +134,25 @@ def test_forced_feet_are_marked_and_their_distances_are_true() -> None:
     expected = [np.linalg.norm(dense - p, axis=1).min() for p in points]
     np.testing.assert_allclose(np.abs(row.distances(points)[:, 0]), expected, atol=1e-4)
     assert abs(row.value(points[None])[0, 1]) < 0.9 * expected[1]
+
+
+def test_a_root_behind_a_forced_change_of_sign_has_its_own_sign_and_is_the_only_one() -> None:
+    # three quarters of a pipe: the line comes in through the gap, where the foot is forced, and goes out through the wall
+    angle = np.linspace(0.75, 2.0 * np.pi - 0.75, 9)
+    ring = np.column_stack([np.cos(angle), np.sin(angle), np.zeros(9)])
+    height = np.array([0.0, 0.0, 2.0])
+    poles = np.stack([ring - height, ring + height], axis=1)
+    knots = np.concatenate([np.zeros(3), np.linspace(0.0, 1.0, 7), np.ones(3)])
+    pipe = FreeFormSurface(BSplineSurface(poles, knots, bezier_knots(1), 3, 1))
+    table = build_implicit_surfaces([pipe])
+    line = line_segment([9.0, 0.1, 0.2], [-3.0, -0.2, -0.1])
+    ends = np.array([0]), np.array([1])
+    segment = CurveSegments(np.array([0]), Motion.identity(1), np.array([[0.0, 1.0]]), *ends)
+    nowhere, wanted = np.zeros((2, 1), bool), np.ones((1, 1), bool)
+    found = intersect_segments([line], segment, table, nowhere, wanted, 2e-7, 5e-9)
+    (root,) = found.root_parameter
+    assert abs(line(root)[0] + 1.0) < 0.1
+    before, after = table.value(line([root - 0.01, root + 0.01])[None])[0]
+    assert before * after < 0
+    np.testing.assert_array_equal(found.root_sign, [np.sign(before)])
+    assert found.initial_sign[0, 0] == -np.sign(before)
