@@ -60,6 +60,9 @@ from tpmscad.splines.surface_fit import fit_surface
 REACH = 0.5
 """Of the range of the face's parameters: how far the carrier goes on beyond the face on each side, on the kernel's surface."""
 
+BEYOND_REL, BEYOND_SPANS = 0.01, 0.25
+"""Of the size of the body, and of the end span: how far a rational spline goes on beyond its bounds, at most."""
+
 ANGLE_SPAN = np.radians(15.0)
 """Span along the angle of a revolution: the error of degree 9 is 1e-17 of the radius."""
 
@@ -142,7 +145,7 @@ def convert_free_form(face: TopoDS_Face, size: float, reach: float = REACH) -> C
         raise UnsupportedFace("is on a plane or a quadric, which has a carrier of its own")
     u0, u1, v0, v1 = BRepTools.UVBounds_s(face)
     face_box = np.array([[u0, u1], [v0, v1]])
-    box = _widen(surface, face_box, reach)
+    box = _widen(surface, face_box, reach, BEYOND_REL * size)
     spline, error, sample = _convert_box(surface, box, EXACT_REL_TOL * size)
     restricted = _cut_at_creases(spline, face_box)
     spline = _join_poles(restricted, size)
@@ -165,9 +168,14 @@ def fit_chart(sample: Sampler, tol: float) -> tuple[BSplineSurface, float]:
     return _fit_spaces(sample, spaces, [True, True], tol)
 
 
-def _widen(surface: Geom_Surface, face_box: Array, reach: float) -> Array:
-    """Box of parameters (2, 2) around that of the face, within the surface and one period of it, clear of poles."""
+def _widen(surface: Geom_Surface, face_box: Array, reach: float, beyond: float) -> Array:
+    """Box of parameters (2, 2) around that of the face, within the surface and one period of it, clear of poles.
+
+    A rational spline goes on by up to the length `beyond`, since the end spans of its fit are too short to go on by themselves.
+    """
     bounds = np.array(surface.Bounds()).reshape(2, 2)
+    if isinstance(surface, Geom_BSplineSurface) and (surface.IsURational() or surface.IsVRational()):
+        bounds = bounds + _end_span_steps(surface, face_box, beyond)
     periods = (
         surface.UPeriod() if surface.IsUPeriodic() else 0.0,
         surface.VPeriod() if surface.IsVPeriodic() else 0.0,
@@ -192,6 +200,28 @@ def _widen(surface: Geom_Surface, face_box: Array, reach: float) -> Array:
         for end in (0, 1):
             box[axis, end] = _stop_at_pole(surface, face_box, axis, float(face_box[axis, end]), float(box[axis, end]))
     return box
+
+
+def _end_span_steps(surface: Geom_BSplineSurface, face_box: Array, beyond: float) -> Array:
+    """Steps (2, 2) in parameters beyond the bounds of a spline: the length `beyond`, or `BEYOND_SPANS` of an end span.
+
+    None where the spline is closed.
+    """
+    middle = face_box.mean(axis=1).tolist()
+    result = np.zeros((2, 2))
+    point, first, second = gp_Pnt(), gp_Vec(), gp_Vec()
+    closed = surface.IsUClosed(), surface.IsVClosed()
+    for axis, (count, knot) in enumerate(((surface.NbUKnots(), surface.UKnot), (surface.NbVKnots(), surface.VKnot))):
+        if closed[axis]:
+            continue
+        for end, (a, b) in enumerate(((1, 2), (count, count - 1))):
+            at = list(middle)
+            at[axis] = knot(a)
+            surface.D1(*at, point, first, second)
+            speed = max((first if axis == 0 else second).Magnitude(), 1e-300)
+            step = min(BEYOND_SPANS * abs(knot(b) - knot(a)), beyond / speed)
+            result[axis, end] = step if end else -step
+    return result
 
 
 def _stop_at_pole(surface: Geom_Surface, face_box: Array, axis: int, start: float, stop: float) -> float:

@@ -17,6 +17,7 @@ from typing import Any, TypeVar
 import numpy as np
 from OCP.BRep import BRep_Tool
 from OCP.BRepAdaptor import BRepAdaptor_Curve2d
+from OCP.BRepBuilderAPI import BRepBuilderAPI_NurbsConvert
 from OCP.BRepGProp import BRepGProp, BRepGProp_Domain, BRepGProp_Face, BRepGProp_Vinert
 from OCP.Geom import Geom_Plane
 from OCP.gp import gp_Pnt, gp_Trsf, gp_Vec
@@ -36,6 +37,7 @@ from tpmscad.kernel.measure.spline_face_moments import (
 )
 from tpmscad.kernel.occt import convert
 from tpmscad.kernel.occt.bounding_boxes import box_center, box_corners, box_of_edges
+from tpmscad.kernel.occt.construction import make_compound
 from tpmscad.kernel.occt.exploration import edges_of, faces_of, orientation_sign
 from tpmscad.splines.bspline import BSplineSurface
 
@@ -52,6 +54,16 @@ BORDER_FRACTION = 1e-6
 
 FACES_PER_BATCH = 64
 """Faces evaluated at once; more faces need more memory and are no faster."""
+
+
+def converted_volume(faces: Sequence[TopoDS_Face]) -> float:
+    """The volume that faces, oriented outwards, bound, by the moments of their conversions to B-splines.
+
+    OCCT's Gauss quadrature does not split extrusions and revolutions at the knots of their curves: it was found off by 4 % at any
+    tolerance asked for. That of Gauss and Kronrod is exact, but took a minute on a turned loft of four faces.
+    """
+    converted = BRepBuilderAPI_NurbsConvert(make_compound(faces), True)
+    return float(face_moments(faces_of(converted.Shape()))[:, 1].sum())
 
 
 SplineSpaceKey = tuple[bytes, bytes, int, int]
