@@ -37,10 +37,11 @@ from tpmscad.errors import KernelError
 from tpmscad.kernel.boolean.inward_offset import offset_by_occt
 from tpmscad.kernel.build.solids import build_faces, build_solids
 from tpmscad.kernel.export.shape_file import write_shape
+from tpmscad.kernel.measure.mass_properties import face_moments
 from tpmscad.kernel.measure.shape_report import check_shape, is_valid
 from tpmscad.kernel.occt import convert
 from tpmscad.kernel.occt.child_process import ChildFailure, call_in_child
-from tpmscad.kernel.occt.exploration import count_subshape_uses, solids_of
+from tpmscad.kernel.occt.exploration import count_subshape_uses, faces_of, solids_of
 from tpmscad.kernel.step.geometry_entities import find_knots_in_file
 from tpmscad.kernel.step.step_reader import read_step, silence_occt
 from tpmscad.splines import BSplineCurve, BSplineSurface, bezier_knots
@@ -53,6 +54,28 @@ def volume(shape) -> float:
     found = GProp_GProps()
     BRepGProp.VolumeProperties_s(shape, found)
     return found.Mass()
+
+
+def extruded_spline(height: float = 7.0) -> tuple[bd.Solid, float]:
+    """An extrusion of a closed spline, and its volume: the area of its end, a plane face, times its height."""
+    end = bd.make_face(bd.Spline([(10, 0), (6, 7), (-3, 9), (-9, 2), (-6, -6), (3, -8)], periodic=True))
+    return bd.extrude(end, height).solid(), float(face_moments(faces_of(end.wrapped))[0, 0]) * height
+
+
+@pytest.mark.xfail(
+    strict=True, raises=AssertionError, reason=f"OCCT {VERSION}: extrusions are not split at the knots of their curves"
+)
+def test_the_volume_of_an_extruded_spline_within_a_relative_error_is_within_it() -> None:
+    body, expected = extruded_spline()
+    found = GProp_GProps()
+    BRepGProp.VolumeProperties_s(body.wrapped, found, 1e-9)
+    assert abs(found.Mass() - expected) < 1e-6 * expected
+
+
+def test_the_volume_that_is_stated_of_an_extruded_spline_is_that_of_its_end_times_its_height() -> None:
+    for turn in (bd.Rot(), bd.Rot(20, 30, 40)):
+        body, expected = extruded_spline()
+        assert abs(check_shape((turn * body).wrapped).volume - expected) < 1e-10 * expected
 
 
 @pytest.mark.xfail(

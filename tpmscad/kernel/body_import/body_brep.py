@@ -24,7 +24,7 @@ from tpmscad.errors import InvalidRequest, NotQuadric
 from tpmscad.kernel.body_import.closed_face_splitting import split_closed_faces
 from tpmscad.kernel.body_import.exact_faces import read_exact_body
 from tpmscad.kernel.body_import.unrolled_faces import ImportedBody, ImportedEdge, unroll_face
-from tpmscad.kernel.measure.mass_properties import converted_volume, face_moments
+from tpmscad.kernel.measure.mass_properties import face_moments
 from tpmscad.kernel.occt.bounding_boxes import box_center, box_diagonal
 from tpmscad.kernel.occt.exploration import faces_of, solids_of, unwrap
 from tpmscad.kernel.recognise.edge_curves import UnsupportedFace, fit_pcurve
@@ -97,7 +97,7 @@ def _read_faces(shape: Any, free_form: bool) -> tuple[Brep, IntArray, tuple[Body
             f"{_describe_face(faces, at)} {error}: it needs the Boolean operations of the kernel",
             (at,) if at >= 0 else (),
         ) from None
-    _check_closed_and_volume(brep, faces, size, any(isinstance(f.carrier, FreeFormSurface) for f in body.faces))
+    _check_closed_and_volume(brep, faces, size)
     return brep, np.array([face.source_face for face in body.faces]), tuple(face.carrier for face in body.faces)
 
 
@@ -199,7 +199,7 @@ def _edge_deviation(body: ImportedBody, carrier: BodyCarrier, edge: int, along: 
     return float(np.linalg.norm(carrier(*along(t).T) - points, axis=1).max())
 
 
-def _check_closed_and_volume(brep: Brep, faces: list[TopoDS_Face], size: float, free_form: bool) -> None:
+def _check_closed_and_volume(brep: Brep, faces: list[TopoDS_Face], size: float) -> None:
     """Raise NotQuadric unless the boundary representation is closed and has the kernel's volume."""
     unmatched = connectivity.find_unmatched_edges(brep)
     if len(unmatched):
@@ -207,7 +207,7 @@ def _check_closed_and_volume(brep: Brep, faces: list[TopoDS_Face], size: float, 
         raise NotQuadric(f"{len(unmatched)} edges of the body do not join two of its faces, the first at {at}", ())
     moments = integral_properties.integrate_faces(brep)
     volume = float(integral_properties.volume(moments)[0])
-    expected = converted_volume(faces) if free_form else float(face_moments(faces)[:, 1].sum())
+    expected = float(face_moments(faces)[:, 1].sum())
     if not abs(volume - expected) <= BOUNDARY_DISTANCE_TOL * size * moments.area.sum():
         raise NotQuadric(
             f"the body's faces bound {volume:.9g}, not {expected:.9g}, when read exactly: "

@@ -2,8 +2,8 @@
 
 Untrimmed spline patches are integrated on tensor Gauss grids, many at once. Trimmed spline faces, planar faces and faces on
 quadrics are reduced to line integrals by Green's theorem (`spline_face_moments`, `quadric_face_moments`). The volume is exact to
-round-off, the area to about 1e-9. Faces on other surfaces (swept surfaces, rational splines) are left to OCCT's adaptive
-quadrature, whose error may reach 3e-8 on trimmed tori.
+round-off, the area to about 1e-9. Faces on other surfaces are made faces of splines; those of rational splines are left
+to OCCT's adaptive quadrature, whose error may reach 3e-8 on trimmed tori.
 
 BRepGProp in place of this module would meet all tolerances when it is given a relative error, but takes twice as long on lattices
 (docs/measurements.md, `face_moments`).
@@ -37,7 +37,6 @@ from tpmscad.kernel.measure.spline_face_moments import (
 )
 from tpmscad.kernel.occt import convert
 from tpmscad.kernel.occt.bounding_boxes import box_center, box_corners, box_of_edges
-from tpmscad.kernel.occt.construction import make_compound
 from tpmscad.kernel.occt.exploration import edges_of, faces_of, orientation_sign
 from tpmscad.splines.bspline import BSplineSurface
 
@@ -54,16 +53,6 @@ BORDER_FRACTION = 1e-6
 
 FACES_PER_BATCH = 64
 """Faces evaluated at once; more faces need more memory and are no faster."""
-
-
-def converted_volume(faces: Sequence[TopoDS_Face]) -> float:
-    """The volume that faces, oriented outwards, bound, by the moments of their conversions to B-splines.
-
-    OCCT's Gauss quadrature does not split extrusions and revolutions at the knots of their curves: it was found off by 4 % at any
-    tolerance asked for. That of Gauss and Kronrod is exact, but took a minute on a turned loft of four faces.
-    """
-    converted = BRepBuilderAPI_NurbsConvert(make_compound(faces), True)
-    return float(face_moments(faces_of(converted.Shape()))[:, 1].sum())
 
 
 SplineSpaceKey = tuple[bytes, bytes, int, int]
@@ -86,6 +75,11 @@ def face_moments(faces: Sequence[TopoDS_Face]) -> Array:
     trimmed: dict[SplineSpaceKey, list[tuple[int, TrimmedSplineFace]]] = {}
     for i, face in enumerate(faces):
         geometry = BRep_Tool.Surface_s(face)
+        is_own = isinstance(geometry, Geom_Plane) or convert.is_plain_spline(geometry)
+        quadric = None if is_own else recognise_quadric(face)
+        if not is_own and quadric is None:
+            face = _as_spline_face(face)
+            geometry = BRep_Tool.Surface_s(face)
         if isinstance(geometry, Geom_Plane):
             result[i] = _planar_face_moments(face, geometry, nodes_of)
         elif convert.is_plain_spline(geometry):
@@ -96,7 +90,7 @@ def face_moments(faces: Sequence[TopoDS_Face]) -> Array:
                 whole.setdefault(space, []).append((i, surface))
             else:
                 trimmed.setdefault(space, []).append((i, TrimmedSplineFace(surface, edges, face)))
-        elif (quadric := recognise_quadric(face)) is not None:
+        elif quadric is not None:
             result[i] = orientation_sign(face) * quadric_face_moments(face, quadric, nodes_of)
         else:
             result[i] = _occt_face_moments(face)
@@ -127,6 +121,15 @@ def solid_moments(solid: TopoDS_Shape) -> Array:
     moments = face_moments(faces_of(solid.Moved(TopLoc_Location(shift)))).sum(axis=0)
     moments[2:] += moments[1] * centre
     return np.asarray(moments)
+
+
+def _as_spline_face(face: TopoDS_Face) -> TopoDS_Face:
+    """The face on a B-spline surface, polynomial where its own surface is, rational where it turns about an axis.
+
+    OCCT's Gauss quadrature does not split extrusions and revolutions at the knots of their curves: volumes were found off by 4 to
+    9 % at any tolerance asked for. That of Gauss and Kronrod is exact, but took a minute on a turned loft of four faces.
+    """
+    return convert.as_face(BRepBuilderAPI_NurbsConvert(face, True).Shape().Oriented(face.Orientation()))
 
 
 def _untrimmed_moments(surfaces: Sequence[BSplineSurface]) -> Array:
