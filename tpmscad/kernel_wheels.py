@@ -42,21 +42,31 @@ DOCTOR = "doctor"
 _CHECKED = re.compile(r"^(OCP/(?:OCP[^,\n]*\.(?:so|pyd|dylib)|__init__\.py)),[^,\n]*,(\d*)", re.MULTILINE)
 _METADATA = re.compile(r"(cadquery(?:_ocp(?:_novtk)?)?)-([^-]+)\.dist-info")
 
+Metadata = tuple[str, str, str]
+"""The version of a distribution, the folder that holds it, and the name of the folder of its metadata."""
+
 
 def find_installed_versions(folders: Iterable[str] | None = None) -> dict[str, str]:
     """The versions of CadQuery and of the wheels of the kernel in the folders, by default of `sys.path`; the first counts."""
-    return {name: number for name, (number, _, _) in _find_metadata(folders).items()}
+    return _versions(_find_metadata(folders))
 
 
 def find_overwritten_wheels(folders: Iterable[str] | None = None) -> list[str]:
     """The installed wheels of the kernel whose library is missing, or another one in place of their own, told by its size."""
-    found = _find_metadata(folders)
+    return _overwritten(_find_metadata(folders))
+
+
+def _versions(found: Mapping[str, Metadata]) -> dict[str, str]:
+    return {name: number for name, (number, _, _) in found.items()}
+
+
+def _overwritten(found: Mapping[str, Metadata]) -> list[str]:
     return [name for name in WHEELS if name in found and not _holds_its_files(*found[name][1:])]
 
 
-def _find_metadata(folders: Iterable[str] | None) -> dict[str, tuple[str, str, str]]:
-    """Version, folder, and folder of the metadata of each distribution; the first folder that has it counts."""
-    found: dict[str, tuple[str, str, str]] = {}
+def _find_metadata(folders: Iterable[str] | None) -> dict[str, Metadata]:
+    """The metadata of each distribution; the first folder that has it counts."""
+    found: dict[str, Metadata] = {}
     for folder in sys.path if folders is None else folders:
         try:
             names = os.listdir(folder or ".")
@@ -117,8 +127,8 @@ def _remedy_in_two_lines(installed: Mapping[str, str]) -> str:
 
 def find_conflict(folders: Iterable[str] | None = None) -> str:
     """`describe_conflict` of the folders, by default of this environment."""
-    searched = None if folders is None else list(folders)
-    return describe_conflict(find_installed_versions(searched), find_overwritten_wheels(searched))
+    found = _find_metadata(folders)
+    return describe_conflict(_versions(found), _overwritten(found))
 
 
 def describe_load_failure(what: str, reason: str, remedy: Sequence[str]) -> str:
