@@ -1,4 +1,4 @@
-"""Compiled parts of the fit against slow oracles: foot points, proposals of polygons, least squares, linear conditions."""
+"""Parts of the fit against slow oracles: foot points, proposals of polygons, least squares, linear conditions."""
 
 import numpy as np
 from scipy.linalg import lstsq, null_space

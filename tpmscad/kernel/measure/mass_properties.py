@@ -2,10 +2,10 @@
 
 Untrimmed spline patches are integrated on tensor Gauss grids, many at once. Trimmed spline faces, planar faces and faces on
 quadrics are reduced to line integrals by Green's theorem (`spline_face_moments`, `quadric_face_moments`). The volume is exact to
-round-off, the area to about 1e-9. Faces on other surfaces (swept surfaces, rational splines) are left to OCCT's adaptive
-quadrature, whose error may reach 3e-8 on trimmed tori.
+round-off, the area to about 1e-9. Extrusions are made faces of splines first. Faces on other surfaces (revolutions,
+rational splines) are left to OCCT's adaptive quadrature, whose error may reach 3e-8 on trimmed tori.
 
-BRepGProp in place of this module would meet all tolerances when it is given a relative error, but takes twice as long on lattices
+BRepGProp in place of this module would meet all tolerances of lattices when it is given a relative error, but takes twice as long
 (docs/measurements.md, `face_moments`).
 """
 
@@ -76,7 +76,9 @@ def face_moments(faces: Sequence[TopoDS_Face]) -> Array:
     trimmed: dict[SplineSpaceKey, list[tuple[int, TrimmedSplineFace]]] = {}
     for i, face in enumerate(faces):
         geometry = BRep_Tool.Surface_s(face)
-        if isinstance(geometry, Geom_SurfaceOfLinearExtrusion) and recognise_quadric(face) is None:
+        is_integrated = isinstance(geometry, Geom_Plane) or convert.is_plain_spline(geometry)
+        quadric = None if is_integrated else recognise_quadric(face)
+        if quadric is None and isinstance(geometry, Geom_SurfaceOfLinearExtrusion):
             face = _as_spline_face(face)
             geometry = BRep_Tool.Surface_s(face)
         if isinstance(geometry, Geom_Plane):
@@ -89,7 +91,7 @@ def face_moments(faces: Sequence[TopoDS_Face]) -> Array:
                 whole.setdefault(space, []).append((i, surface))
             else:
                 trimmed.setdefault(space, []).append((i, TrimmedSplineFace(surface, edges, face)))
-        elif (quadric := recognise_quadric(face)) is not None:
+        elif quadric is not None:
             result[i] = orientation_sign(face) * quadric_face_moments(face, quadric, nodes_of)
         else:
             result[i] = _occt_face_moments(face)

@@ -1,4 +1,4 @@
-"""Points and normals of Bezier patches on grids of parameters, what is measured there, and foot points, compiled.
+"""Points and normals of Bezier patches on grids of parameters, what is measured there, and, compiled, foot points.
 
 A foot point is the orthogonal projection of a point onto a patch, by a Gauss-Newton iteration from a given parameter, kept inside
 the patch: a parameter that would leave it stays, and the other takes its own best step.
