@@ -26,6 +26,9 @@ from tpmscad.kernel_wheels import (
 
 ROOT = Path(__file__).resolve().parents[1]
 
+REMEDY = choose_remedy(find_installed_versions())
+"""The lines for this environment, with or without CadQuery."""
+
 
 def install(folder: Path, *names: str) -> Path:
     """A folder with the metadata of distributions, such as "cadquery_ocp-7.9.3.1.1"."""
@@ -154,7 +157,8 @@ def test_a_conflict_is_told_once_at_import_by_a_warning_of_its_own(tmp_path: Pat
 
 
 def test_a_damaged_wheel_is_told_at_import(tmp_path: Path) -> None:
-    write_wheel(tmp_path / "site", "cadquery_ocp_novtk-8.0.1.1.0", b"its own").unlink()
+    for name in ("cadquery_ocp", "cadquery_ocp_novtk"):  # both, as one may be installed beside CadQuery
+        write_wheel(tmp_path / "site", f"{name}-8.0.1.1.0", b"its own").unlink()
     found = run("-c", "import tpmscad", path=tmp_path / "site")
     assert (found.returncode, found.stderr.count("the CAD kernel is damaged")) == (0, 1)
 
@@ -188,7 +192,7 @@ def test_the_command_line_tells_in_one_line_that_the_kernel_does_not_load(tmp_pa
     assert found.returncode == 1
     assert found.stderr == (
         "tpmscad: the CAD kernel does not load (undefined symbol: TopoDS); "
-        f"this mends it: {' && '.join(WITHOUT_CADQUERY)}\n"
+        f"this mends it: {' && '.join(REMEDY)}\n"
     )
     assert not list(tmp_path.glob("p.step*"))
 
@@ -207,7 +211,7 @@ def test_a_build123d_that_does_not_load_on_the_kernel_is_one_error_too(tmp_path:
     assert last.startswith(
         "tpmscad.errors.MissingKernel: build123d does not load (cannot import name TColgp); this mends"
     )
-    assert last.endswith(" && ".join(WITHOUT_CADQUERY))
+    assert last.endswith(" && ".join(REMEDY))
 
 
 @pytest.mark.kernel
@@ -260,12 +264,11 @@ def test_the_doctor_tells_a_conflict_once_and_other_commands_warn_of_it(tmp_path
     folder = install(tmp_path / "ill", "cadquery_ocp-1.2.3", "cadquery_ocp_novtk-4.5")
     script = folder / "tpmscad"  # as pip writes it
     script.write_text("from tpmscad.cli import main\nmain()\n")
-    uninstall, install_one = choose_remedy(find_installed_versions())  # other lines in an environment with CadQuery
     for program in (["-m", "tpmscad"], [str(script)]):
         ill = run("-W", "always", *program, "doctor", path=folder)
         assert ill.returncode == 1
         assert ill.stderr.count(CONFLICT) == 1
-        assert f"\n    {uninstall}\n    {install_one}\n" in ill.stderr
+        assert f"\n    {REMEDY[0]}\n    {REMEDY[1]}\n" in ill.stderr
         other = run("-W", "always", *program, "surfaces", path=folder)
         assert (other.returncode, other.stderr.count(CONFLICT)) == (0, 1)
     named_alike = run("-c", "import tpmscad", "doctor", path=folder)

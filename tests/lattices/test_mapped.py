@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from tpmscad import maps, surfaces
+from tpmscad.brep.deviation import combine_deviations, measure_deviation
 from tpmscad.brep.edge_continuity import measure_edge_continuity
 from tpmscad.brep.solid_properties import measure_solid
 from tpmscad.errors import InvalidRequest
@@ -191,6 +192,38 @@ def test_the_least_curvature_radius_of_an_unmapped_lattice_is_the_exact_one() ->
     assert mapped_lattice.least_curvature_radius(mid(maps.stretching((1.0, 1.0, 1.0)))) == pytest.approx(
         limit, rel=1e-3
     )
+
+
+def test_the_greatest_deviation_is_that_of_all_patches_measured_one_by_one() -> None:
+    """The least degree on a small cylinder: patches differ, so that most of them are left out by their bounds."""
+    surface = mid(maps.cylinder(12.0))
+    fit = mapped_lattice.fit_mapped_layers(surface, (-0.3, 0.3), 0.05)
+    each = []
+    for layer, distance in zip(fit.surfaces, (-0.3, 0.3), strict=True):
+        classes = mapped_lattice.group_congruent_patches(surface, distance)
+        for patch, index in zip(layer.patches, classes.first.tolist(), strict=True):
+            each.append(
+                measure_deviation(
+                    patch,
+                    lambda u, v, d=distance, i=index: surface.offset(u, v, d, i),
+                    mapped_lattice.PATCH_SAMPLES_PER_PARAMETER,
+                )
+            )
+    oracle = combine_deviations(each)
+    assert fit.deviation.max == oracle.max
+    assert fit.deviation.rms == pytest.approx(oracle.rms, rel=0.02)
+    assert min(d.max for d in each) < 0.7 * oracle.max
+
+
+def test_cells_too_large_for_a_bend_are_refused_before_all_patches_are_fitted_with_place_and_size() -> None:
+    def waves(p: np.ndarray) -> np.ndarray:
+        return p + np.stack([0 * p[..., 0], 0 * p[..., 0], 4.5 * np.sin(0.9 * p[..., 0])], axis=-1)
+
+    surface = mid(maps.Map(waves, name="waves"))
+    with pytest.raises(
+        InvalidRequest, match=r"(curvature radius of the mapped gyroid.* near \(|near \(.*where a cell measures)"
+    ):
+        mapped_lattice.require_patches_that_bend(surface, (-0.3, 0.3), (-0.3, 0.3), "mapped gyroid", 0.05)
 
 
 def test_boxes_that_stay_boxes_are_told_from_those_that_do_not() -> None:

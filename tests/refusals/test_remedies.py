@@ -152,12 +152,12 @@ REMEDIES: dict[str, tuple[Request, str, Remedy]] = {
     ),
     "unequal cells of a surface whose mirrors they bend": (
         lambda: lattice("neovius", cell=(8, 8, 9.6)),
-        "the period of a field may differ along the axes",
+        "fields.tpms takes unequal periods",
         lambda _: solidify(fields.sheet(fields.tpms("neovius", (8, 8, 9.6)), -0.6, 0.6)),
     ),
     "a map of a surface of fitted patches": (
         lambda: lattice("fischer_koch_s", map=maps.stretching((1, 1, 1.2))),
-        "whose `domain` may be a spline map",
+        "whose `domain` takes a spline map of tpmscad.maps",
         lambda _: tpmscad.solidify(
             fields.sheet(fields.tpms("fischer_koch_s", 8), -0.4, 0.4), wedge(), tol=0.2, progress=False
         ),

@@ -1,4 +1,4 @@
-"""Bodies with free-form faces: only patches near the faces go to the kernel, and the result is the plain boolean's."""
+"""Bodies with free-form faces: trimmed as others are, or split by the kernel near their faces, as by a plain boolean."""
 
 from __future__ import annotations
 
@@ -48,9 +48,21 @@ def loft() -> bd.Solid:
 BODIES: dict[str, Callable[[], bd.Shape]] = {"prism": prism, "flask": flask, "loft": loft}
 
 
+@pytest.mark.parametrize("name", ["prism", "flask"])
+def test_faces_without_a_pole_are_cut_on_the_patches_parameters(name: str) -> None:
+    model = tpmscad.infill(BODIES[name](), **P)
+    assert model.certificate.met
+    assert "trimmed on the patches' parameters" in model.certificate.notes
+
+
+def refuse_to_trim(*_: Any, **__: Any) -> None:
+    raise TrimmingError("not today")
+
+
 @pytest.mark.parametrize("name", BODIES)
 def test_it_is_the_plain_boolean(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
     body = BODIES[name]()
+    monkeypatch.setattr("tpmscad.solids.boolean_strategies.trim", refuse_to_trim)
     quick = tpmscad.infill(body, **P)
     assert quick.certificate.met
     assert any("patches near the body's faces were split by the kernel" in note for note in quick.certificate.notes)

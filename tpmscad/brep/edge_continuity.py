@@ -9,16 +9,24 @@ patches.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
 from tpmscad._typing import Array, IntArray
 from tpmscad.brep.boundary_representation import Brep
 from tpmscad.brep.restricted_surfaces import whole_surfaces
-from tpmscad.splines.bspline import BSplineCurve, BSplineSurface
+from tpmscad.splines.basis import design_matrices
+from tpmscad.splines.bspline import BSplineSurface
 
 SAMPLES_PER_EDGE = 33
 """Samples along an edge, ends included."""
+
+EDGES_AT_ONCE = 300
+"""Edges whose faces are evaluated together: tens of megabytes."""
+
+ORDERS = ((0, 0), (1, 0), (0, 1), (2, 0), (1, 1), (0, 2))
+"""Orders of the derivatives of a surface that its curvature takes."""
 
 MOTION_DIGITS = 6
 """Decimals to which the relative motions of two faces must agree (translations in edge lengths) for edges to be congruent."""
@@ -45,8 +53,9 @@ def measure_edge_continuity(brep: Brep, tags: tuple[str, ...]) -> EdgeContinuity
     )
     chosen = _congruence_representatives(brep, first, second)
     worst = np.zeros(4)
-    for a, b in zip(first[chosen], second[chosen], strict=True):
-        worst = np.maximum(worst, compare_sides(*(_evaluate_along_use(brep, int(use)) for use in (a, b))))
+    for start in range(0, len(chosen), EDGES_AT_ONCE):
+        some = chosen[start : start + EDGES_AT_ONCE]
+        worst = np.maximum(worst, compare_sides(*(_evaluate_along_uses(brep, uses[some]) for uses in (first, second))))
     return summarise_jumps(worst, len(chosen))
 
 
@@ -107,15 +116,38 @@ def _congruence_representatives(brep: Brep, first: IntArray, second: IntArray) -
     return np.sort(chosen)
 
 
-def _evaluate_along_use(brep: Brep, use: int) -> tuple[Array, Array, Array]:
-    """Points (n, 3), outward unit normals (n, 3) and curvature tensors (n, 3, 3) of the face of a use along its pcurve."""
-    faces = brep.faces
-    face = brep.face_of_use[use]
-    surface = brep.carriers[faces.carrier[face]]
-    pcurve: BSplineCurve = brep.pcurves[brep.uses.pcurve[use]]
-    assert isinstance(surface, BSplineSurface)
-    u, v = pcurve(np.linspace(*pcurve.domain, SAMPLES_PER_EDGE)).T
-    return evaluate_curvature(surface.moved(faces.motion[face]), u, v, int(faces.sense[face]))
+def _evaluate_along_uses(brep: Brep, uses: IntArray) -> Side:
+    """Points (n, m, 3), outward unit normals and curvature tensors of the faces of n uses at m places along their pcurves.
+
+    Uses with one pcurve, on surfaces of one spline space, share the basis functions.
+    """
+    faces, face = brep.faces, brep.face_of_use[uses]
+    derivatives = np.empty((len(ORDERS), len(uses), SAMPLES_PER_EDGE, 3))
+    groups: dict[tuple[Any, ...], list[int]] = {}
+    for i, (carrier, pcurve) in enumerate(
+        zip(faces.carrier[face].tolist(), brep.uses.pcurve[uses].tolist(), strict=True)
+    ):
+        surface, curve = brep.carriers[carrier], brep.pcurves[pcurve]
+        assert isinstance(surface, BSplineSurface)
+        space = surface.degree_u, surface.degree_v, surface.knots_u.tobytes(), surface.knots_v.tobytes()
+        groups.setdefault((*space, curve.degree, curve.knots.tobytes(), curve.poles.tobytes()), []).append(i)
+    for rows in groups.values():
+        surfaces = [brep.carriers[i] for i in faces.carrier[face[rows]].tolist()]
+        surface, curve = surfaces[0], brep.pcurves[int(brep.uses.pcurve[uses[rows[0]]])]
+        assert isinstance(surface, BSplineSurface)
+        u, v = curve(np.linspace(*curve.domain, SAMPLES_PER_EDGE)).T
+        along_u = design_matrices(surface.knots_u, surface.degree_u, u, (0, 1, 2))
+        along_v = design_matrices(surface.knots_v, surface.degree_v, v, (0, 1, 2))
+        nets = np.stack([own.poles for own in surfaces if isinstance(own, BSplineSurface)])
+        flat = nets.swapaxes(0, 1).reshape(nets.shape[1], -1)
+        halves = [(basis @ flat).reshape(len(u), len(rows), nets.shape[2], 3) for basis in along_u]
+        for k, (du, dv) in enumerate(ORDERS):
+            derivatives[k, rows] = np.einsum("mnvd,mv->nmd", halves[du], along_v[dv], optimize=True)
+    motion = faces.motion[face]
+    turned = np.einsum("nij,knmj->knmi", motion.rotation, derivatives)
+    normals, tensors = curvature_tensors(*turned[1:])
+    sense = faces.sense[face][:, None]
+    return turned[0] + motion.translation[:, None], sense[..., None] * normals, sense[..., None, None] * tensors
 
 
 def evaluate_curvature(surface: BSplineSurface, u: Array, v: Array, sense: int = 1) -> tuple[Array, Array, Array]:

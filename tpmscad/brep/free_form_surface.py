@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from tpmscad._typing import Array
+from tpmscad.brep.carriers import Plane, Quadric
 from tpmscad.brep.foot_points import FootPoints, find_foot_points
 from tpmscad.brep.foot_surface import FootSurface, prepare_foot_surface
 from tpmscad.rigid_motion import Motion
@@ -58,6 +59,27 @@ class FreeFormSurface:
         """Periods of u and v; 0 means none."""
         (u0, u1), (v0, v1) = self.spline.domain
         return (u1 - u0 if self.closed[0] else 0.0), (v1 - v0 if self.closed[1] else 0.0)
+
+    def knot_lines(self, continuity: int) -> tuple[Array, Array]:
+        """The inner knots along u and along v across which the spline is no smoother than C^continuity."""
+        spline, found = self.spline, []
+        for knots, degree in ((spline.knots_u, spline.degree_u), (spline.knots_v, spline.degree_v)):
+            values, counts = np.unique(knots[degree + 1 : -degree - 1], return_counts=True)
+            found.append(values[degree - counts <= continuity])
+        return found[0], found[1]
+
+    def bends_at_seam(self, axis: int, continuity: int) -> bool:
+        """Whether the surface is closed along a parameter and derivatives of an order up to `continuity` differ at the seam."""
+        if not self.closed[axis]:
+            return False
+        t = np.linspace(*self.domain[1 - axis], SEAM_SAMPLES)
+        for order in range(1, continuity + 1):
+            low, high = (
+                self.spline(x, t, order, 0) if axis == 0 else self.spline(t, x, 0, order) for x in self.domain[axis]
+            )
+            if np.abs(high - low).max() > SEAM_ANGLE * max(np.abs(low).max(), np.abs(high).max()):
+                return True
+        return False
 
     def __call__(self, u: ArrayLike, v: ArrayLike, du: int = 0, dv: int = 0) -> Array:
         """Points, or the mixed derivative of orders (du, dv), at the pairs (u, v), broadcast: (..., 3)."""
@@ -108,6 +130,10 @@ class FreeFormSurface:
                 spline.degree_v,
             )
         return FreeFormSurface(spline, self.closed, self.continuation)
+
+
+BodyCarrier = Plane | Quadric | FreeFormSurface
+"""What carries a face of a body to trim by: a surface with a signed distance and with parameters of points."""
 
 
 @lru_cache(maxsize=256)

@@ -26,6 +26,9 @@ EXCESS_FRACTION = 1e-4
 BOX_STEPS = 1024
 """Parameter boxes are rounded outwards to this many steps of the domain, so that copies of a face share one carrier."""
 
+KNOT_SNAP_FRACTION = 1e-9
+"""Part of the domain within which an end of a box is a knot: kernels refuse knots that differ by round-off."""
+
 SAMPLES_PER_USE = 33
 """Points along an edge use, for the parameter box of a face; second derivatives bound how far it bulges between them."""
 
@@ -137,9 +140,16 @@ def _greatest_second_derivative(curve: BSplineCurve) -> Array:
 def _restrict(surface: BSplineSurface, steps: list[int]) -> RestrictedSurface:
     """The surface on a box (u0, v0, u1, v1) in steps of its domain."""
     ends = []
-    for (low, high), first, last in zip(surface.domain, steps[:2], steps[2:], strict=True):
+    for (low, high), knots, first, last in zip(
+        surface.domain, (surface.knots_u, surface.knots_v), steps[:2], steps[2:], strict=True
+    ):
         start = low if first == 0 else low + (high - low) * first / BOX_STEPS
-        ends.append((start, high if last == BOX_STEPS else low + (high - low) * last / BOX_STEPS))
+        end = high if last == BOX_STEPS else low + (high - low) * last / BOX_STEPS
+        near_start, near_end = (float(knots[np.abs(knots - t).argmin()]) for t in (start, end))
+        tiny = KNOT_SNAP_FRACTION * (high - low)
+        ends.append(
+            (near_start if abs(near_start - start) < tiny else start, near_end if abs(near_end - end) < tiny else end)
+        )
     part = restrict_surface(surface, *ends)
     whole = surface.whole if isinstance(surface, RestrictedSurface) else surface
     return RestrictedSurface(part.poles, part.knots_u, part.knots_v, part.degree_u, part.degree_v, whole)

@@ -116,6 +116,10 @@ class Map:
             columns.append((45 * difference[0] - 9 * difference[1] + difference[2]) / (60 * h))
         return np.stack(columns, axis=-1)
 
+    def images_and_jacobians(self, points: Array, scale: float) -> tuple[Array, Array]:
+        """Return images (..., 3) and Jacobians (..., 3, 3) of points (..., 3); what `scale` is says `jacobian`."""
+        return self(points), self.jacobian(points, scale)
+
     def over_block(self, size: Array) -> Map:
         """Return the map of a lattice whose block of cells starts at the origin.
 

@@ -11,14 +11,13 @@ curvature continuity. Where the map closes, the patches at both ends are neighbo
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from tpmscad._typing import Array, IntArray
 from tpmscad.brep.boundary_representation import Brep
-from tpmscad.brep.deviation import Deviation, combine_deviations, measure_deviation
-from tpmscad.brep.edge_continuity import evaluate_curvature
+from tpmscad.brep.deviation import Deviation, combine_deviations, cosine_grid, measure_deviation
 from tpmscad.brep.welding import SideMismatch, cluster_points
 from tpmscad.errors import InvalidRequest, format_point
 from tpmscad.lattices import g2_fit
@@ -39,6 +38,24 @@ PATCH_SAMPLES_PER_PARAMETER = 25
 
 CONGRUENCE_SAMPLES_PER_PARAMETER = 13
 """Samples along each parameter at which patches are compared."""
+
+CURVATURE_SAMPLES_PER_PARAMETER = 9
+"""Samples along each parameter of a patch at which its curvature is found."""
+
+COARSE_SAMPLES = 3
+"""The same for the first look at all patches."""
+
+NORMAL_STEP = 1e-4
+"""Step of the parameters by which normals are differenced."""
+
+PATCHES_AT_ONCE = 100
+"""Patches that are evaluated together: their points fit into tens of megabytes."""
+
+PEAK_MARGIN = 1.2
+"""Factor by which the greatest difference on the grid of a patch may be exceeded between its points."""
+
+MOST_BENT = 2
+"""Patches, those over which the map bends most, that are fitted before all others."""
 
 MAX_PARAMETRIC_EXCESS = 3.0
 """Greatest ratio of differences at equal parameters to orthogonal distances."""
@@ -165,9 +182,7 @@ def fit_mapped_layers(
     u, v = np.meshgrid(t, t, indexing="ij")
     given = [d for d in distances if d is not None]
     classes = [group_congruent_patches(mapped, d) for d in given]
-    members = [
-        mapped.offset(u, v, d, c.first) for d, c in zip(given, classes, strict=True)
-    ]  # one sampled patch per class
+    members = _sample_classes(mapped, u, v, given, classes)
     for degree in BEZIER_DEGREES:
         last = degree == BEZIER_DEGREES[-1]
         fits = [g2_fit.fit_g2_patches(m, degree) for m in members]
@@ -178,19 +193,35 @@ def fit_mapped_layers(
             MappedLayer([g2_fit.bezier_surface(p) for p in poles], c.label, c.motion)
             for (poles, _), c in zip(fits, classes, strict=True)
         ]
-        deviations = _measure_patches(mapped, given, layers, classes, np.inf if last else tol, progress)
-        if last or max(d.max for d in deviations) <= tol:
+        deviation = _measure_patches(mapped, given, layers, classes, np.inf if last else tol, progress)
+        if last or deviation.max <= tol:
             break
-    deviation = combine_deviations(deviations)
     if deviation.max > max(tol, MAX_DEVIATION_CELLS * mapped.cell):
+        worst = find_most_bent(mapped, 1)
         raise InvalidRequest(
             f"under {mapped.map.name} the patches deviate by {deviation.max:.3g} from the surface, more than a tenth of the "
-            "cell: the map bends too sharply for one patch, as near the axis of a cylinder; use a larger radius, smaller "
+            f"cell, most {describe_cell(mapped, int(worst[0]))}: the map bends too sharply for one patch, as near the "
+            "axis of a cylinder; use a larger radius, smaller "
             "cells, or a map that varies less over a cell"
         )
     fitted = iter(layers)
     lower, upper = (None if d is None else next(fitted) for d in distances)
     return LayersFit((lower, upper), deviation, convergence=NetConvergence.worst(c for _, c in fits))
+
+
+def _sample_classes(
+    mapped: MappedSurface, u: Array, v: Array, distances: Sequence[float], classes: Sequence[CongruenceClasses]
+) -> list[Array]:
+    """Points (n, ..., 3) of one patch per class for each distance; layers of the same classes share the mid surface."""
+    if any(not np.array_equal(c.first, classes[0].first) for c in classes):
+        return [mapped.offset(u, v, d, c.first) for d, c in zip(distances, classes, strict=True)]
+    parts: list[list[Array]] = [[] for _ in distances]
+    for start in range(0, len(classes[0].first), PATCHES_AT_ONCE):
+        points = mapped.points(u, v, classes[0].first[start : start + PATCHES_AT_ONCE])
+        unit = mapped.distance_unit(points.position)
+        for part, distance in zip(parts, distances, strict=True):
+            part.append(points.position + (distance * unit)[..., None] * points.normal)
+    return [np.concatenate(part) for part in parts]
 
 
 def group_congruent_patches(mapped: MappedSurface, distance: float) -> CongruenceClasses:
@@ -207,18 +238,50 @@ def _measure_patches(
     classes: Sequence[CongruenceClasses],
     limit: float,
     progress: Callable[[float], None],
-) -> list[Deviation]:
-    """Deviation of every fitted patch, up to the first that exceeds `limit`; `progress` receives the fraction done."""
-    total = sum(len(c.first) for c in classes)
+) -> Deviation:
+    """Deviation of the fitted patches, or of the first found that exceeds `limit`; `progress` receives the fraction done.
+
+    The difference at equal parameters is never less than the orthogonal distances. Patches are measured from the greatest
+    difference down, as long as one could exceed the deviation found; of the others the component along the normal counts, for
+    the root mean square.
+    """
+    compared = [_compare_at_grid(mapped, d, layer, c) for d, layer, c in zip(distances, layers, classes, strict=True)]
+    at = [(k, i) for k, (greatest, _) in enumerate(compared) for i in range(len(greatest))]
+    at.sort(key=lambda place: -compared[place[0]][0][place[1]])
     deviations: list[Deviation] = []
-    for distance, layer, members in zip(distances, layers, classes, strict=True):
-        for patch, index in zip(layer.patches, members.first, strict=True):
-            exact = _offset_evaluator(mapped, distance, int(index))
-            deviations.append(measure_deviation(patch, exact, PATCH_SAMPLES_PER_PARAMETER))
-            progress(len(deviations) / total)
-            if deviations[-1].max > limit:
-                return deviations
-    return deviations
+    worst = 0.0
+    for done, (k, i) in enumerate(at):
+        greatest, rms = (float(values[i]) for values in compared[k])
+        if PEAK_MARGIN * greatest > worst:
+            exact = _offset_evaluator(mapped, distances[k], int(classes[k].first[i]))
+            deviations.append(measure_deviation(layers[k].patches[i], exact, PATCH_SAMPLES_PER_PARAMETER))
+            worst = max(worst, deviations[-1].max)
+            progress((done + 1) / len(at))
+            if worst > limit:
+                break
+        else:
+            deviations.append(Deviation(0.0, rms, 0.0, 0.0))
+    progress(1.0)
+    return combine_deviations(deviations)
+
+
+def _compare_at_grid(
+    mapped: MappedSurface, distance: float, layer: MappedLayer, classes: CongruenceClasses
+) -> tuple[Array, Array]:
+    """Of each class of patches the greatest difference from the surface at equal parameters, and the rms along the normal."""
+    t = cosine_grid(PATCH_SAMPLES_PER_PARAMETER)
+    u, v = np.meshgrid(t, t, indexing="ij")
+    weight = np.sin(np.pi * np.linspace(0.0, 1.0, len(t)))
+    greatest, square = [], []
+    for start in range(0, len(classes.first), PATCHES_AT_ONCE):
+        index = classes.first[start : start + PATCHES_AT_ONCE]
+        points = mapped.points(u, v, index)
+        exact = points.position + (distance * mapped.distance_unit(points.position))[..., None] * points.normal
+        fitted = np.stack([layer.patches[start + i].grid(t, t) for i in range(len(index))])
+        along = np.einsum("pijd,pijd->pij", fitted - exact, points.normal)
+        greatest.append(np.linalg.norm(fitted - exact, axis=-1).max(axis=(1, 2)))
+        square.append(np.einsum("i,pij,j->p", weight, along**2, weight) / weight.sum() ** 2)
+    return np.concatenate(greatest), np.sqrt(np.concatenate(square))
 
 
 def _offset_evaluator(mapped: MappedSurface, distance: float, index: int) -> Callable[[Array, Array], Array]:
@@ -233,36 +296,81 @@ def _estimate_least_deviation(poles: Array, samples: Array) -> float:
     return float(np.linalg.norm(fitted - samples[:, inside][:, :, inside], axis=-1).max() / MAX_PARAMETRIC_EXCESS)
 
 
-def least_curvature_radius(mapped: MappedSurface) -> float:
-    """Least radius of curvature of the mapped mid surface, sampled; offsets must stay below it.
+def find_most_bent(mapped: MappedSurface, count: int) -> IntArray:
+    """The placements over which the Jacobian of the map changes most, relative to that in their middle: (count,) or fewer."""
+    t = np.array([0.5, 0.0, 1.0])
+    u, v = (g.ravel() for g in np.meshgrid(t, t, indexing="ij"))
+    lattice = mapped.cell * mapped.placements[:, None].apply(mapped.patch.jet(u, v).position)
+    jacobian = mapped.map.jacobian(lattice, mapped.cell)
+    change = np.linalg.norm(jacobian @ np.linalg.inv(jacobian[:, :1]) - np.eye(3), axis=(-2, -1)).max(axis=1)
+    return np.argsort(-change)[:count]
 
-    Of a wall of graded thickness the radius is measured in local thicknesses, as its offsets are.
+
+def describe_cell(mapped: MappedSurface, index: int) -> str:
+    """Where a placement is in the model, and how long the edges of the cell are there, in words."""
+    middle = mapped.points(np.array([0.5]), np.array([0.5]), index)
+    jacobian = mapped.map.jacobian(middle.lattice, mapped.cell)[0]
+    edges = " x ".join(f"{edge:.3g}" for edge in mapped.cell * np.linalg.norm(jacobian, axis=0))
+    return f"near {format_point(middle.position[0])}, where a cell measures {edges}"
+
+
+def require_patches_that_bend(
+    mapped: MappedSurface, distances: Layers, offsets: Sequence[float], name: str, tol: float
+) -> None:
+    """InvalidRequest, with the place, if cells are too large for the bends of the map: told before all patches are fitted.
+
+    A few samples of all patches are compared with their curvature, and the patches over which the map bends most are fitted.
+    `distances` are those of `fit_mapped_layers`, `offsets` and `name` those of `require_offsets_below_curvature_radius`.
     """
-    t = g2_fit.sample_parameters()
-    first = group_congruent_patches(mapped, 0.0).first
-    samples = mapped.offset(*np.meshgrid(t, t, indexing="ij"), 0.0, first)
-    poles, _ = g2_fit.fit_g2_patches(samples, BEZIER_DEGREES[-1])
-    u, v = (g.ravel() for g in np.meshgrid(np.linspace(0, 1, 9), np.linspace(0, 1, 9)))
-    unit = mapped.distance_unit_at(u, v, first)
-    largest = max(
-        (np.linalg.norm(evaluate_curvature(g2_fit.bezier_surface(p), u, v)[2], ord=2, axis=(1, 2)) * size).max()
-        for p, size in zip(poles, unit, strict=True)
-    )
-    return float(1.0 / largest)
+    require_offsets_below_curvature_radius(mapped, offsets, name, COARSE_SAMPLES)
+    fit_mapped_layers(replace(mapped, placements=mapped.placements[find_most_bent(mapped, MOST_BENT)]), distances, tol)
 
 
-def require_offsets_below_curvature_radius(mapped: MappedSurface, offsets: Sequence[float], name: str) -> None:
+def find_least_curvature_radius(
+    mapped: MappedSurface, samples: int = CURVATURE_SAMPLES_PER_PARAMETER
+) -> tuple[float, int]:
+    """Least radius of curvature of the mapped mid surface, sampled, and the placement that has it; offsets stay below it.
+
+    Of a wall of graded thickness the radius is measured in local thicknesses, as its offsets are. The curvature is the
+    derivative of the exact normals by central differences: their error is far below what lies between the samples.
+    """
+    u, v = (g.ravel() for g in np.meshgrid(*[np.linspace(0, 1, samples)] * 2))
+    largest, worst = 0.0, 0
+    for start in range(0, len(mapped.placements), PATCHES_AT_ONCE):
+        index = np.arange(start, min(start + PATCHES_AT_ONCE, len(mapped.placements)))
+        here, h = mapped.points(u, v, index), NORMAL_STEP
+        by_u = (mapped.points(u + h, v, index).normal - mapped.points(u - h, v, index).normal) / (2 * h)
+        by_v = (mapped.points(u, v + h, index).normal - mapped.points(u, v - h, index).normal) / (2 * h)
+        tangents = np.stack([here.du, here.dv], axis=-1)
+        dual = np.linalg.inv(np.swapaxes(tangents, -1, -2) @ tangents) @ np.swapaxes(tangents, -1, -2)
+        curvature = np.linalg.norm(np.stack([by_u, by_v], axis=-1) @ dual, ord=2, axis=(-2, -1))
+        curvature = curvature * mapped.distance_unit(here.position)
+        if curvature.max() > largest:
+            largest = float(curvature.max())
+            worst = int(index[np.argmax(curvature.max(axis=1))])
+    return 1.0 / largest, worst
+
+
+def least_curvature_radius(mapped: MappedSurface) -> float:
+    """Least radius of curvature of the mapped mid surface; see `find_least_curvature_radius`."""
+    return find_least_curvature_radius(mapped)[0]
+
+
+def require_offsets_below_curvature_radius(
+    mapped: MappedSurface, offsets: Sequence[float], name: str, samples: int = CURVATURE_SAMPLES_PER_PARAMETER
+) -> None:
     """InvalidRequest if an offset is not below the least radius of curvature; `name` is that of the surface in the message."""
-    limit, worst = least_curvature_radius(mapped), max(offsets, key=abs)
+    worst = max(offsets, key=abs)
+    limit, index = find_least_curvature_radius(mapped, samples)
     if abs(worst) >= limit and mapped.thickness is not None:
         raise InvalidRequest(
-            f"the graded wall reaches beyond the curvature radius of the {name}, at one place by the factor {0.5 / limit:.3g}: "
-            "make it thinner there, or take larger cells"
+            f"the graded wall reaches beyond the curvature radius of the {name}, {describe_cell(mapped, index)}, by the "
+            f"factor {0.5 / limit:.3g}: make it thinner there, or take larger cells"
         )
     if abs(worst) >= limit:
         raise InvalidRequest(
-            f"offset {worst:g} passes the least curvature radius of the {name}, {limit:.6g}: "
-            f"offsets stay below it, a symmetric wall's thickness below {2 * limit:.6g}"
+            f"offset {worst:g} passes the least curvature radius of the {name}, {limit:.6g} {describe_cell(mapped, index)}: "
+            f"offsets stay below it, a symmetric wall's thickness below {2 * limit:.6g}; larger cells have larger radii"
         )
 
 

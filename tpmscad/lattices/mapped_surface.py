@@ -72,14 +72,12 @@ class MappedSurface:
     def _points(self, u: Array, v: Array, turn: Array, translation: Array) -> SurfacePoints:
         jet = self.patch.jet(u, v)
         lattice = self.cell * ((turn @ jet.position[..., None])[..., 0] + translation)
-        jacobian = self.map.jacobian(lattice, self.cell)
+        position, jacobian = self.map.images_and_jacobians(lattice, self.cell)
         du, dv = (self.cell * (jacobian @ (turn @ t[..., None]))[..., 0] for t in (jet.du, jet.dv))
         normal = (turn @ jet.normal[..., None])[..., 0]
         # Normals are mapped by the inverse transpose, which keeps them on the side where the nodal field increases.
         normal = np.linalg.solve(np.swapaxes(jacobian, -1, -2), normal[..., None])[..., 0]
-        return SurfacePoints(
-            lattice, self.map(lattice), du, dv, normal / np.linalg.norm(normal, axis=-1, keepdims=True)
-        )
+        return SurfacePoints(lattice, position, du, dv, normal / np.linalg.norm(normal, axis=-1, keepdims=True))
 
     def offset(self, u: Array, v: Array, distance: float, index: int | slice | IntArray = slice(None)) -> Array:
         """Points at the signed normal distance from the mapped surface, of every chosen placement, as in `points`."""
@@ -138,7 +136,7 @@ def require_regular(map: Map, points: Array, cell: float) -> int:
     sizes = np.linalg.svd(jacobian, compute_uv=False)
     sign = np.sign(np.linalg.det(jacobian))
     worst = int(np.argmin(sizes[:, 2] / np.maximum(sizes[:, 0], np.finfo(float).tiny)))
-    place = f"near lattice point {format_point(points[worst], 6)}"
+    place = f"near lattice point {format_point(points[worst], 6)}, {format_point(map(points[worst]))} in the model"
     if sign.min() != sign.max():
         raise InvalidRequest(
             f"{map.name} folds: its Jacobian determinant changes sign over the lattice, {place}; "

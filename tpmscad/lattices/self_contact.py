@@ -146,14 +146,20 @@ def _predict_pairs(mapped: MappedSurface, offsets: tuple[float, float]) -> WallP
     lattice = surface.lattice.reshape(-1, 3)
     tree, step = cKDTree(position), np.repeat(spacing, shape[1])
     unit = mapped.distance_unit(position)
-    reach = max(abs(d) for d in offsets) * float(unit.max()) + (FOOT_RANGE_SPACINGS + MARGIN_SPACINGS) * float(
-        spacing.max()
-    )
+    # a predicted foot is at most MARGIN_SPACINGS beyond the wall and FOOT_RANGE_SPACINGS aside
+    wall, greatest = max(abs(d) for d in offsets) * float(unit.max()), float(spacing.max())
+    reach = float(np.hypot(wall + MARGIN_SPACINGS * greatest, FOOT_RANGE_SPACINGS * greatest))
+    jacobian = mapped.map.jacobian(lattice, mapped.cell)
+    # a foot is at most this far from the sample that predicts it, in the lattice
+    foot_range = FOOT_RANGE_SPACINGS * step / np.linalg.svd(jacobian, compute_uv=False)[:, -1]
     found = []
     for height in _heights(offsets):
         points = position + (height * unit)[:, None] * normal
         pairs = cKDTree(points).sparse_distance_matrix(tree, reach, output_type="ndarray")
         a, b = pairs["i"], pairs["j"]
+        apart_in_lattice = _lattice_distance(mapped, lattice[a] - lattice[b])
+        may_be_far = apart_in_lattice + foot_range[b] > MIN_LATTICE_DISTANCE_CELLS * mapped.cell
+        a, b = a[may_be_far], b[may_be_far]
         apart = points[a] - position[b]
         distance = np.einsum("ni,ni->n", apart, normal[b])
         tangential = apart - distance[:, None] * normal[b]
@@ -162,8 +168,7 @@ def _predict_pairs(mapped: MappedSurface, offsets: tuple[float, float]) -> WallP
             depth > -MARGIN_SPACINGS * step[b]
         )
         a, b, tangential, depth = a[near], b[near], tangential[near], depth[near]
-        jacobian = mapped.map.jacobian(lattice[b], mapped.cell)
-        foot = lattice[b] + np.linalg.solve(jacobian, tangential[..., None])[..., 0]
+        foot = lattice[b] + np.linalg.solve(jacobian[b], tangential[..., None])[..., 0]
         far = _lattice_distance(mapped, foot - lattice[a]) > MIN_LATTICE_DISTANCE_CELLS * mapped.cell
         a, b, depth = a[far], b[far], depth[far]
         sides = np.stack([u, v], axis=1)

@@ -27,6 +27,9 @@ from tpmscad.splines.bspline_volume import BSplineVolume
 from tpmscad.splines.jacobian_bounds import bound_jacobian
 from tpmscad.splines.knots import bezier_knots
 
+EDGE_SAMPLES = 9
+"""Samples along each axis for the mean lengths of a domain."""
+
 SAMPLES_PER_SPAN = 4
 """Samples along each span of knots at which the map is tested for a second preimage."""
 
@@ -59,17 +62,28 @@ class SplineMap(Map):
         A proved lower bound of the Jacobian determinant on the domain: positive.
     closed : (bool, bool, bool)
         Along which axes the ends of the domain meet, so that a lattice closes there.
+    face_error : float
+        Greatest measured distance, in model units, of the ends of the map from the two faces that it was made between; 0 for
+        a map of given poles.
     """
 
     volume: BSplineVolume = field(kw_only=True)
     least_jacobian: float = field(kw_only=True)
     closed: tuple[bool, bool, bool] = field(kw_only=True)
+    face_error: float = field(kw_only=True, default=0.0)
 
     @property
     def domain(self) -> tuple[tuple[float, float, float], tuple[float, float, float]]:
         """The corners of the domain, the box of parameters that the spline maps: lower and upper."""
         (u0, u1), (v0, v1), (w0, w1) = self.volume.domain
         return (u0, v0, w0), (u1, v1, w1)
+
+    def mean_edges(self) -> Array:
+        """Return the mean lengths, in model units, of the domain's edges along its three axes: (3,)."""
+        grid = [np.linspace(*ends, EDGE_SAMPLES) for ends in self.volume.domain]
+        points = np.stack(np.meshgrid(*grid, indexing="ij"), axis=-1).reshape(-1, 3)
+        lengths = np.linalg.norm(self.volume.images(points)[1], axis=1).mean(axis=0)
+        return np.asarray(lengths * np.ptp(self.volume.domain, axis=1))
 
     def over_block(self, size: Array) -> Map:
         """Return the map of a lattice whose block of cells fills the domain.
@@ -85,10 +99,44 @@ class SplineMap(Map):
             The map of the block, scaled to the domain.
         """
         low, high = (np.array(corner) for corner in self.domain)
-        factor = (high - low) / size
-        exact = self.jacobian_function
-        assert exact is not None
-        return Map(lambda p: self(low + factor * p), lambda p: exact(low + factor * p) * factor, self.name)
+        return BlockMap.over(self.volume, self.closed, low, (high - low) / size, self.name)
+
+    def images_and_jacobians(self, points: Array, scale: float) -> tuple[Array, Array]:
+        """Return images (..., 3) and exact Jacobians (..., 3, 3) of points (..., 3) of the domain."""
+        return _evaluate(self.volume, self.closed, points)
+
+
+@dataclass(frozen=True, slots=True)
+class BlockMap(Map):
+    """A trivariate B-spline of a block of cells: the block is first scaled by `factor` (3,) to the domain, from `low` (3,).
+
+    Along the axes that are `closed` it repeats after the length of the domain.
+    """
+
+    volume: BSplineVolume = field(kw_only=True)
+    closed: tuple[bool, bool, bool] = field(kw_only=True)
+    low: Array = field(kw_only=True)
+    factor: Array = field(kw_only=True)
+
+    @classmethod
+    def over(
+        cls, volume: BSplineVolume, closed: tuple[bool, bool, bool], low: Array, factor: Array, name: str
+    ) -> BlockMap:
+        """The map of a block that is scaled by `factor` (3,) to the domain, from its corner `low` (3,)."""
+        return cls(
+            lambda p: _evaluate(volume, closed, low + factor * p)[0],
+            lambda p: _evaluate(volume, closed, low + factor * p)[1] * factor,
+            name,
+            volume=volume,
+            closed=closed,
+            low=low,
+            factor=factor,
+        )
+
+    def images_and_jacobians(self, points: Array, scale: float) -> tuple[Array, Array]:
+        """Return images (..., 3) and exact Jacobians (..., 3, 3) of points (..., 3) of the block."""
+        image, jacobian = _evaluate(self.volume, self.closed, self.low + self.factor * points)
+        return image, jacobian * self.factor
 
 
 @validate_call()
@@ -143,7 +191,9 @@ def trivariate(
     return spline_map(BSplineVolume(net, triple(given), (p, q, r)), "trivariate spline")
 
 
-def spline_map(volume: BSplineVolume, name: str) -> SplineMap:
+def spline_map(
+    volume: BSplineVolume, name: str, face_error: float = 0.0, remedy: str = "move the poles apart there"
+) -> SplineMap:
     """The map of a trivariate spline; InvalidRequest with the place if it folds or lies on itself."""
     closed = _find_closed_axes(volume)
     result = SplineMap(
@@ -151,10 +201,11 @@ def spline_map(volume: BSplineVolume, name: str) -> SplineMap:
         lambda p: _evaluate(volume, closed, p)[1],
         name,
         volume=volume,
-        least_jacobian=_prove_positive_jacobian(volume, name),
+        least_jacobian=_prove_positive_jacobian(volume, name, remedy),
         closed=closed,
+        face_error=face_error,
     )
-    _require_one_to_one(result)
+    _require_one_to_one(result, remedy)
     return result
 
 
@@ -207,7 +258,7 @@ def _evaluate(volume: BSplineVolume, closed: tuple[bool, bool, bool], points: Ar
     return image.reshape(points.shape), jacobian.reshape(*points.shape, 3)
 
 
-def _prove_positive_jacobian(volume: BSplineVolume, name: str) -> float:
+def _prove_positive_jacobian(volume: BSplineVolume, name: str, remedy: str) -> float:
     """A positive lower bound of the Jacobian determinant; InvalidRequest with the place where it is not positive."""
     spans = [np.unique(t[p : len(t) - p]) for t, p in zip(volume.knots, volume.degrees, strict=True)]
     corner = np.stack(np.meshgrid(*(s[:-1] for s in spans), indexing="ij"), axis=-1).reshape(-1, 3)
@@ -222,17 +273,17 @@ def _prove_positive_jacobian(volume: BSplineVolume, name: str) -> float:
     if bound.attained > 0:
         raise InvalidRequest(
             f"the Jacobian of the {name} comes too close to zero to be proved positive: {bound.attained:.3g} {place}; "
-            "move the poles apart there"
+            f"{remedy}"
         )
     middle = [[(low + high) / 2] for low, high in volume.domain]
     turned = "reverse one axis of the poles, poles[::-1], if the whole of it is left-handed"
     raise InvalidRequest(
         f"the {name} folds: its Jacobian determinant is {bound.attained:.3g} {place}; "
-        + (turned if volume.jacobian(*middle).item() < 0 else "move the poles apart there")
+        + (turned if volume.jacobian(*middle).item() < 0 else remedy)
     )
 
 
-def _require_one_to_one(map: SplineMap) -> None:
+def _require_one_to_one(map: SplineMap, remedy: str) -> None:
     """InvalidRequest if a sample of the boundary has a second preimage in the domain."""
     volume = map.volume
     low, high = (np.array(corner) for corner in map.domain)
@@ -264,7 +315,7 @@ def _require_one_to_one(map: SplineMap) -> None:
         k = int(np.flatnonzero(hit)[0])
         raise InvalidRequest(
             f"the {map.name} lies on itself: {format_point(target[k])} in the model is the image of "
-            f"{format_point(samples[own][rows[k]])} and of {format_point(preimage[k])} in its domain; move the poles apart there"
+            f"{format_point(samples[own][rows[k]])} and of {format_point(preimage[k])} in its domain; {remedy}"
         )
 
 

@@ -112,8 +112,8 @@ def resolve_lattice_request(options: LatticeOptions) -> LatticeRequest:
     elif has_mapping and not source.can_be_mapped:
         raise InvalidRequest(
             f"a map or unequal cell edges {list(edges)} bend the mirror planes of the {info.title}, between which its patches "
-            "are made: give one cell edge and no map, or make a solid of the field with tpmscad.solidify, for "
-            "which the period of a field may differ along the axes"
+            "are made: give one cell edge and no map, or make a solid of the field with tpmscad.solidify; fields.tpms takes "
+            "unequal periods, and `domain` a spline map of tpmscad.maps"
         )
     tol = DEFAULT_TOL_CELLS * min(edges) if options.tol is None else options.tol
     least = max(MIN_TOL, MIN_TOL_CELLS * min(edges))
@@ -176,7 +176,7 @@ def _check_level_set_request(title: str, boundary: str, map: Any) -> None:
     if map is not None:
         raise InvalidRequest(
             f"the patches of the {title} are fitted to one period and copied, which a map does not allow: "
-            "make a solid of the field with tpmscad.solidify, whose `domain` may be a spline map"
+            "make a solid of the field with tpmscad.solidify, whose `domain` takes a spline map of tpmscad.maps"
         )
     if boundary == "natural":
         raise InvalidRequest(

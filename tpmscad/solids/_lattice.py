@@ -12,6 +12,7 @@ import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import partial
+from itertools import permutations
 from typing import Any
 
 import numpy as np
@@ -24,10 +25,12 @@ from tpmscad.errors import InvalidRequest, TrimmingError, format_point
 from tpmscad.fallbacks import Fallback, Fallbacks
 from tpmscad.kernel.build.solids import build_solids
 from tpmscad.kernel.measure.envelope import Envelope
-from tpmscad.lattices import mapped_lattice, mapped_surface
+from tpmscad.lattices import copies, mapped_lattice, mapped_surface
 from tpmscad.lattices.coordinate_maps import Map, as_map, composition, stretching
 from tpmscad.lattices.offset_surfaces import LayersFit
+from tpmscad.lattices.rounded_maps import round_over_cells
 from tpmscad.lattices.self_contact import require_no_self_contact
+from tpmscad.lattices.spline_maps import SplineMap
 from tpmscad.lattices.spline_volumes import SplineVolumes, mapped_walls
 from tpmscad.memory_limit import require_memory
 from tpmscad.requests.lattice_options import LatticeOptions
@@ -45,6 +48,9 @@ from tpmscad.trimming.trim_pipeline import trim
 
 FIT_TOL_FRACTIONS = (1.0, 0.1, 0.01)
 """Fractions of the tolerance to which primitives are fitted, in order, while the cuts of coarser patches cannot be traced."""
+
+LEAST_GAIN = 0.2
+"""Least logarithm of the ratio of a cell's longest and shortest edge that is worth advice."""
 
 BYTES_PER_CELL = 3.5e6
 """Of a lattice: a thousand cells of the gyroid, with their checks, took 3.7 GiB."""
@@ -92,12 +98,13 @@ def make_lattice(
     map: Map | Callable[[Array], Array] | None = None,
 ) -> Model:
     """The lattice of a valid request, with or without its loose pieces; errors as for `lattice`."""
-    mapping = _compose_map(request, map)
+    mapping, map_notes = _compose_map(request, map)
     made = _fit_and_copy(request, stages) if mapping is None else _fit_mapped_patches(request, mapping, stages)
     with stages("build"):
         brep, built, dropped = drop_loose_pieces(made.brep, build_solids(made.brep), loose)
     with stages("check"):
         notes = (
+            *map_notes,
             *made.notes,
             *dropped.notes,
             *(_note_phase(request, len(dropped.volumes) + built.n_solids) if map is None else ()),
@@ -154,15 +161,29 @@ class LatticePatches:
     make_spline_volumes: Callable[[], SplineVolumes | None] | None = None
 
 
-def _compose_map(request: LatticeRequest, map: Map | Callable[[Array], Array] | None) -> Map | None:
-    """The map from cubic lattice coordinates (cell = the first edge) to the model; None if it is the identity."""
+def _compose_map(
+    request: LatticeRequest, map: Map | Callable[[Array], Array] | None
+) -> tuple[Map | None, tuple[str, ...]]:
+    """The map from cubic lattice coordinates (cell = the first edge) to the model, None for the identity, and notes on it."""
     stretch = None
     if len(set(request.cell)) > 1 and not request.source.follows_cell_edges:
         stretch = stretching(tuple(edge / request.cell[0] for edge in request.cell))
     if map is None:
-        return stretch
-    wrap = as_map(map).over_block(np.array(request.cell) * request.cells)
-    return wrap if stretch is None else composition(wrap, stretch, request.cell[0])
+        return stretch, ()
+    block = np.array(request.cell)
+    notes: tuple[str, ...] = ()
+    if isinstance(map, SplineMap):
+        rounded = round_over_cells(map, request.cells, block, request.tol)
+        wrap = rounded.map
+        edges = " x ".join(f"{edge:.3g}" for edge in map.mean_edges() / request.cells)
+        notes = (f"the {map.name} has cells of {edges} mm on average",)
+        if rounded.moved > 0:
+            notes += (f"it is rounded at its knots, by {rounded.moved:.2g} mm at most",)
+        if map.face_error > 0:
+            notes += (f"its ends are within {map.face_error:.2g} mm of the faces",)
+    else:
+        wrap = as_map(map).over_block(block * request.cells)
+    return (wrap if stretch is None else composition(wrap, stretch, request.cell[0])), notes
 
 
 def _fit_until_traced(request: LatticeRequest, fit_and_trim: Callable[[float], LatticePatches]) -> LatticePatches:
@@ -226,10 +247,27 @@ def _fit_mapped_patches(request: LatticeRequest, mapping: Map, stages: StageTime
     cell, name = request.cell[0], request.surface
     source = exact_source(request)
     with stages("fit"):
-        cover = cover_mapped_lattice(request, mapping)
         surface = mapped_surface.MappedSurface(
-            source.patch, source.symmetry, cover.placements, mapping, cell, cover.periods, request.thickness
+            source.patch,
+            source.symmetry,
+            copies.translate_motions(
+                source.symmetry.cell_motions,
+                np.asarray(copies.cell_origins(request.cells, 0) + np.array(request.phase), float),
+            ),
+            mapping,
+            cell,
+            thickness=request.thickness,
         )
+        if request.boundary == "natural":  # whole cells: nothing of them is cut off
+            try:
+                mapped_surface.require_regular(mapping, mapped_surface.box_points(request.cells, cell), cell)
+                mapped_lattice.require_patches_that_bend(
+                    surface, request.layer_offsets, request.offset, f"mapped {name}", request.tol
+                )
+            except InvalidRequest as error:
+                raise InvalidRequest(f"{error}{_advise_cells(surface, request.cells)}") from None
+        cover = cover_mapped_lattice(request, mapping)
+        surface = replace(surface, placements=cover.placements, periods=cover.periods)
         surface.orientation()
         mapped_lattice.require_offsets_below_curvature_radius(surface, request.offset, f"mapped {name}")
         if request.kind == "sheet":
@@ -254,6 +292,22 @@ def _fit_mapped_patches(request: LatticeRequest, mapping: Map, stages: StageTime
         return LatticePatches(brep, fit, notes, make_spline_volumes=fill)
 
     return _fit_until_traced(request, fit_and_trim)
+
+
+def _advise_cells(surface: mapped_surface.MappedSurface, cells: tuple[int, int, int]) -> str:
+    """Advice to exchange the numbers of cells, if that makes the cells under a map much more nearly cubic; else nothing."""
+    points = mapped_surface.box_points((1, 1, 1), 1.0) * surface.cell * np.array(cells)
+    edges = np.linalg.norm(surface.map.jacobian(points, surface.cell), axis=1).mean(axis=0) * surface.cell
+    lengths = edges * cells
+    if not lengths.all():  # refused with its place, where the patches are fitted
+        return ""
+    best = min(permutations(cells), key=lambda n: float(np.ptp(np.log(lengths / n))))
+    if np.ptp(np.log(edges)) < 2 * np.ptp(np.log(lengths / best)) + LEAST_GAIN:
+        return ""
+    return (
+        f"; along its axes the lattice measures {' x '.join(f'{x:.3g}' for x in lengths)}: cells={tuple(best)} would be more "
+        "nearly cubic"
+    )
 
 
 def _trim_by_body(brep: Brep, body: Brep, cell: float) -> tuple[Brep, tuple[str, ...]]:

@@ -1,14 +1,15 @@
 """Booleans of a lattice and a CAD body, by the most exact method that succeeds.
 
 The first method trims the patches on their own parameter domains (`tpmscad.trimming`): it is exact and takes bodies whose
-faces are planes and quadrics. The second cuts only the patches near the body's faces with the kernel's boolean and keeps the
-others whole. The last is the kernel's boolean of the two solids. Whatever the method, the volume of the result is compared
-with the fraction of an even sample of points in the body that lie in the lattice, which no boolean takes part in.
+faces are planes and quadrics, and those with free-form faces that meet exactly. The second cuts only the patches near the body's
+faces with the kernel's boolean and keeps the others whole. The last is the kernel's boolean of the two solids. Whatever the
+method, the volume of the result is compared with the fraction of an even sample of points in the body that lie in the lattice,
+which no boolean takes part in.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -17,10 +18,11 @@ from scipy.spatial import cKDTree
 
 from tpmscad._typing import Array
 from tpmscad.brep.boundary_representation import Brep, reverse_faces, spline_faces
+from tpmscad.brep.free_form_surface import FreeFormSurface
 from tpmscad.brep.moments import integral_properties
-from tpmscad.errors import KernelError, TrimmingError
+from tpmscad.errors import KernelError, NotQuadric, TpmscadError, TrimmingError
 from tpmscad.fallbacks import Fallback, Fallbacks
-from tpmscad.kernel.body_import.body_brep import brep_from_shape
+from tpmscad.kernel.body_import.body_brep import brep_from_shape, read_free_form_body
 from tpmscad.kernel.body_import.cad_body import CadBody
 from tpmscad.kernel.boolean.boolean_operations import OcctSolids, estimate_volume, intersect_solids, subtract_solid
 from tpmscad.kernel.boolean.local_intersection import intersect_locally
@@ -147,10 +149,33 @@ def trim_on_parameters(patches: Brep, body: CadBody, max_shift: float) -> Boolea
 
     InvalidRequest or TrimmingError if that is impossible, KernelError if the volume of the result is wrong.
     """
+    try:
+        brep = brep_from_shape(body.shape, body.face_labels)
+    except NotQuadric:
+        return _trim_by_free_form_faces(patches, body, max_shift)
+    return _trim_by_brep(patches, body, brep, {}, max_shift)
+
+
+def _trim_by_free_form_faces(patches: Brep, body: CadBody, max_shift: float) -> BooleanResult:
+    """The patches trimmed by a body with free-form faces; errors as in `trim_on_parameters`, whatever goes wrong."""
+    try:
+        read = read_free_form_body(body.shape, body.face_labels)
+        return _trim_by_brep(patches, body, read.brep, read.free_form, max_shift)
+    except TpmscadError:
+        raise
+    except Exception as error:  # OCCT's exceptions have no common base class, and systems of equations may be singular
+        raise TrimmingError(f"the cut by free-form faces failed: {error}") from error
+
+
+def _trim_by_brep(
+    patches: Brep, body: CadBody, brep: Brep, free_form: Mapping[int, FreeFormSurface], max_shift: float
+) -> BooleanResult:
+    """The patches trimmed by the boundary representation of the body."""
     cut = trim(
         patches,
-        brep_from_shape(body.shape, body.face_labels),
+        brep,
         build=_build_valid_solids,
+        free_form=free_form,
         clearance=corner_clearance(patches),
         max_shift=max_shift,
     )
@@ -194,7 +219,7 @@ BOOLEAN_METHODS: Fallbacks[[Brep, CadBody, float, KernelBoolean], BooleanResult]
         Fallback(
             "trimming on the patches' parameters",
             lambda patches, body, max_shift, _: trim_on_parameters(patches, body, max_shift),
-            "a second for a few cells; bodies of planes and quadrics only",
+            "a second for a few cells; several with free-form faces, which must have no pole and meet within 1e-10",
         ),
         Fallback(
             "splitting near the body's faces",

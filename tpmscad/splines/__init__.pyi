@@ -31,6 +31,7 @@ from tpmscad.splines.knots import elevate_degree as elevate_degree
 from tpmscad.splines.knots import insert_knot as insert_knot
 from tpmscad.splines.knots import restrict_surface as restrict_surface
 from tpmscad.splines.knots import split_surface as split_surface
+from tpmscad.splines.knots import to_common_space as to_common_space
 from tpmscad.splines.knots import uniform_knots as uniform_knots
 from tpmscad.splines.spline_axis import SplineAxis as SplineAxis
 from tpmscad.splines.spline_axis import gauss_axis as gauss_axis

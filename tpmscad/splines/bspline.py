@@ -202,3 +202,12 @@ class BSplineSurface:
     def scaled(self, factor: float) -> BSplineSurface:
         """Surface x -> factor x."""
         return BSplineSurface(factor * self.poles, self.knots_u, self.knots_v, self.degree_u, self.degree_v)
+
+
+def isoparametric_curve(surface: BSplineSurface, axis: int, at: float) -> BSplineCurve:
+    """Curve of the points of a surface at which parameter `axis` (0 or 1) is `at`, with the other parameter."""
+    if axis == 0:
+        rows = design_matrix(surface.knots_u, surface.degree_u, np.array([at]))
+        return BSplineCurve(np.tensordot(rows[0], surface.poles, 1), surface.knots_v, surface.degree_v)
+    rows = design_matrix(surface.knots_v, surface.degree_v, np.array([at]))
+    return BSplineCurve(np.tensordot(rows[0], surface.poles, (0, 1)), surface.knots_u, surface.degree_u)

@@ -18,8 +18,8 @@ from tpmscad.splines.bspline import BSplineSurface
 from tpmscad.splines.knots import bezier_knots, insert_knot
 from tpmscad.splines.quadrature import composite_gauss_legendre
 
-POINTS_AT_ONCE = 4000
-"""Points whose poles are gathered at once: a few megabytes of a cubic body."""
+POINTS_AT_ONCE = 20_000
+"""Points evaluated at once: tens of megabytes of basis functions, and many points in each span."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -88,17 +88,30 @@ class BSplineVolume:
         return image, jacobian
 
     def _images_of_few(self, points: Array) -> tuple[Array, Array]:
+        """As `images`. The points of one span share its poles, so that each span is three products of matrices."""
         first, value, slope = zip(
             *(nonzero_basis(k, p, t) for k, p, t in zip(self.knots, self.degrees, points.T, strict=True)), strict=True
         )
-        i, j, k = (at[:, None] + np.arange(p + 1) for at, p in zip(first, self.degrees, strict=True))
-        net = self.poles[i[:, :, None, None], j[:, None, :, None], k[:, None, None, :]]  # (n, p + 1, q + 1, r + 1, 3)
-        along_w = np.einsum("nijkd,nks->nijds", net, np.stack([value[2], slope[2]], axis=-1))
-        along_v = np.einsum("nijds,nj->nids", along_w, value[1])
-        image = np.einsum("nids,ni->nds", along_v, value[0])
-        by_u = np.einsum("nid,ni->nd", along_v[..., 0], slope[0])
-        by_v = np.einsum("nijd,ni,nj->nd", along_w[..., 0], value[0], slope[1])
-        return image[..., 0], np.stack([by_u, by_v, image[..., 1]], axis=-1)
+        image, jacobian = np.empty((len(points), 3)), np.empty((len(points), 3, 3))
+        span = np.ravel_multi_index(first, self.poles.shape[:3])
+        order = np.argsort(span, kind="stable")
+        for rows in np.split(order, 1 + np.flatnonzero(np.diff(span[order]))) if len(points) else ():
+            i, j, k = (slice(at[rows[0]], at[rows[0]] + p + 1) for at, p in zip(first, self.degrees, strict=True))
+            (u, v, w), (du, dv, dw) = ([values[rows] for values in each] for each in (value, slope))
+            net = self.poles[i, j, k].reshape(self.degrees[0] + 1, -1)
+            shape = len(rows), self.degrees[1] + 1, -1
+            at_u, by_u = (u @ net).reshape(shape), (du @ net).reshape(shape)
+
+            def along_v(basis: Array, poles: Array) -> Array:
+                """Poles (n, degree_w + 1, 3) of the lines along w at the points."""
+                return np.einsum("nqk,nq->nk", poles, basis).reshape(len(basis), -1, 3)
+
+            lines = along_v(v, at_u)
+            image[rows] = np.einsum("nkd,nk->nd", lines, w)
+            jacobian[rows, :, 0] = np.einsum("nkd,nk->nd", along_v(v, by_u), w)
+            jacobian[rows, :, 1] = np.einsum("nkd,nk->nd", along_v(dv, at_u), w)
+            jacobian[rows, :, 2] = np.einsum("nkd,nk->nd", lines, dw)
+        return image, jacobian
 
     def integrate_volume(self) -> float:
         """The integral of the Jacobian determinant, by a Gauss rule that is exact for it; negative if left-handed."""

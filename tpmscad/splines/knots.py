@@ -1,4 +1,4 @@
-"""Knot vectors, knot insertion, and what follows from it: splitting, restriction and degree elevation.
+"""Knot vectors, knot insertion, and what follows from it: splitting, restriction, degree elevation, common spaces.
 
 None of these changes the surface, up to round-off. The control nets of parts of one surface share the poles of their
 common border bit for bit, and so do parts of two surfaces with a common border.
@@ -12,8 +12,11 @@ from __future__ import annotations
 import numpy as np
 
 from tpmscad._typing import Array
-from tpmscad.splines.basis import bernstein_elevation_matrix, knot_domain
+from tpmscad.splines.basis import bernstein_elevation_matrix, design_matrix, knot_domain
 from tpmscad.splines.bspline import BSplineSurface
+
+COMMON_KNOT_RTOL = 1e-12
+"""Of the domain: knots of two surfaces that agree within it are one; they differ by round-off of their scaling."""
 
 
 def bezier_knots(degree: int, domain: tuple[float, float] = (0.0, 1.0)) -> Array:
@@ -257,6 +260,100 @@ def elevate_degree(surface: BSplineSurface, degree_u: int, degree_v: int) -> BSp
             surface, direction, elevated, bezier_knots(degree, knot_domain(knots, old)), degree
         )
     return surface
+
+
+def map_to_unit_square(surface: BSplineSurface) -> BSplineSurface:
+    """The same surface with knots scaled to [0, 1] along both parameters."""
+    knots = []
+    for direction in (0, 1):
+        _, t, degree = _direction_arrays(surface, direction)
+        low, high = knot_domain(t, degree)
+        scaled = (t - low) / (high - low)
+        scaled[t == high] = 1.0
+        knots.append(scaled)
+    return BSplineSurface(surface.poles, knots[0], knots[1], surface.degree_u, surface.degree_v)
+
+
+def turn_surface(
+    surface: BSplineSurface, reverse_u: bool = False, reverse_v: bool = False, swap: bool = False
+) -> BSplineSurface:
+    """The surface with parameters reversed on their domain, then swapped."""
+    poles, knots, degrees = surface.poles, [surface.knots_u, surface.knots_v], (surface.degree_u, surface.degree_v)
+    for direction, reverse in enumerate((reverse_u, reverse_v)):
+        if reverse:
+            low, high = surface.domain[direction]
+            knots[direction] = (low + high) - knots[direction][::-1]
+            poles = np.flip(poles, direction)
+    turned = BSplineSurface(np.ascontiguousarray(poles), knots[0], knots[1], *degrees)
+    if not swap:
+        return turned
+    return BSplineSurface(np.ascontiguousarray(poles.swapaxes(0, 1)), knots[1], knots[0], degrees[1], degrees[0])
+
+
+def to_common_space(first: BSplineSurface, second: BSplineSurface) -> tuple[BSplineSurface, BSplineSurface]:
+    """Two surfaces over one domain in the least spline space that holds both: degrees raised, knots merged.
+
+    Parameters
+    ----------
+    first, second : BSplineSurface
+        Surfaces with clamped knots of one domain. Inner knots that agree within `COMMON_KNOT_RTOL` of it are one.
+
+    Returns
+    -------
+    first, second : BSplineSurface
+        The same surfaces, up to round-off, with the same knots and degrees.
+
+    Raises
+    ------
+    ValueError
+        If the domains differ.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from tpmscad.splines import BSplineSurface, bezier_knots, to_common_space
+    >>> line, parabola = bezier_knots(1), bezier_knots(2)
+    >>> flat = BSplineSurface(np.array([[[0.0, 0], [0, 1]], [[1, 0], [1, 1]]]), line, line, 1, 1)
+    >>> bent = BSplineSurface(np.zeros((3, 2, 2)), parabola, line, 2, 1)
+    >>> to_common_space(flat, bent)[0].poles[:, 0, 0].round(12)
+    array([0. , 0.5, 1. ])
+    """
+    if first.domain != second.domain:
+        raise ValueError(f"surfaces over {first.domain} and {second.domain} have no common spline space")
+    for direction in (0, 1):
+        parts = [_direction_arrays(surface, direction) for surface in (first, second)]
+        degree = max(part[2] for part in parts)
+        knots = _merge_knots([part[1:] for part in parts], degree)
+        at = greville_abscissae(knots, degree)
+        collocation = design_matrix(knots, degree, at)
+        nets = [
+            np.linalg.solve(collocation, np.tensordot(design_matrix(t, p, at), poles, axes=1).reshape(len(at), -1))
+            for poles, t, p in parts
+        ]
+        first, second = (
+            _replace_direction(
+                surface, direction, np.asarray(net, float).reshape(len(at), *part[0].shape[1:]), knots, degree
+            )
+            for surface, net, part in zip((first, second), nets, parts, strict=True)
+        )
+    return first, second
+
+
+def _merge_knots(spaces: list[tuple[Array, int]], degree: int) -> Array:
+    """The clamped knots of a degree at which a spline is as rough as the roughest of the spaces, given as knots and degree."""
+    low, high = knot_domain(*spaces[0])
+    inner = [np.unique(t[p + 1 : -p - 1], return_counts=True) for t, p in spaces]
+    values, repeats = (
+        np.concatenate([v for v, _ in inner]),
+        np.concatenate([degree - (p - n) for (_, n), (_, p) in zip(inner, spaces, strict=True)]),
+    )
+    order = np.argsort(values)
+    values, repeats = values[order], repeats[order]
+    group = np.cumsum(np.diff(values, prepend=-np.inf) > COMMON_KNOT_RTOL * (high - low)) - 1
+    times = np.zeros(group.max(initial=-1) + 1, int)
+    np.maximum.at(times, group, repeats)
+    merged = values[np.searchsorted(group, np.arange(len(times)))]
+    return np.concatenate([np.repeat(low, degree + 1), np.repeat(merged, times), np.repeat(high, degree + 1)])
 
 
 def _direction_arrays(surface: BSplineSurface, direction: int) -> tuple[Array, Array, int]:

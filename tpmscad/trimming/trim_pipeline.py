@@ -1,4 +1,4 @@
-"""Trimming of a lattice by a body of planes and quadrics: the boundary of the lattice's solid inside the body.
+"""Trimming of a lattice by a body of planes, quadrics and free-form surfaces: the boundary of its solid inside the body.
 
 The pipeline has four stages: operands, intersection, classification and rebuilding. Each congruence class of patch and surface is
 intersected once. Where an intersection curve passes an edge of the body, its direction tells into which face it continues; so
@@ -11,7 +11,7 @@ The lattice need not be closed; it must cover the body.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any
@@ -20,6 +20,7 @@ import numpy as np
 
 from tpmscad._typing import Array, BoolArray
 from tpmscad.brep.boundary_representation import Brep, translate_brep
+from tpmscad.brep.free_form_surface import FreeFormSurface
 from tpmscad.brep.loops import LoopError
 from tpmscad.errors import InvalidRequest, TrimmingError, UntracedCurve
 from tpmscad.fallbacks import Fallback, Fallbacks
@@ -92,6 +93,7 @@ def trim(
     inside: Callable[[Array], Array] | None = None,
     *,
     build: Callable[[Brep], Any] | None = None,
+    free_form: Mapping[int, FreeFormSurface] | None = None,
     clearance: float = 0.0,
     max_shift: float = 0.0,
 ) -> TrimResult:
@@ -104,7 +106,8 @@ def trim(
     lattice
         Whole patches with outward senses that cover the body; they may end raggedly outside.
     body
-        A closed boundary representation of planes, cylinders, cones, spheres and tori, convex or not.
+        A closed boundary representation of planes, cylinders, cones, spheres and tori, and of splines whose distances are in
+        `free_form`; convex or not.
     tol
         Largest distance between an intersection curve and its surfaces, in model units; `DEFAULT_TOL` by default.
     inside
@@ -114,6 +117,8 @@ def trim(
         Makes `TrimResult.built` of the result. If it raises TrimmingError, since the kernel rejects what it builds, the next
         placement is tried: where a face of the body is tangent to the side of a patch, a curve comes within the kernel's
         tolerance of that side, which the kernel takes for a self-intersecting loop.
+    free_form
+        The free-form surfaces with distances of the body's spline carriers, by the numbers of these.
     clearance, max_shift
         The lattice is translated by at most `max_shift`, so that no corner of a patch lies nearer to a face of the body than
         `clearance`, both in model units; as far from it as possible if that cannot be had.
@@ -128,7 +133,8 @@ def trim(
     domain = LatticeDomain(np.arange(len(lattice.faces)), 1)
     build_first = None if build is None else lambda result: build(result.breps[0])
     request = _TrimRequest([domain], inside, build_first)
-    trimmed, report = _trim_with_placements(lattice, body, tol, request, clearance, max_shift)
+    operands = prepare_operands(lattice, body, DEFAULT_TOL if tol is None else tol, free_form)
+    trimmed, report = _trim_with_placements(operands, request, clearance, max_shift)
     return TrimResult(trimmed.result.breps[0], report, trimmed.built)
 
 
@@ -145,7 +151,7 @@ def trim_domains(
     Lattice and body are intersected and classified once; only the rebuilding is repeated for each domain.
     """
     request = _TrimRequest(domains, None, None)
-    trimmed, report = _trim_with_placements(lattice, body, None, request, clearance, max_shift)
+    trimmed, report = _trim_with_placements(prepare_operands(lattice, body, DEFAULT_TOL), request, clearance, max_shift)
     return trimmed.result, report
 
 
@@ -192,12 +198,23 @@ PLACEMENTS: Fallbacks[[Operands, _TrimRequest], _Trim] = Fallbacks(
 )
 """Placements of the lattice that are tried while intersections are not resolved, or the kernel rejects what is built."""
 
+FREE_FORM_PLACEMENTS = replace(PLACEMENTS, methods=PLACEMENTS.methods[:2])
+"""Those for bodies with free-form faces, where each takes several times as long."""
+
+MAX_FREE_FORM_PAIRS = 2500
+"""Most pairs of a patch and a free-form face: each takes about 20 ms, and a failure must not cost more than the other methods."""
+
 
 def _trim_with_placements(
-    lattice: Brep, body: Brep, tol: float | None, request: _TrimRequest, clearance: float, max_shift: float
+    operands: Operands, request: _TrimRequest, clearance: float, max_shift: float
 ) -> tuple[_Trim, TrimReport]:
     """The trim at the first of the `PLACEMENTS` that succeeds, and its statistics."""
-    operands = prepare_operands(lattice, body, DEFAULT_TOL if tol is None else tol)
+    free_form = operands.body.surfaces.is_free_form[: operands.body.n_surfaces]
+    pairs = int(operands.candidates[:, free_form].sum())
+    if pairs > MAX_FREE_FORM_PAIRS:
+        raise TrimmingError(
+            f"{pairs} pairs of a patch and a free-form face are more than {MAX_FREE_FORM_PAIRS}: the cut would take too long"
+        )
     shift, reasons = np.zeros(3), []
     if clearance > 0:
         shift, before, after = find_clear_shift(operands, clearance, max_shift)
@@ -206,7 +223,7 @@ def _trim_with_placements(
             reasons.append(
                 f"a corner of a patch lay {before:.2g} from a face of the body, where {after:.2g} is the nearest now"
             )
-    outcome = PLACEMENTS.run(operands, request)
+    outcome = (FREE_FORM_PLACEMENTS if free_form.any() else PLACEMENTS).run(operands, request)
     trimmed = outcome.value
     reason = "; ".join([*reasons, *(str(failure) for failure in outcome.failures[:1])])
     return trimmed, _report(trimmed.arrangement, trimmed.result, shift + trimmed.shift, reason)
@@ -224,11 +241,13 @@ def compute_arrangement(operands: Operands) -> Arrangement:
     return classify_lattice_edges(a)
 
 
-def prepare_operands(lattice: Brep, body: Brep, tol: float) -> Operands:
+def prepare_operands(
+    lattice: Brep, body: Brep, tol: float, free_form: Mapping[int, FreeFormSurface] | None = None
+) -> Operands:
     """The operands of a trim, with the candidate pairs of the broad phase."""
     if not (np.isfinite(tol) and tol > 0):
         raise InvalidRequest(f"tol must be positive and finite, not {tol}")
-    sides, prepared = read_patch_sides(lattice), prepare_trimming_body(body)
+    sides, prepared = read_patch_sides(lattice), prepare_trimming_body(body, free_form)
     regions, patches = tuple(build_face_regions(prepared)), read_patches(lattice)
     candidates = find_candidate_pairs(lattice, patches, prepared, regions)
     return Operands(lattice, sides, patches, read_spline_curves(lattice), prepared, regions, candidates, tol)

@@ -1,13 +1,14 @@
-"""CAD bodies as boundary representations with faces on planes, cylinders, cones, spheres and tori.
+"""CAD bodies as boundary representations with faces on planes, cylinders, cones, spheres and tori, or on splines as well.
 
-The surfaces are exact. Edges are exact if they are straight or conic; other edges and all pcurves that are not straight are
-spline fits within 1e-10 of the body's size.
+Planes and quadrics are exact; splines are within 1e-10 of the body's size.
+Edges are exact if they are straight or conic; other edges and all pcurves that are not straight are spline fits within 1e-10 of
+the body's size, or 2e-9 for pcurves on splines.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import replace
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -17,11 +18,12 @@ from tpmscad._typing import Array, IntArray
 from tpmscad.brep import connectivity
 from tpmscad.brep.boundary_representation import Brep, Edges, EdgeUses, Faces
 from tpmscad.brep.carriers import EdgeCurve, Plane, Quadric
+from tpmscad.brep.free_form_surface import BodyCarrier, FreeFormSurface
 from tpmscad.brep.moments import integral_properties
 from tpmscad.errors import InvalidRequest, NotQuadric
 from tpmscad.kernel.body_import.closed_face_splitting import split_closed_faces
 from tpmscad.kernel.body_import.exact_faces import read_exact_body
-from tpmscad.kernel.body_import.unrolled_faces import ImportedBody, unroll_face
+from tpmscad.kernel.body_import.unrolled_faces import ImportedBody, ImportedEdge, unroll_face
 from tpmscad.kernel.measure.mass_properties import face_moments
 from tpmscad.kernel.occt.bounding_boxes import box_center, box_diagonal
 from tpmscad.kernel.occt.exploration import faces_of, solids_of, unwrap
@@ -50,16 +52,40 @@ def brep_from_shape(shape: Any, tags: Sequence[str] = ()) -> Brep:
     return replace(brep, faces=replace(brep.faces, tag=source), tags=tuple(tags)) if tags else brep
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class FreeFormBody:
+    """The boundary representation of a body, and the distances of its spline carriers, by their numbers."""
+
+    brep: Brep
+    free_form: Mapping[int, FreeFormSurface]
+
+
+def read_free_form_body(shape: Any, tags: Sequence[str] = ()) -> FreeFormBody:
+    """As `brep_from_shape`, with faces on splines as well.
+
+    Raises NotQuadric if a spline is not within 1e-10 of the body's size, has a pole or a crease, or its edges leave a gap.
+    """
+    brep, source, carriers = _read_faces(shape, True)
+    brep = replace(brep, faces=replace(brep.faces, tag=source), tags=tuple(tags)) if tags else brep
+    return FreeFormBody(brep, {i: c for i, c in enumerate(carriers) if isinstance(c, FreeFormSurface)})
+
+
 def brep_and_source_faces(shape: Any) -> tuple[Brep, IntArray]:
     """The boundary representation, and for each of its faces the index of the shape's face of which it is a part."""
+    return _read_faces(shape, False)[:2]
+
+
+def _read_faces(shape: Any, free_form: bool) -> tuple[Brep, IntArray, tuple[BodyCarrier, ...]]:
+    """The boundary representation, the source of each of its faces, and its carriers with distances."""
     faces = [face for solid in solids_of(shape) for face in faces_of(solid)]
     if not faces:
         raise InvalidRequest("the shape holds no solid: make a solid from its faces first")
     size = box_diagonal(unwrap(shape))
-    _refuse_free_form(faces, size)
+    if not free_form:
+        _refuse_free_form(faces, size)
     at = -1
     try:
-        body = read_exact_body(faces, size)
+        body = read_exact_body(faces, size, free_form)
         unrolled_faces = []
         for at in range(len(body.faces)):
             unrolled_faces.append(unroll_face(body, body.faces[at]))
@@ -72,7 +98,7 @@ def brep_and_source_faces(shape: Any) -> tuple[Brep, IntArray]:
             (at,) if at >= 0 else (),
         ) from None
     _check_closed_and_volume(brep, faces, size)
-    return brep, np.array([face.source_face for face in body.faces])
+    return brep, np.array([face.source_face for face in body.faces]), tuple(face.carrier for face in body.faces)
 
 
 def _refuse_free_form(faces: list[TopoDS_Face], size: float) -> None:
@@ -114,16 +140,8 @@ def _assemble(body: ImportedBody) -> Brep:
                 if not isinstance(face.carrier, Plane):
                     assert use.mid_parameters is not None
                     number = len(pcurves)
-                    pcurves.append(
-                        fit_pcurve(
-                            face.carrier,
-                            edge.curve,
-                            edge.span,
-                            use.mid_parameters,
-                            body.size,
-                            EXACT_REL_TOL * body.size,
-                        )
-                    )
+                    tol = _pcurve_tolerance(face.carrier, edge, body.size)
+                    pcurves.append(fit_pcurve(face.carrier, edge.curve, edge.span, use.mid_parameters, body.size, tol))
                 rows.append((use.edge, use.sense, number))
                 off = _edge_deviation(body, face.carrier, use.edge, pcurves[number] if number >= 0 else None)
                 deviation[use.edge] = max(deviation[use.edge], off)
@@ -131,7 +149,7 @@ def _assemble(body: ImportedBody) -> Brep:
         loop_start.append(len(use_start) - 1)
     edges, n = body.edges, len(body.faces)
     return Brep(
-        carriers=tuple(face.carrier for face in body.faces),
+        carriers=tuple(c.spline if isinstance(c, FreeFormSurface) else c for c in (f.carrier for f in body.faces)),
         curves=tuple(curves),
         pcurves=tuple(pcurves),
         vertices=np.array(body.vertices),
@@ -156,11 +174,23 @@ def _assemble(body: ImportedBody) -> Brep:
     )
 
 
+PCURVE_REL_TOL = 2e-9
+"""In body sizes: tolerance of pcurves on splines. Interpolation across the knots of the surface is not better at a few spans."""
+
+
+def _pcurve_tolerance(carrier: Quadric | FreeFormSurface, edge: ImportedEdge, size: float) -> float:
+    """Tolerance of a pcurve; on a spline it is on top of the edge's own distance, which no pcurve can undo."""
+    if not isinstance(carrier, FreeFormSurface):
+        return EXACT_REL_TOL * size
+    points = edge.curve(np.linspace(*edge.span, DEVIATION_SAMPLES))
+    return PCURVE_REL_TOL * size + float(np.abs(carrier.distance(points)).max())
+
+
 DEVIATION_SAMPLES = 33
 """Points per edge at which its deviation is measured."""
 
 
-def _edge_deviation(body: ImportedBody, carrier: Plane | Quadric, edge: int, along: BSplineCurve | None) -> float:
+def _edge_deviation(body: ImportedBody, carrier: BodyCarrier, edge: int, along: BSplineCurve | None) -> float:
     """Largest distance of an edge's curve from the surface along its pcurve."""
     t = np.linspace(*body.edges[edge].span, DEVIATION_SAMPLES)
     points: Array = body.edges[edge].curve(t)
@@ -176,7 +206,8 @@ def _check_closed_and_volume(brep: Brep, faces: list[TopoDS_Face], size: float) 
         at = brep.vertices[brep.edges.start[unmatched[0]]].round(6)
         raise NotQuadric(f"{len(unmatched)} edges of the body do not join two of its faces, the first at {at}", ())
     moments = integral_properties.integrate_faces(brep)
-    volume, expected = float(integral_properties.volume(moments)[0]), float(face_moments(faces)[:, 1].sum())
+    volume = float(integral_properties.volume(moments)[0])
+    expected = float(face_moments(faces)[:, 1].sum())
     if not abs(volume - expected) <= BOUNDARY_DISTANCE_TOL * size * moments.area.sum():
         raise NotQuadric(
             f"the body's faces bound {volume:.9g}, not {expected:.9g}, when read exactly: "

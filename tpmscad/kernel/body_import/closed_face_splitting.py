@@ -16,6 +16,8 @@ from scipy.optimize import brentq
 
 from tpmscad._typing import Array
 from tpmscad.brep.carriers import Circle, ConicalSurface, CylindricalSurface, EdgeCurve, Plane, Quadric
+from tpmscad.brep.conics import TWO_PI
+from tpmscad.brep.free_form_surface import FreeFormSurface
 from tpmscad.brep.loops import point_in_polygon, signed_area
 from tpmscad.kernel.body_import.unrolled_faces import (
     ANGLE_TOL,
@@ -28,7 +30,7 @@ from tpmscad.kernel.body_import.unrolled_faces import (
     sample_use,
 )
 from tpmscad.kernel.recognise.edge_curves import UnsupportedFace
-from tpmscad.splines.bspline import line_segment
+from tpmscad.splines.bspline import isoparametric_curve, line_segment
 
 
 def split_into_faces(body: ImportedBody, face: ImportedFace, uses: list[ImportedUse]) -> list[ImportedFace]:
@@ -177,14 +179,16 @@ def _choose_cut(body: ImportedBody, face: ImportedFace, axis: int) -> float:
     middle = 0.5 * (values.min() + values.max())
     vertices = np.concatenate([t[[0, -1]] for t in traces])
     turns = np.concatenate([t[1:-1][np.diff(t)[1:] * np.diff(t)[:-1] < 0] for t in traces])
-    aside = MAX_CUT_SHIFT * np.linspace(-1.0, 1.0, 41)
+    assert not isinstance(face.carrier, Plane)
+    turn = face.carrier.period[axis] / TWO_PI
+    aside = MAX_CUT_SHIFT * turn * np.linspace(-1.0, 1.0, 41)
     places = middle + aside[np.argsort(np.abs(aside), kind="stable")]
     off = np.abs(places[:, None] - np.concatenate([vertices, turns]))
     off[:, : len(vertices)][off[:, : len(vertices)] < VERTEX_HIT_TOL] = np.inf
     clear = off.min(axis=1)
     return float(
-        places[int(np.argmax(clear > MIN_CUT_CLEARANCE))]
-        if (clear > MIN_CUT_CLEARANCE).any()
+        places[int(np.argmax(clear > MIN_CUT_CLEARANCE * turn))]
+        if (clear > MIN_CUT_CLEARANCE * turn).any()
         else places[int(np.argmax(clear))]
     )
 
@@ -289,8 +293,12 @@ def _split_edges(
     return replace(body, vertices=tuple(vertices), edges=tuple(edges), faces=faces), vertex_of
 
 
-def _isoparametric_curve(carrier: Quadric, axis: int, at: float, low: float, high: float) -> EdgeCurve:
+def _isoparametric_curve(
+    carrier: Quadric | FreeFormSurface, axis: int, at: float, low: float, high: float
+) -> EdgeCurve:
     """Isoparametric curve of the carrier where parameter `axis` is `at`, parametrised by the other one."""
+    if isinstance(carrier, FreeFormSurface):
+        return isoparametric_curve(carrier.spline, axis, at)
     if isinstance(carrier, CylindricalSurface | ConicalSurface):
         return line_segment(carrier(at, low), carrier(at, high), (low, high))
     if axis == 1:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 from OCP.BRep import BRep_Tool
@@ -18,8 +19,10 @@ from OCP.TopAbs import TopAbs_EDGE, TopAbs_FORWARD, TopAbs_WIRE
 from OCP.TopoDS import TopoDS_Edge, TopoDS_Face
 
 from tpmscad._typing import Array
-from tpmscad.brep.carriers import Circle, EdgeCurve, Ellipse, Plane, Quadric
+from tpmscad.brep.carriers import Circle, EdgeCurve, Ellipse
+from tpmscad.brep.free_form_surface import BodyCarrier, FreeFormSurface
 from tpmscad.brep.orthogonal_projection import project_to_curve
+from tpmscad.kernel.body_import.free_form_carriers import convert_free_form
 from tpmscad.kernel.body_import.unrolled_faces import ImportedBody, ImportedEdge, ImportedFace, ImportedUse
 from tpmscad.kernel.occt import convert
 from tpmscad.kernel.occt.convert import axis_frame
@@ -32,18 +35,24 @@ from tpmscad.kernel.recognise.edge_curves import (
     recognise_line_or_circle,
 )
 from tpmscad.kernel.recognise.face_carriers import CHECK_SAMPLES, EXACT_REL_TOL, evaluate_mid_face, recognise_carrier
-from tpmscad.splines.bspline import line_segment
+from tpmscad.splines.bspline import isoparametric_curve, line_segment
 
 VERTEX_REL_TOL = 1e-5
 """In body sizes: largest distance of an OCCT vertex from the common point of its faces' surfaces."""
 
 
-def read_exact_body(faces: Sequence[TopoDS_Face], size: float) -> ImportedBody:
+CONTINUATION_REL = 0.02
+"""In body sizes: how far a carrier goes on beyond the border of the kernel's surface, at most. An intersection curve is followed
+beyond an edge of the body by a few steps of its marching grid."""
+
+
+def read_exact_body(faces: Sequence[TopoDS_Face], size: float, free_form: bool = False) -> ImportedBody:
     """Body of the faces, which are oriented outwards; `size` sets the tolerances.
 
-    Raises UnsupportedFace if a face or an edge cannot be represented exactly.
+    Faces that are neither planes nor quadrics are taken if `free_form` is set. Raises UnsupportedFace if a face or an edge
+    cannot be represented exactly.
     """
-    carriers = [recognise_carrier(face, size) for face in faces]
+    carriers = [_read_carrier(face, size, free_form) for face in faces]
     edge_of: dict[ShapeKey, int] = {}
     vertex_of: dict[ShapeKey, int] = {}
     shapes: list[TopoDS_Edge] = []
@@ -93,6 +102,30 @@ def read_exact_body(faces: Sequence[TopoDS_Face], size: float) -> ImportedBody:
     return ImportedBody(tuple(vertices), tuple(edges), tuple(result), size)
 
 
+def _read_carrier(face: TopoDS_Face, size: float, free_form: bool) -> BodyCarrier:
+    """The plane or quadric of a face, else its free-form carrier if that is asked for.
+
+    Raises UnsupportedFace if there is none, or none within EXACT_REL_TOL, or one with a pole.
+    """
+    try:
+        return recognise_carrier(face, size)
+    except UnsupportedFace:
+        if not free_form:
+            raise
+    converted = convert_free_form(face, size)
+    if converted.error > EXACT_REL_TOL * size:
+        raise UnsupportedFace(f"is free-form, and its spline is {converted.error:.2g} off")
+    if any(np.ptp(side, axis=0).max() == 0.0 for side in _sides_of(converted.carrier)):
+        raise UnsupportedFace("is free-form with a pole")
+    return replace(converted.carrier, continuation=CONTINUATION_REL * size)
+
+
+def _sides_of(carrier: FreeFormSurface) -> tuple[Array, Array, Array, Array]:
+    """The poles along the four sides of a carrier."""
+    poles = carrier.spline.poles
+    return poles[0], poles[-1], poles[:, 0], poles[:, -1]
+
+
 def _wire_edges(face: TopoDS_Face) -> list[list[TopoDS_Edge]]:
     """Edges of the face loop by loop, counter-clockwise about S_u x S_v of OCCT, without degenerate edges."""
     forward = convert.as_face(face.Oriented(TopAbs_FORWARD))
@@ -111,7 +144,7 @@ def _wire_edges(face: TopoDS_Face) -> list[list[TopoDS_Edge]]:
     return loops
 
 
-def _exact_vertex(point: Array, carriers: Sequence[Plane | Quadric], size: float) -> Array:
+def _exact_vertex(point: Array, carriers: Sequence[BodyCarrier], size: float) -> Array:
     """Common point of the surfaces closest to the OCCT vertex."""
     exact = project_to_carriers(carriers, point[None])[0]
     if np.linalg.norm(exact - point) > VERTEX_REL_TOL * size:
@@ -120,7 +153,7 @@ def _exact_vertex(point: Array, carriers: Sequence[Plane | Quadric], size: float
 
 
 def _exact_edge(
-    shape: TopoDS_Edge, carriers: Sequence[Plane | Quadric], start: Array, end: Array, size: float
+    shape: TopoDS_Edge, carriers: Sequence[BodyCarrier], start: Array, end: Array, size: float
 ) -> tuple[EdgeCurve, tuple[float, float]]:
     """Curve and span of an edge, within EXACT_REL_TOL of all its surfaces, from its start to its end vertex."""
     adaptor = BRepAdaptor_Curve(shape)
@@ -137,6 +170,13 @@ def _exact_edge(
                 return curve, span
             length = float(np.linalg.norm(curve(span[1]) - curve(span[0])))
             return line_segment(curve(span[0]), curve(span[1]), (0.0, length)), (0.0, length)
+    if any(isinstance(c, FreeFormSurface) for c in carriers):
+        spline_edge = _occt_spline(adaptor, carriers, start, end, tol)
+        if spline_edge is not None:
+            return spline_edge
+        if len(carriers) == 1 and isinstance(carriers[0], FreeFormSurface):
+            t = np.linspace(low, high, CHECK_SAMPLES)
+            return _seam_curve(carriers[0], np.array([adaptor.Value(s).Coord() for s in t.tolist()]), start, end, size)
     breaks = [low, high]
     if adaptor.GetType() == GeomAbs_BSplineCurve:
         spline = adaptor.BSpline()
@@ -157,6 +197,51 @@ def _exact_edge(
     return fit, fit.domain
 
 
+def _occt_spline(
+    adaptor: BRepAdaptor_Curve, carriers: Sequence[BodyCarrier], start: Array, end: Array, tol: float
+) -> tuple[EdgeCurve, tuple[float, float]] | None:
+    """The kernel's own polynomial spline and its span, if it is within the tolerance of the surfaces and both vertices."""
+    if adaptor.GetType() != GeomAbs_BSplineCurve:
+        return None
+    geometry = adaptor.BSpline().Copy()
+    if geometry.IsPeriodic():
+        geometry.SetNotPeriodic()
+    low, high = adaptor.FirstParameter(), adaptor.LastParameter()
+    if geometry.IsRational() or geometry.FirstParameter() > low or geometry.LastParameter() < high:
+        return None
+    curve = convert.curve_from_occt(geometry)
+    if np.abs(curve([low, high]) - np.stack([start, end])).max() > tol:
+        return None
+    ends = curve.knots[(curve.knots > low) & (curve.knots < high)]
+    t = np.unique(np.concatenate([np.linspace(low, high, REFIT_SAMPLES), ends]))
+    return (curve, (low, high)) if _max_distance(curve(t), carriers) <= tol else None
+
+
+SEAM_REL_TOL = 1e-6
+"""In body sizes, and in ranges of a parameter: largest distance of the kernel's seam from a line of the carrier."""
+
+
+def _seam_curve(
+    carrier: FreeFormSurface, points: Array, start: Array, end: Array, size: float
+) -> tuple[EdgeCurve, tuple[float, float]]:
+    """The line of constant parameter along which points (m, 3) of a seam lie, from the vertex `start` to `end`."""
+    uv = carrier.parameters(points)
+    for axis, period in enumerate(carrier.period):
+        if not period:
+            continue
+        (low, _), along = carrier.domain[axis], uv[:, 1 - axis]
+        off = uv[:, axis] - low - period * np.round((uv[:, axis] - low) / period)
+        if np.abs(off).max() > SEAM_REL_TOL * period:
+            continue
+        curve = isoparametric_curve(carrier.spline, axis, low)
+        if along[-1] < along[0]:
+            curve = curve.reversed()
+        ends, apart = project_to_curve(curve, curve.domain, np.stack([start, end]))
+        if apart.max() <= SEAM_REL_TOL * size:
+            return curve, (float(ends[0]), float(ends[1]))
+    raise UnsupportedFace("has a seam that is no line of its parameters")
+
+
 def _occt_conic(adaptor: BRepAdaptor_Curve) -> EdgeCurve | None:
     """Line (unit speed, parameters 0 to 1), circle or ellipse with the parameter of the OCCT curve; else None."""
     kind = adaptor.GetType()
@@ -170,6 +255,6 @@ def _occt_conic(adaptor: BRepAdaptor_Curve) -> EdgeCurve | None:
     return None
 
 
-def _max_distance(points: Array, carriers: Sequence[Plane | Quadric]) -> float:
+def _max_distance(points: Array, carriers: Sequence[BodyCarrier]) -> float:
     """Largest distance of the points from any of the carriers."""
     return max(float(np.abs(c.distance(points)).max()) for c in carriers)

@@ -26,13 +26,18 @@ from OCP.Geom import (
     Geom_BezierSurface,
     Geom_BSplineCurve,
     Geom_BSplineSurface,
+    Geom_ConicalSurface,
     Geom_Curve,
+    Geom_CylindricalSurface,
     Geom_ElementarySurface,
     Geom_Line,
+    Geom_Plane,
     Geom_RectangularTrimmedSurface,
+    Geom_SphericalSurface,
     Geom_Surface,
     Geom_SurfaceOfLinearExtrusion,
     Geom_SurfaceOfRevolution,
+    Geom_ToroidalSurface,
     Geom_TrimmedCurve,
 )
 from OCP.GeomAbs import GeomAbs_C1, GeomAbs_C2, GeomAbs_C3, GeomAbs_CN
@@ -54,6 +59,9 @@ from tpmscad.splines.surface_fit import fit_surface
 
 REACH = 0.5
 """Of the range of the face's parameters: how far the carrier goes on beyond the face on each side, on the kernel's surface."""
+
+BEYOND_REL, BEYOND_SPANS = 0.01, 0.25
+"""Of the size of the body, and of the end span: how far a rational spline goes on beyond its bounds, at most."""
 
 ANGLE_SPAN = np.radians(15.0)
 """Span along the angle of a revolution: the error of degree 9 is 1e-17 of the radius."""
@@ -85,8 +93,19 @@ STRETCH_SAMPLES = 17
 SNAP_RTOL = 1e-9
 """Of a parameter's range: parameters that agree within it are one; the same of the size for poles of a pole of the surface."""
 
+ROUND_BOTH_WAYS = (Geom_SphericalSurface, Geom_ToroidalSurface)
+
+ANGULAR: tuple[tuple[type, ...], tuple[type, ...]] = (
+    (Geom_SurfaceOfRevolution, Geom_CylindricalSurface, Geom_ConicalSurface, *ROUND_BOTH_WAYS),
+    ROUND_BOTH_WAYS,
+)
+"""Kinds of surface whose first or second parameter is an angle."""
+
 Space = tuple[Array, int]
 """Knots and degree."""
+
+Sampler = Callable[[Array, Array], Array]
+"""Points (len(u), len(v), 3) on the grid of all u with all v."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -126,25 +145,37 @@ def convert_free_form(face: TopoDS_Face, size: float, reach: float = REACH) -> C
         raise UnsupportedFace("is on a plane or a quadric, which has a carrier of its own")
     u0, u1, v0, v1 = BRepTools.UVBounds_s(face)
     face_box = np.array([[u0, u1], [v0, v1]])
-    box = _widen(surface, face_box, reach)
-    adaptor = GeomAdaptor_Surface(surface, *box.ravel().tolist())
-
-    def sample(u: Array, v: Array) -> Array:
-        """Points of the kernel's surface on the grid of all u with all v: (len(u), len(v), 3)."""
-        rows = v.tolist()
-        found = [adaptor.Value(a, b).Coord() for a in u.tolist() for b in rows]
-        return np.array(found).reshape(len(u), len(v), 3)
-
-    spline, error = _convert(surface, adaptor, box, sample, EXACT_REL_TOL * size)
+    box = _widen(surface, face_box, reach, BEYOND_REL * size)
+    spline, error, sample = _convert_box(surface, box, EXACT_REL_TOL * size)
     restricted = _cut_at_creases(spline, face_box)
     spline = _join_poles(restricted, size)
     closed = find_smooth_seams(spline)
     return ConvertedSurface(FreeFormSurface(spline, closed), max(error, _measure(spline, sample)))
 
 
-def _widen(surface: Geom_Surface, face_box: Array, reach: float) -> Array:
-    """Box of parameters (2, 2) around that of the face, within the surface and one period of it, clear of poles."""
+def convert_box(surface: Geom_Surface, box: Array, tol: float) -> tuple[BSplineSurface, float]:
+    """Any OCCT surface over a box (2, 2) of its parameters as a polynomial spline, and its greatest measured error.
+
+    The error, in model units, exceeds `tol` if `MAX_SPANS` were not enough.
+    """
+    return _convert_box(surface, box, tol)[:2]
+
+
+def fit_chart(sample: Sampler, tol: float) -> tuple[BSplineSurface, float]:
+    """A chart of the unit square, points (n, m, 3) on the grid of s (n,) and t (m,), as `convert_box` has those of surfaces."""
+    box, ends = np.array([[0.0, 1.0], [0.0, 1.0]]), np.array([0.0, 1.0])
+    spaces = [_find_space(sample, axis, box, ends, np.empty(0, int), tol) for axis in (0, 1)]
+    return _fit_spaces(sample, spaces, [True, True], tol)
+
+
+def _widen(surface: Geom_Surface, face_box: Array, reach: float, beyond: float) -> Array:
+    """Box of parameters (2, 2) around that of the face, within the surface and one period of it, clear of poles.
+
+    A rational spline goes on by up to the length `beyond`, since the end spans of its fit are too short to go on by themselves.
+    """
     bounds = np.array(surface.Bounds()).reshape(2, 2)
+    if isinstance(surface, Geom_BSplineSurface) and (surface.IsURational() or surface.IsVRational()):
+        bounds = bounds + _end_span_steps(surface, face_box, beyond)
     periods = (
         surface.UPeriod() if surface.IsUPeriodic() else 0.0,
         surface.VPeriod() if surface.IsVPeriodic() else 0.0,
@@ -169,6 +200,28 @@ def _widen(surface: Geom_Surface, face_box: Array, reach: float) -> Array:
         for end in (0, 1):
             box[axis, end] = _stop_at_pole(surface, face_box, axis, float(face_box[axis, end]), float(box[axis, end]))
     return box
+
+
+def _end_span_steps(surface: Geom_BSplineSurface, face_box: Array, beyond: float) -> Array:
+    """Steps (2, 2) in parameters beyond the bounds of a spline: the length `beyond`, or `BEYOND_SPANS` of an end span.
+
+    None where the spline is closed.
+    """
+    middle = face_box.mean(axis=1).tolist()
+    result = np.zeros((2, 2))
+    point, first, second = gp_Pnt(), gp_Vec(), gp_Vec()
+    closed = surface.IsUClosed(), surface.IsVClosed()
+    for axis, (count, knot) in enumerate(((surface.NbUKnots(), surface.UKnot), (surface.NbVKnots(), surface.VKnot))):
+        if closed[axis]:
+            continue
+        for end, (a, b) in enumerate(((1, 2), (count, count - 1))):
+            at = list(middle)
+            at[axis] = knot(a)
+            surface.D1(*at, point, first, second)
+            speed = max((first if axis == 0 else second).Magnitude(), 1e-300)
+            step = min(BEYOND_SPANS * abs(knot(b) - knot(a)), beyond / speed)
+            result[axis, end] = step if end else -step
+    return result
 
 
 def _stop_at_pole(surface: Geom_Surface, face_box: Array, axis: int, start: float, stop: float) -> float:
@@ -200,32 +253,40 @@ def _stop_at_pole(surface: Geom_Surface, face_box: Array, axis: int, start: floa
     return 0.5 * (start + ways[found[0]]) if found[0] > 0 else start
 
 
-def _convert(
-    surface: Geom_Surface, adaptor: GeomAdaptor_Surface, box: Array, sample: Callable[[Array, Array], Array], tol: float
-) -> tuple[BSplineSurface, float]:
-    """The surface over the box as a polynomial spline, and the greatest measured error."""
+def _convert_box(surface: Geom_Surface, box: Array, tol: float) -> tuple[BSplineSurface, float, Sampler]:
+    """The surface over the box as a polynomial spline, the greatest measured error, and what samples the kernel's surface."""
+    adaptor = GeomAdaptor_Surface(surface, *box.ravel().tolist())
+
+    def sample(u: Array, v: Array) -> Array:
+        rows = v.tolist()
+        found = [adaptor.Value(a, b).Coord() for a in u.tolist() for b in rows]
+        return np.array(found).reshape(len(u), len(v), 3)
+
     if isinstance(surface, Geom_BSplineSurface) and convert.is_plain_spline(surface):
         degrees = surface.UDegree(), surface.VDegree()
         if max(degrees) <= MAX_DEGREE:
             whole = convert.surface_from_occt(surface)
             ends = np.array(whole.domain)
             box = np.where(np.abs(box - ends) > SNAP_RTOL * np.ptp(ends, axis=1, keepdims=True), box, ends)
-            return _restrict(whole, box), 0.0
+            return _restrict(whole, box), 0.0, sample
     own = _own_degrees(surface)
     spaces: list[Space] = []
-    adaptive: list[bool] = []
     for axis in (0, 1):
         breaks, continuity = _read_breaks(adaptor, axis)
         if own[axis] is not None:
             degree = int(own[axis] or 1)
             spaces.append((_make_knots(breaks, continuity, degree), degree))
-        elif axis == 0 and isinstance(surface, Geom_SurfaceOfRevolution):
-            parts = int(np.ceil((box[0, 1] - box[0, 0]) / ANGLE_SPAN))
-            ends = np.linspace(box[0, 0], box[0, 1], parts + 1)
+        elif isinstance(surface, ANGULAR[axis]):
+            parts = int(np.ceil((box[axis, 1] - box[axis, 0]) / ANGLE_SPAN))
+            ends = np.linspace(box[axis, 0], box[axis, 1], parts + 1)
             spaces.append((_make_knots(ends, np.full(parts - 1, MAX_DEGREE - 1), MAX_DEGREE), MAX_DEGREE))
         else:
             spaces.append(_find_space(sample, axis, box, breaks, continuity, tol))
-        adaptive.append(own[axis] is None)
+    return *_fit_spaces(sample, spaces, [degree is None for degree in own], tol), sample
+
+
+def _fit_spaces(sample: Sampler, spaces: list[Space], adaptive: list[bool], tol: float) -> tuple[BSplineSurface, float]:
+    """The fit in both spaces and its measured error; the spans of those that are adaptive are halved until it is within `tol`."""
     while True:
         axes = [_make_axis(*space) for space in spaces]
         spline = fit_surface(sample(axes[0].points, axes[1].points), axes[0], axes[1])
@@ -245,6 +306,10 @@ def _restrict(spline: BSplineSurface, box: Array) -> BSplineSurface:
 
 def _own_degrees(surface: Geom_Surface) -> tuple[int | None, int | None]:
     """Degrees along u and v where the surface is a polynomial spline along that parameter, else None."""
+    if isinstance(surface, Geom_Plane):
+        return 1, 1
+    if isinstance(surface, Geom_CylindricalSurface | Geom_ConicalSurface):
+        return None, 1
     if isinstance(surface, Geom_SurfaceOfLinearExtrusion):
         return _curve_degree(surface.BasisCurve()), 1
     if isinstance(surface, Geom_SurfaceOfRevolution):
@@ -320,9 +385,7 @@ def _bisect_all(space: Space) -> Space:
     return np.sort(np.concatenate([knots, 0.5 * (ends[1:] + ends[:-1])])), degree
 
 
-def _find_space(
-    sample: Callable[[Array, Array], Array], axis: int, box: Array, breaks: Array, continuity: Array, tol: float
-) -> Space:
+def _find_space(sample: Sampler, axis: int, box: Array, breaks: Array, continuity: Array, tol: float) -> Space:
     """A space of degree `MAX_DEGREE` whose fits to lines of the surface along one parameter are within LINE_TOL."""
     knots = _make_knots(breaks, continuity, MAX_DEGREE)
     low, high = box[1 - axis]
@@ -347,7 +410,7 @@ def _find_space(
         knots = np.sort(np.concatenate([knots, 0.5 * (ends[1:] + ends[:-1])[bad]]))
 
 
-def _measure(spline: BSplineSurface, sample: Callable[[Array, Array], Array]) -> float:
+def _measure(spline: BSplineSurface, sample: Sampler) -> float:
     """Greatest distance of equal parameters on a grid, from the spline to the kernel's surface."""
     u, v = (np.linspace(*interval, count) for interval, count in zip(spline.domain, CHECK_LINES, strict=True))
     return float(np.linalg.norm(spline.grid(u, v) - sample(u, v), axis=2).max())

@@ -11,12 +11,15 @@ from dataclasses import dataclass
 import numpy as np
 
 from tpmscad._typing import Array
-from tpmscad.brep.carriers import ConicalSurface, EdgeCurve, Plane, Quadric
+from tpmscad.brep.carriers import ConicalSurface, EdgeCurve, Plane
+from tpmscad.brep.conics import TWO_PI
+from tpmscad.brep.free_form_surface import BodyCarrier, FreeFormSurface
 from tpmscad.brep.loops import signed_area
 from tpmscad.kernel.recognise.edge_curves import EDGE_SAMPLES, UnsupportedFace, follow_parameters, is_at_pole
 
 ANGLE_TOL = 1e-6
-"""Radians up to which u of consecutive half-edges agrees; a larger difference is a step along a pole."""
+"""Radians, or parameters of a free-form surface, up to which u of consecutive half-edges agrees;
+a larger difference is a step along a pole."""
 
 MAX_CLOSURE_GAP = 0.1
 """Gap in periodic parameters beyond which an unrolled loop does not close because it runs around the axis."""
@@ -45,7 +48,7 @@ class ImportedUse:
 class ImportedFace:
     """Trimmed face; `source_face` is the index of the OCCT face of which it is a part."""
 
-    carrier: Plane | Quadric
+    carrier: BodyCarrier
     sense: int
     loops: tuple[tuple[ImportedUse, ...], ...]
     source_face: int
@@ -87,8 +90,12 @@ def unroll_face(body: ImportedBody, face: ImportedFace) -> ImportedFace:
     if areas[outer] <= 0:
         raise UnsupportedFace("has no loop around it")
     low, high = polygons[outer].min(axis=0), polygons[outer].max(axis=0)
+    begins = [start for start, _ in face.carrier.domain] if isinstance(face.carrier, FreeFormSurface) else [0.0, 0.0]
     first = np.array(
-        [-p * np.floor(lo / p + ANGLE_TOL) if p else 0.0 for p, lo in zip(face.carrier.period, low, strict=True)]
+        [
+            -p * np.floor((lo - start) / p + ANGLE_TOL) if p else 0.0
+            for p, lo, start in zip(face.carrier.period, low, begins, strict=True)
+        ]
     )
     low, high = low + first, high + first  # OCCT too starts in the first period
     loops[outer] = _shift_loop(loops[outer], first)
@@ -132,7 +139,8 @@ def _chain_uses(body: ImportedBody, face: ImportedFace, loop: tuple[ImportedUse,
     assert end is not None
     assert first is not None
     closing = end + _pole_gap(body, face, loop[0], end, sample_use(body, face, loop[0]))
-    if (np.abs(closing - first)[period > 0] > MAX_CLOSURE_GAP).any():
+    turn = np.where(period > 0, period, TWO_PI) / TWO_PI
+    if (np.abs(closing - first) > MAX_CLOSURE_GAP * turn)[period > 0].any():
         raise UnsupportedFace("has a loop that goes around its axis")
     return tuple(result)
 

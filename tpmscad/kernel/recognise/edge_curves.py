@@ -15,7 +15,9 @@ from numpy.typing import NDArray
 from scipy.interpolate import make_interp_spline
 
 from tpmscad._typing import Array
-from tpmscad.brep.carriers import Circle, ConicalSurface, EdgeCurve, Plane, Quadric, SphericalSurface
+from tpmscad.brep.carriers import Circle, ConicalSurface, EdgeCurve, Quadric, SphericalSurface
+from tpmscad.brep.conics import TWO_PI
+from tpmscad.brep.free_form_surface import BodyCarrier, FreeFormSurface
 from tpmscad.splines.basis import design_matrix
 from tpmscad.splines.bspline import BSplineCurve, line_segment
 from tpmscad.splines.quadrature import gauss_legendre
@@ -30,6 +32,9 @@ EDGE_SAMPLES = 65
 
 MAX_ANGLE_STEP = 0.5
 """Radians by which an angle may change between neighbouring points; larger steps are bisected."""
+
+MIN_BREAK_FRACTION = 1e-6
+"""Fraction of the parameter range: closer breaks make the interpolation singular."""
 
 MIN_INTERVAL_FRACTION = 1e-9
 """Fraction of the edge's parameter range below which an interval is not bisected."""
@@ -65,8 +70,11 @@ class UnsupportedFace(Exception):
     """The reason, in words, why a face or one of its edges cannot be represented exactly on a plane or quadric."""
 
 
-def is_at_pole(carrier: Plane | Quadric, points: Array, size: float) -> NDArray[np.bool_]:
-    """Mask of the points (n, 3) that are a pole of a sphere or the apex of a cone: (n,)."""
+def is_at_pole(carrier: BodyCarrier, points: Array, size: float) -> NDArray[np.bool_]:
+    """Mask of the points (n, 3) that are a pole of a sphere or the apex of a cone: (n,).
+
+    Faces with a pole of a free-form surface are not represented (`exact_faces`).
+    """
     if not isinstance(carrier, SphericalSurface | ConicalSurface):
         return np.zeros(len(points), bool)
     arm = points - carrier.origin
@@ -74,7 +82,12 @@ def is_at_pole(carrier: Plane | Quadric, points: Array, size: float) -> NDArray[
 
 
 def follow_parameters(
-    carrier: Quadric, curve: EdgeCurve, span: tuple[float, float], near: Array | None, t: Array | None, size: float
+    carrier: Quadric | FreeFormSurface,
+    curve: EdgeCurve,
+    span: tuple[float, float],
+    near: Array | None,
+    t: Array | None,
+    size: float,
 ) -> Array:
     """Continuous (u, v) of the curve on the carrier at parameters t (n,) of the span: (n, 2).
 
@@ -101,7 +114,7 @@ def follow_parameters(
 
 @lru_cache(maxsize=1024)
 def _sample_parameters(
-    carrier: Quadric, curve: EdgeCurve, span: tuple[float, float], size: float
+    carrier: Quadric | FreeFormSurface, curve: EdgeCurve, span: tuple[float, float], size: float
 ) -> tuple[Array, Array]:
     """Evenly spaced parameters of the span, denser where angles vary fast, and continuous (u, v) there."""
     grid = np.linspace(*span, EDGE_SAMPLES)
@@ -113,21 +126,31 @@ def _sample_parameters(
         for axis, period in enumerate(carrier.period):
             if period:
                 uv[:, axis] = np.unwrap(uv[:, axis], period=period)
-        steps = np.abs(np.diff(uv, axis=0))[:, [p > 0 for p in carrier.period]].max(axis=1)
+        turns = [uv[:, axis] / (period / TWO_PI) for axis, period in enumerate(carrier.period) if period]
+        if not turns:
+            return grid, uv
+        steps = np.abs(np.diff(np.stack(turns, axis=1), axis=0)).max(axis=1)
         wide = np.flatnonzero((steps > MAX_ANGLE_STEP) & (np.diff(grid) > MIN_INTERVAL_FRACTION * (span[1] - span[0])))
         if len(wide) == 0:
             return grid, uv
         grid = np.union1d(grid, 0.5 * (grid[wide] + grid[wide + 1]))
 
 
-def _parameters(carrier: Quadric, curve: EdgeCurve, t: Array, size: float) -> tuple[Array, NDArray[np.bool_]]:
+def _parameters(
+    carrier: Quadric | FreeFormSurface, curve: EdgeCurve, t: Array, size: float
+) -> tuple[Array, NDArray[np.bool_]]:
     """(u, v) of the curve at t, and a mask of poles."""
     points = curve(t)
     return carrier.parameters(points), is_at_pole(carrier, points, size)
 
 
 def fit_pcurve(
-    carrier: Quadric, curve: EdgeCurve, span: tuple[float, float], near: Array, size: float, tol: float
+    carrier: Quadric | FreeFormSurface,
+    curve: EdgeCurve,
+    span: tuple[float, float],
+    near: Array,
+    size: float,
+    tol: float,
 ) -> BSplineCurve:
     """Pcurve on the carrier, within `tol` of the curve; a line wherever (u, v) is affine in the parameter."""
     t = np.linspace(*span, EDGE_SAMPLES)
@@ -141,6 +164,10 @@ def fit_pcurve(
         return line_segment(low, high, span)
     inner = curve.knots if isinstance(curve, BSplineCurve) else np.zeros(0)
     inner = inner[(inner > span[0]) & (inner < span[1])]
+    if isinstance(carrier, FreeFormSurface):  # knots of the curve, as close to each other as they come
+        least = MIN_BREAK_FRACTION * (span[1] - span[0])
+        kept = np.concatenate([[span[0]], inner])
+        inner = inner[(np.diff(kept) > least) & (inner < span[1] - least)]
 
     def error(fit: BSplineCurve, checks: Array) -> Array:
         return np.asarray(np.linalg.norm(carrier(*fit(checks).T) - curve(checks), axis=1))
@@ -160,7 +187,10 @@ def _fit_adaptively(
     inside = (np.arange(ERROR_CHECKS_PER_SPAN) + 0.5) / ERROR_CHECKS_PER_SPAN
     while len(breaks) <= MAX_FIT_SPANS:
         knots, sites = _knots_and_sites(breaks)
-        poles = np.asarray(np.linalg.solve(design_matrix(knots, FIT_DEGREE, sites), values(sites)), float)
+        try:
+            poles = np.asarray(np.linalg.solve(design_matrix(knots, FIT_DEGREE, sites), values(sites)), float)
+        except np.linalg.LinAlgError:
+            break
         fit = BSplineCurve(poles, knots, FIT_DEGREE)
         checks = (breaks[:-1, None] + np.diff(breaks)[:, None] * inside).ravel()
         worst = error(fit, checks).reshape(-1, ERROR_CHECKS_PER_SPAN).max(axis=1)
@@ -180,7 +210,7 @@ def _knots_and_sites(breaks: Array) -> tuple[Array, Array]:
     return knots, np.clip(sites, breaks[0], breaks[-1])
 
 
-def project_to_carriers(carriers: Sequence[Plane | Quadric], points: Array) -> Array:
+def project_to_carriers(carriers: Sequence[BodyCarrier], points: Array) -> Array:
     """Points (n, 3) projected onto all the surfaces at once by least-norm Newton steps; they must start close to them."""
     for _ in range(MAX_NEWTON_STEPS):
         off = np.stack([c.distance(points) for c in carriers], axis=1)
@@ -195,7 +225,7 @@ def project_to_carriers(carriers: Sequence[Plane | Quadric], points: Array) -> A
 ARC_LENGTH_GAUSS_POINTS = 6
 
 
-def fit_intersection_curve(first: Plane | Quadric, second: Plane | Quadric, path: Array, tol: float) -> BSplineCurve:
+def fit_intersection_curve(first: BodyCarrier, second: BodyCarrier, path: Array, tol: float) -> BSplineCurve:
     """B-spline through the points (m, 3), within `tol` of both surfaces, parametrised by arc length.
 
     The points are close to both surfaces; they are projected onto them first.

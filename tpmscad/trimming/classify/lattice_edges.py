@@ -100,8 +100,7 @@ def _vote_from_roots(votes: InsideVotes, a: Arrangement) -> None:
     """Votes before and behind every root on a face of the body at which only one surface is crossed."""
     roots, pieces, body = a.edge_roots, a.edge_pieces, a.operands.body
     on_body_edge = _body_vertices(a)
-    rank = np.arange(len(roots.root_parameter)) - np.repeat(roots.root_start[:-1], np.diff(roots.root_start))
-    sign = roots.initial_sign[roots.root_segment, roots.root_surface] * (1 - 2 * (rank % 2))
+    sign = roots.root_sign
     groups: dict[tuple[int, int], list[int]] = {}
     keys = zip(a.edge_root_vertex.tolist(), roots.root_surface.tolist(), strict=True)
     for r, key in enumerate(keys):

@@ -16,7 +16,7 @@ from tpmscad.errors import TrimmingError
 from tpmscad.splines.bspline import BSplineSurface
 from tpmscad.trimming.operands.face_regions import FaceRegion
 from tpmscad.trimming.operands.patch_sides import PatchSides, read_patches
-from tpmscad.trimming.operands.quadric_table import CONE, CYLINDER, MIN_DIVISOR_LENGTH, PLANE, SPHERE
+from tpmscad.trimming.operands.quadric_table import CONE, CYLINDER, MIN_DIVISOR_LENGTH, PLANE, SPHERE, QuadricTable
 from tpmscad.trimming.operands.trimming_body import TrimmingBody
 
 UNDECIDED_FRACTION = 1e-3
@@ -33,6 +33,15 @@ REAL_ROOT_TOL = 1e-9
 
 ROOT_DISTANCE_FRACTION = 1e-6
 """Largest distance of a root's point from its surface, relative to the body: it rejects the other nappe of a cone."""
+
+LINE_SAMPLES = 2001
+"""Samples of a free-form distance along a ray."""
+
+BISECTIONS = 30
+"""Bisections of an interval between samples in which the distance changes its sign."""
+
+LIPSCHITZ_FACTOR = 1.001
+"""Largest ratio of |d1| + |d2| to an interval in which a distance changes its sign: 1, and round-off."""
 
 SAMPLES_PER_DIRECTION = 9
 """Samples along u and v of a patch; the nearest one starts the projection."""
@@ -87,6 +96,8 @@ def _count_ray_crossings(
 def _intersect_line(body: TrimmingBody, k: int, point: Array, direction: Array) -> Array:
     """Parameters s at which the line point + s direction meets surface k, as roots of a polynomial."""
     surface = body.surfaces.row(k)
+    if surface.is_free_form[0]:
+        return _sample_line(surface, point, direction, body.size)
     kind, axis = int(surface.kind[0]), surface.axis[0]
     a, b = float(surface.parameter_a[0]), float(surface.parameter_b[0])
     if kind == PLANE:
@@ -115,6 +126,28 @@ def _intersect_line(body: TrimmingBody, k: int, point: Array, direction: Array) 
     found = found[np.abs(found.imag) < REAL_ROOT_TOL * np.maximum(1.0, np.abs(found))].real
     points = point + found[:, None] * direction
     return np.asarray(found[np.abs(surface.value(points[None])[0]) < ROOT_DISTANCE_FRACTION * body.size])
+
+
+def _sample_line(surface: QuadricTable, point: Array, direction: Array, size: float) -> Array:
+    """Parameters s > 0, up to two sizes of the body, at which a line crosses a free-form surface (a table of one row).
+
+    Two crossings between samples are missed, with the same parity.
+    """
+    s = 2.0 * size * np.linspace(0.0, 1.0, LINE_SAMPLES)
+
+    def value(at: Array) -> Array:
+        (found,), forced = surface.marked_jet((point + at[:, None] * direction)[None], 0)
+        return np.where(forced[0], np.inf, found[0])
+
+    d = value(s)
+    near = np.abs(d[1:]) + np.abs(d[:-1]) <= LIPSCHITZ_FACTOR * np.diff(s)
+    i = np.flatnonzero(near & ((d[1:] < 0) != (d[:-1] < 0)))
+    low, high, rising = s[i], s[i + 1], d[i] < 0
+    for _ in range(BISECTIONS):
+        middle = 0.5 * (low + high)
+        below = (value(middle) < 0) == rising
+        low, high = np.where(below, middle, low), np.where(below, high, middle)
+    return 0.5 * (low + high)
 
 
 def points_in_lattice(lattice: Brep, sides: PatchSides, points: Array) -> BoolArray:

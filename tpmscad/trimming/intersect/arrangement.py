@@ -87,7 +87,8 @@ class CurveSurfaceIntersections:
 
     `initial_sign` (n, K): -1 or +1 at the start of the segment, 0 if the segment lies in the surface. `row_of_pair` (n, K): -1
     without roots, else p with the ascending parameters root_parameter[root_start[p]:root_start[p + 1]]. `root_segment`,
-    `root_surface`: of each root. `coincident_deviation` (n,): largest distance of a segment from the surface it lies in.
+    `root_surface`: of each root. `root_sign` (R,): the sign before each root. `coincident_deviation` (n,): largest distance of a
+    segment from the surface it lies in. The distance from a free-form surface may change its sign without a root.
     """
 
     initial_sign: IntArray
@@ -96,6 +97,7 @@ class CurveSurfaceIntersections:
     root_parameter: Array
     root_segment: IntArray
     root_surface: IntArray
+    root_sign: IntArray
     coincident_deviation: Array
 
     def roots_of(self, segment: int, surface: int) -> Array:

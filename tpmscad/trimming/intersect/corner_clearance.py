@@ -45,6 +45,10 @@ def find_clear_shift(operands: Operands, clearance: float, max_shift: float) -> 
     max_shift = min(max_shift, MAX_SHIFT_CLEARANCES * clearance)
     points, surface = _corners_near_surfaces(operands)
     surfaces = operands.body.surfaces.take(surface)
+    if surfaces.is_free_form.any():  # foot points cost too much for corners that no shift brings near
+        reach = clearance + max_shift
+        kept = np.flatnonzero(~surfaces.is_free_form | (np.abs(surfaces.value(points[:, None])[:, 0]) < reach))
+        points, surfaces = points[kept], surfaces.take(kept)
     passes, normals = _edges_near_body_edges(operands, clearance + max_shift)
 
     def distances(shift: Array) -> Array:

@@ -53,11 +53,11 @@ class PatchCriticalPoint:
 def find_critical_points(distance: BSplineSurface | ComposedDistance, us: Array, vs: Array) -> list[PatchCriticalPoint]:
     """The critical points within a grid spacing of the patch at which the grid may miss a branch of the level set."""
     g, gu, gv = (distance.grid(us, vs, *d)[None, ..., 0] for d in ((0, 0), (1, 0), (0, 1)))
-    small, _, starts = _place_newton_starts(g, gu, gv, us, vs)
+    small, _, starts = place_newton_starts(g, gu, gv, us, vs)
     h = _grid_spacing(us, vs)
     result: list[PatchCriticalPoint] = []
     for start in starts:
-        found = _iterate_to_critical_point(distance, start, h)
+        found = iterate_to_critical_point(distance, start, h)
         if found is None or abs(found.value) > small[0]:
             continue
         if not any((np.abs(found.parameters - p.parameters) < BORDER_SPACINGS * h).all() for p in result):
@@ -72,7 +72,7 @@ def detect_critical_points(
 
     g, gu, gv (m, nu, nv): the distances from m implicit surfaces and their derivatives on the grid of us and vs.
     """
-    small, row, start = _place_newton_starts(g, gu, gv, us, vs)
+    small, row, start = place_newton_starts(g, gu, gv, us, vs)
     value = _evaluate_critical_values(surface, implicit.take(row), start, _grid_spacing(us, vs))
     result = np.zeros(len(g), bool)
     result[row[np.abs(value) <= small[row]]] = True
@@ -120,16 +120,26 @@ def _grid_spacing(us: Array, vs: Array) -> Array:
     return np.array([np.diff(us).max(), np.diff(vs).max()])
 
 
-def _place_newton_starts(g: Array, gu: Array, gv: Array, us: Array, vs: Array) -> tuple[Array, IntArray, Array]:
+def place_newton_starts(
+    g: Array, gu: Array, gv: Array, us: Array, vs: Array, ignored: BoolArray | None = None
+) -> tuple[Array, IntArray, Array]:
     """Starting points for m distances on a grid, (m, nu, nv) each.
 
     Returns the value (m,) below which a critical point matters, and the distance (n,) and (u, v) (n, 2) of each start: the
     cells in which both derivatives change sign, and the node of least gradient, for a critical point just outside the patch.
+    Nodes that are `ignored` (m, nu, nv) have no part in second differences, and no cell begins at them.
     """
-    small = CURVATURE_FACTOR * (
-        np.abs(np.diff(g, 2, axis=1)).max(axis=(1, 2)) + np.abs(np.diff(g, 2, axis=2)).max(axis=(1, 2))
-    )
+    bends = np.abs(np.diff(g, 2, axis=1)), np.abs(np.diff(g, 2, axis=2))
+    if ignored is not None:
+        kept = ~ignored
+        bends = (
+            bends[0] * (kept[:, :-2] & kept[:, 1:-1] & kept[:, 2:]),
+            bends[1] * (kept[..., :-2] & kept[..., 1:-1] & kept[..., 2:]),
+        )
+    small = CURVATURE_FACTOR * (bends[0].max(axis=(1, 2)) + bends[1].max(axis=(1, 2)))
     near = np.abs(g) < CURVATURE_FACTOR * small[:, None, None]
+    if ignored is not None:
+        near &= ~ignored
     h = _grid_spacing(us, vs)
     row, i, j = np.nonzero(_cells_with_sign_change(gu) & _cells_with_sign_change(gv) & near[:, :-1, :-1])
     flattest = ((gu * h[0]) ** 2 + (gv * h[1]) ** 2).reshape(len(g), -1).argmin(axis=1)
@@ -146,7 +156,7 @@ def _cells_with_sign_change(a: Array) -> BoolArray:
     return some & ~(n[:, :-1, :-1] & n[:, 1:, :-1] & n[:, :-1, 1:] & n[:, 1:, 1:])
 
 
-def _iterate_to_critical_point(
+def iterate_to_critical_point(
     distance: BSplineSurface | ComposedDistance, p: Array, h: Array
 ) -> PatchCriticalPoint | None:
     """The critical point that Newton's method finds from p; None if it leaves the patch by more than a grid spacing."""

@@ -45,6 +45,9 @@ ROOT_RTOL = 4e-16
 MAX_ROOT_STEPS = 100
 """Largest number of steps of the bracketed Newton method."""
 
+MAX_NEWTON_STEPS = 40
+"""Steps after which it only bisects: at a jump Newton's steps may stay within the bracket and never converge."""
+
 
 def evaluate_segments(curves: Sequence[EdgeCurve], segments: CurveSegments, index: IntArray, t: Array) -> Array:
     """Points at parameters t (m,) of the segments `index` (m,): (m, 3)."""
@@ -102,7 +105,7 @@ def intersect_segments(
     key = np.column_stack([segments.curve[s], segments.span[s], framed.congruence_key(size), ends_on])
     first, label = group_rows(key)
 
-    class_sign, class_deviation, roots = _intersect_classes(
+    class_sign, class_deviation, roots, signs = _intersect_classes(
         curves, segments, s[first], framed.take(first), ends_on[first], snap, zero_tol
     )
 
@@ -120,6 +123,7 @@ def intersect_segments(
         root_parameter=np.concatenate([np.zeros(0), *(roots[label[p]] for p in rooted)]),
         root_segment=np.repeat(s[rooted], count[rooted]),
         root_surface=np.repeat(surface[rooted], count[rooted]),
+        root_sign=np.concatenate([np.zeros(0, np.int64), *(signs[label[p]] for p in rooted)]),
         coincident_deviation=deviation,
     )
 
@@ -132,10 +136,11 @@ def _intersect_classes(
     ends_on: BoolArray,
     snap: float,
     zero_tol: float,
-) -> tuple[IntArray, Array, list[Array]]:
-    """Initial sign, coincident deviation and roots of n classes, in batches of one spline space each."""
+) -> tuple[IntArray, Array, list[Array], list[IntArray]]:
+    """Initial sign, coincident deviation, roots and signs before them of n classes, in batches of one spline space each."""
     n = len(segment)
     sign, deviation, roots = np.zeros(n, np.int64), np.zeros(n), [np.zeros(0)] * n
+    before = [np.zeros(0, np.int64)] * n
     spaces: dict[tuple[int, bytes, bool], list[int]] = {}
     for i, (c, is_plane) in enumerate(zip(segments.curve[segment].tolist(), surfaces.is_plane.tolist(), strict=True)):
         spaces.setdefault((curves[c].degree, curves[c].knots.tobytes(), is_plane), []).append(i)
@@ -144,12 +149,12 @@ def _intersect_classes(
         curve = curves[segments.curve[segment[at[0]]]]
         poles = np.stack([curves[c].poles for c in segments.curve[segment[at]]])
         distance = _DistanceAlongCurves(curve.knots, curve.degree, poles, surfaces.take(at))
-        sign[at], deviation[at], roots_of_members = _analyse_distances(
+        sign[at], deviation[at], roots_of_members, signs_of_members = _analyse_distances(
             distance, segments.span[segment[at]], ends_on[at], snap, zero_tol
         )
-        for i, r in zip(members, roots_of_members, strict=True):
-            roots[i] = r
-    return sign, deviation, roots
+        for i, r, signs in zip(members, roots_of_members, signs_of_members, strict=True):
+            roots[i], before[i] = r, signs
+    return sign, deviation, roots, before
 
 
 class _DistanceAlongCurves:
@@ -173,11 +178,22 @@ class _DistanceAlongCurves:
         value = np.einsum("rk,rk->r", jet[1], points[order])
         return value if order == 1 else value + np.einsum("ri,rij,rj->r", points[1], jet[2], points[1])
 
+    def jumps(self, row: IntArray, t: Array, zero_tol: float) -> BoolArray:
+        """Changes of sign at which the distance on curve row[i] does not vanish at t[i], or vanishes at a forced foot: (r,)."""
+        result = np.zeros(len(row), bool)
+        at = np.flatnonzero(self.surfaces.placed_rows[row])
+        if len(at):
+            basis = design_matrix(self.knots, self.degree, t[at])
+            points = np.einsum("rn,rnk->rk", basis, self.poles[row[at]])
+            (value,), forced = self.surfaces.take(row[at]).marked_jet(points[:, None], 0)
+            result[at] = (np.abs(value) > zero_tol)[:, 0] | forced[:, 0]
+        return result
+
 
 def _analyse_distances(
     f: _DistanceAlongCurves, span: Array, ends_on: BoolArray, snap: float, zero_tol: float
-) -> tuple[IntArray, Array, list[Array]]:
-    """Initial sign, coincident deviation and roots of m surfaces, each on its own curve."""
+) -> tuple[IntArray, Array, list[Array], list[IntArray]]:
+    """Initial sign, coincident deviation, roots and signs before them of m surfaces, each on its own curve."""
     poles = f.poles
     m = len(poles)
     size = np.linalg.norm(np.ptp(poles, axis=1), axis=1)
@@ -193,7 +209,7 @@ def _analyse_distances(
     coincident = (reach < snap) & ends_on.all(axis=1)
 
     owner, root = _find_roots(f, t, value, slope, TOUCH_FRACTION_OF_SIZE * size)
-    keep = ~coincident[owner]
+    keep = ~coincident[owner] & ~f.jumps(owner, root, zero_tol)
     for i in np.flatnonzero(ends_on[owner].any(axis=1) & keep):
         for end, stop in ((0, low[owner[i]]), (1, high[owner[i]])):
             if ends_on[owner[i], end]:
@@ -208,7 +224,16 @@ def _analyse_distances(
     strongest = value[np.arange(m), np.abs(value).argmax(axis=1)]
     sign = np.where(np.where(rootless, strongest, sign) > 0, 1, -1)
     sign[coincident] = 0
-    return sign, np.where(coincident, reach, 0.0), roots
+    return sign, np.where(coincident, reach, 0.0), roots, _signs_before_roots(f, sign, roots)
+
+
+def _signs_before_roots(f: _DistanceAlongCurves, sign: IntArray, roots: list[Array]) -> list[IntArray]:
+    """The signs before the roots of m distances: they alternate, but for a free-form surface the slope tells them."""
+    result = [s * (1 - 2 * (np.arange(len(own)) % 2)) for s, own in zip(sign.tolist(), roots, strict=True)]
+    for i in np.flatnonzero(f.surfaces.is_free_form).tolist():
+        if len(roots[i]):
+            result[i] = np.where(f(np.full(len(roots[i]), i), roots[i], 1) > 0, -1, 1)
+    return result
 
 
 def _find_roots(f: Callable[..., Array], t: Array, value: Array, slope: Array, noise: Array) -> tuple[IntArray, Array]:
@@ -237,13 +262,13 @@ def bracketed_newton(f: Callable[[Array], Array], slope: Callable[[Array], Array
         return np.zeros(0)
     rising = f(low) < 0
     t = 0.5 * (low + high)
-    for _ in range(MAX_ROOT_STEPS):
+    for count in range(MAX_ROOT_STEPS):
         g, d = f(t), slope(t)
         below = (g < 0) == rising
         low, high = np.where(below, t, low), np.where(below, high, t)
         with np.errstate(divide="ignore", invalid="ignore"):
             step = t - g / d
-        good = (step > low) & (step < high)
+        good = (step > low) & (step < high) & (count < MAX_NEWTON_STEPS)
         new = np.where(good, step, 0.5 * (low + high))
         new = np.where(g == 0, t, new)
         if (np.abs(new - t) <= ROOT_RTOL * np.maximum(1.0, np.abs(t))).all():

@@ -93,7 +93,7 @@ def march_patch(
         values = distance.grid(us, vs)[..., 0]
         negative = values < 0
         on_side = impose_border_signs(distance, us, vs, borders, on_corner, negative)
-        follow, ambiguous = _link_crossings(negative, us, vs, saddles)
+        follow, ambiguous = link_crossings(negative, us, vs, saddles)
         if len(ambiguous) == 0:
             break
         i, j = ambiguous.T
@@ -148,12 +148,14 @@ def interpolate_crossings(crossings: IntArray, values: Array, us: Array, vs: Arr
     return np.column_stack([u, v])
 
 
-def _link_crossings(negative: BoolArray, us: Array, vs: Array, saddles: Array) -> tuple[dict[int, int], IntArray]:
-    """The crossed edge or arm that follows each one, and the ambiguous cells (n, 2).
+def link_crossings(
+    negative: BoolArray, us: Array, vs: Array, saddles: Array, masked: BoolArray | None = None
+) -> tuple[dict[int, int], IntArray]:
+    """The crossed edge or arm that follows each one, and the ambiguous cells (n, 2); no branch passes `masked` cells.
 
     The arms of saddle s have the numbers -1 - 4 s - k: k = 0, 1 for those that end there, k = 2, 3 for those that start there.
     """
-    skipped = np.zeros((1, len(us) - 1, len(vs) - 1), bool)
+    skipped = np.zeros((1, len(us) - 1, len(vs) - 1), bool) if masked is None else masked[None].copy()
     follow: dict[int, int] = {}
     for s, at in enumerate(saddles):
         i, j = np.searchsorted(us, at[0]) - 2, np.searchsorted(vs, at[1]) - 2
@@ -210,15 +212,15 @@ def _chain_arcs(
             chain.append(left.pop(chain[-1]))
         path = interpolate_crossings(np.array(chain), values[None], us, vs)
         half = len(path) // 2
-        path[0] = path[-1] = _project_to_zero(distance, path[0])
-        path[half] = _project_to_zero(distance, path[half])
+        path[0] = path[-1] = project_to_zero(distance, path[0])
+        path[half] = project_to_zero(distance, path[half])
         ends: list[ArcEnd] = [("point", len(points), 0), ("point", len(points) + 1, 0)]
         points += [path[0], path[half]]
         arcs += [Arc(path[: half + 1], ends[0], ends[1]), Arc(path[half:], ends[1], ends[0])]
     return tuple(arcs), np.array(points).reshape(-1, 2)
 
 
-def _project_to_zero(distance: BSplineSurface | ComposedDistance, p: Array) -> Array:
+def project_to_zero(distance: BSplineSurface | ComposedDistance, p: Array) -> Array:
     """The zero of `distance` that Newton steps along the gradient find from p."""
     for _ in range(NEWTON_STEPS):
         value, gradient, _ = evaluate_second_jet(distance, p)
@@ -240,14 +242,14 @@ def _build_arc(
             ends.append(("point", saddle, 0))
             exact.append(saddles[saddle])
         else:
-            end, at = _locate_border_end(crossing, us, vs, borders)
+            end, at = locate_border_end(crossing, us, vs, borders)
             ends.append(end)
             exact.append(at)
     inner = interpolate_crossings(np.array(chain[1:-1], np.int64), values[None], us, vs)
     return Arc(np.vstack([exact[0], inner, exact[1]]), ends[0], ends[1])
 
 
-def _locate_border_end(crossing: int, us: Array, vs: Array, borders: tuple[BorderSide, ...]) -> tuple[ArcEnd, Array]:
+def locate_border_end(crossing: int, us: Array, vs: Array, borders: tuple[BorderSide, ...]) -> tuple[ArcEnd, Array]:
     """The root or corner that a crossed border edge of the grid stands for, and its exact (u, v)."""
     nu, nv = len(us), len(vs)
     i, j = divmod(crossing % (nu * nv), nv)

@@ -56,7 +56,7 @@ def place_grid_lines(
     return lines[0], lines[1]
 
 
-def _view_side_nodes(array: NDArray[Scalar], side: int) -> NDArray[Scalar]:
+def view_side_nodes(array: NDArray[Scalar], side: int) -> NDArray[Scalar]:
     """A view of the border nodes of a side, in the side's direction."""
     return (array[:, 0], array[-1], array[::-1, -1], array[0, ::-1])[side]
 
@@ -87,16 +87,14 @@ def impose_border_signs(
     for side, border in enumerate(borders):
         if border.sign == 0:
             inwards = (0, 1) if side % 2 == 0 else (1, 0)
-            slope = _view_side_nodes(distance.grid(us, vs, *inwards)[..., 0], side)[1:-1] * (
-                1 if side in (0, 3) else -1
-            )
+            slope = view_side_nodes(distance.grid(us, vs, *inwards)[..., 0], side)[1:-1] * (1 if side in (0, 3) else -1)
             if (slope > 0).any() and (slope < 0).any():
                 raise TrimmingError("a patch touches or crosses a surface of the body along a side that lies in it")
             on_side[side] = -1 if slope[len(slope) // 2] < 0 else 1
-            _view_side_nodes(negative, side)[:] = on_side[side] < 0
+            view_side_nodes(negative, side)[:] = on_side[side] < 0
             continue
         odd = np.searchsorted(border.roots, side_fractions(us, vs, side)) % 2 == 1
-        _view_side_nodes(negative, side)[1:-1] = (odd ^ (border.sign < 0))[1:-1]
+        view_side_nodes(negative, side)[1:-1] = (odd ^ (border.sign < 0))[1:-1]
         first[side] = border.sign
         last[side] = border.sign * (-1) ** len(border.roots)
     for corner in range(4):
@@ -115,5 +113,5 @@ def impose_border_signs(
             value = before if before == after else 1
             if before != after and not on_corner[corner]:
                 raise TrimmingError("two edges disagree on the side of their common vertex")
-        _view_side_nodes(negative, corner)[0] = value < 0
+        view_side_nodes(negative, corner)[0] = value < 0
     return on_side

@@ -8,6 +8,7 @@ orientation only belong to one class.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import partial
 from itertools import pairwise
 
 import numpy as np
@@ -15,6 +16,7 @@ import numpy as np
 from tpmscad._typing import Array, BoolArray, IntArray
 from tpmscad.errors import TrimmingError
 from tpmscad.rigid_motion import Motion
+from tpmscad.splines.bspline import BSplineSurface
 from tpmscad.trimming.intersect.arc_fitting import CoarsePath, fit_arcs
 from tpmscad.trimming.intersect.arrangement import (
     ZERO_FRACTION_OF_TOL,
@@ -22,10 +24,12 @@ from tpmscad.trimming.intersect.arrangement import (
     CurveSegments,
     FittedArc,
     IntersectionCurves,
+    Operands,
     PatchArcs,
 )
 from tpmscad.trimming.intersect.marching import ArcEnd, Trace
 from tpmscad.trimming.intersect.marching_batched import march_patches
+from tpmscad.trimming.intersect.marching_masked import march_masked_patch
 from tpmscad.trimming.intersect.patch_borders import BorderSide
 from tpmscad.trimming.operands.quadric_table import QuadricTable, group_rows
 
@@ -54,7 +58,7 @@ def intersect_patches(a: Arrangement) -> Arrangement:
     o = a.operands
     pairs = _group_pairs(a)
     patches = [o.patches[c] for c in pairs.carrier.tolist()]
-    traces = march_patches(patches, pairs.surfaces, pairs.borders, pairs.on_corner, ZERO_FRACTION_OF_TOL * o.fit_tol)
+    traces = _march_classes(o, patches, pairs)
     fitted, first_fitted = _fit_all_arcs(a, traces, pairs)
     arcs, points = _scatter_arcs(a, traces, pairs, fitted, first_fitted)
     return replace(
@@ -63,6 +67,37 @@ def intersect_patches(a: Arrangement) -> Arrangement:
         curves=(*o.curves, *(arc.curve for arc in fitted)),
         vertices=np.vstack([a.vertices, points]),
     ).snap_vertices()
+
+
+def _march_classes(o: Operands, patches: list[BSplineSurface], pairs: _PairClasses) -> list[Trace]:
+    """The traces of all classes, those of free-form surfaces one by one."""
+    zero_tol = ZERO_FRACTION_OF_TOL * o.fit_tol
+    free_form = pairs.surfaces.is_free_form
+    others = np.flatnonzero(~free_form)
+    made = march_patches(
+        [patches[i] for i in others.tolist()],
+        pairs.surfaces.take(others),
+        [pairs.borders[i] for i in others.tolist()],
+        pairs.on_corner[others],
+        zero_tol,
+    )
+    traces = dict(zip(others.tolist(), made, strict=True))
+    for i in np.flatnonzero(free_form).tolist():
+        pair = int(pairs.first[i])
+        border_distance = partial(_measure_border_distances, o, int(pairs.face[pair]), int(pairs.surface[pair]))
+        row, on_corner = pairs.surfaces.row(i), pairs.on_corner[i]
+        traces[i] = march_masked_patch(patches[i], row, pairs.borders[i], on_corner, zero_tol, border_distance)
+    return [traces[i] for i in range(len(patches))]
+
+
+def _measure_border_distances(o: Operands, face: int, surface: int, points: Array) -> Array:
+    """Distances (n,) of points (n, 3) in the frame of a patch from the borders of the faces on a surface, negative in a face."""
+    there = o.lattice.faces.motion[face].apply(points)
+    inside, distance = np.zeros(len(points), bool), np.full(len(points), np.inf)
+    for f in np.flatnonzero(o.body.surface_of_face == surface).tolist():
+        inside |= o.regions[f].contains(there)
+        distance = np.minimum(distance, o.regions[f].distance_to_border(there))
+    return np.where(inside, -distance, distance)
 
 
 def _group_pairs(a: Arrangement) -> _PairClasses:
@@ -98,8 +133,10 @@ def _collect_borders(a: Arrangement, face: int, surface: int, flip: int) -> tupl
     """The four sides of a patch as its edges see the surface, whose orientation is multiplied by `flip`.
 
     TrimmingError if a T-vertex of a side lies in the surface, or if one of its edges lies in the surface and another does not.
+    The sign of a free-form distance may jump along a side.
     """
     sides = a.operands.sides
+    may_jump = bool(a.operands.body.surfaces.is_free_form[surface])
     result = []
     for side in range(4):
         uses = sides.uses_on(face, side)
@@ -108,7 +145,7 @@ def _collect_borders(a: Arrangement, face: int, surface: int, flip: int) -> tupl
             at = a.vertices[sides.vertex[uses[1]]].round(6)
             raise TrimmingError(f"a surface of the body passes through a T-vertex of the lattice near {at}")
         signs = [(part.sign, part.sign * (-1) ** len(part.roots)) for part in parts]
-        if any(before[1] != after[0] for before, after in pairwise(signs)):
+        if not may_jump and any(before[1] != after[0] for before, after in pairwise(signs)):
             raise TrimmingError("two edges on the side of a patch disagree on the side of their common vertex")
         result.append(BorderSide(np.concatenate([part.roots for part in parts]), parts[0].sign))
     return tuple(result)

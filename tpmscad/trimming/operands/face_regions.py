@@ -7,7 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from tpmscad._typing import Array, BoolArray, IntArray
-from tpmscad.brep.carriers import Plane, Quadric
+from tpmscad.brep.carriers import Plane
+from tpmscad.brep.free_form_surface import BodyCarrier
 from tpmscad.brep.loops import points_in_polygons
 from tpmscad.splines.bspline import BSplineCurve
 from tpmscad.trimming.operands.trimming_body import TrimmingBody, face_use_range
@@ -27,7 +28,7 @@ class FaceRegion:
     centre of the region's bounding box in (u, v), which selects one of the periodic copies of a parameter.
     """
 
-    carrier: Plane | Quadric
+    carrier: BodyCarrier
     segments: Array
     border: Array
     reference_parameters: Array
@@ -52,7 +53,7 @@ class FaceRegion:
         return np.asarray(np.sqrt(np.maximum(square.min(axis=1) + (points * points).sum(axis=1), 0.0)))
 
 
-def shift_to_period(uv: Array, carrier: Plane | Quadric, reference: Array) -> Array:
+def shift_to_period(uv: Array, carrier: BodyCarrier, reference: Array) -> Array:
     """(u, v) (..., 2) shifted by whole periods to within half a period of `reference`."""
     uv = uv.copy()
     for axis, period in enumerate(carrier.period):

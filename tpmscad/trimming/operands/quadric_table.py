@@ -1,8 +1,12 @@
-"""Signed distance functions of planes, cylinders, cones, spheres and tori, stored as rows of one table and evaluated in batches.
+"""Signed distance functions of planes, quadrics and free-form surfaces, stored as rows of one table and evaluated in batches.
 
 A surface expressed in the local frame of a patch is a row again. The row is normalised, so that congruent pairs of patch and
 surface have equal rows: the point of a cylinder is the point of its axis nearest to the frame's origin, that of a cone is its
 apex, and the axis of a cone points to its open end. The axes of cylinders, spheres and tori have a positive leading coordinate.
+
+A free-form surface, and the normals along an edge of any shape, stay as they are: their rows hold a number and a *place*, the
+motion from the row's frame to the surface's. The distance is that of the nearest foot, which jumps where two feet are equally
+near. Where the foot is *forced* to the border of the surface, the row is a tangent plane and no distance (`foot_points`).
 
 The composition g(S(u, v)) of the distance g from one surface with one patch S is a scalar function on the patch's parameter
 domain. For a plane it is a B-spline with the patch's knots; otherwise `ComposedDistance` evaluates it.
@@ -18,15 +22,73 @@ import numpy as np
 
 from tpmscad._typing import Array, BoolArray, IntArray
 from tpmscad.brep.carriers import Carrier, ConicalSurface, CylindricalSurface, Plane, SphericalSurface, ToroidalSurface
+from tpmscad.brep.free_form_surface import FreeFormSurface
 from tpmscad.errors import TrimmingError
 from tpmscad.rigid_motion import Motion
 from tpmscad.splines.basis import design_matrices
 from tpmscad.splines.bspline import BSplineSurface
+from tpmscad.trimming.operands.edge_normals import EdgeNormals
 
-PLANE, CYLINDER, CONE, SPHERE, TORUS = range(5)
+PLANE, CYLINDER, CONE, SPHERE, TORUS, FREE_FORM, EDGE_NORMALS = range(7)
 
 MIN_DIVISOR_LENGTH = 1e-150
 """Lower bound of lengths used as divisors, in model units: directions are arbitrary but finite on an axis."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class PlacedForms:
+    """The rows of a table that are free-form: of n rows, the number (n,) in `forms`, -1 for quadrics, and the place (n,)."""
+
+    forms: tuple[FreeFormSurface | EdgeNormals, ...]
+    number: IntArray
+    place: Motion
+
+    def take(self, rows: IntArray) -> PlacedForms | None:
+        """The rows named, None if they are quadrics all of them."""
+        number = self.number[rows]
+        return PlacedForms(self.forms, number, self.place[rows]) if (number >= 0).any() else None
+
+    def in_frames(self, motion: Motion) -> PlacedForms:
+        """Row i expressed in the local frame whose points x lie at motion[i](x)."""
+        return PlacedForms(self.forms, self.number, self.place @ motion)
+
+    def jet(self, row: IntArray, points: Array, order: int) -> tuple[list[Array], BoolArray]:
+        """The jets of the rows `row` (k,) at points (k, m, 3), and the marks (k, m) of forced feet."""
+        k, m = points.shape[:2]
+        found = [np.zeros((k, m, *(3,) * i)) for i in range(order + 1)]
+        forced = np.zeros((k, m), bool)
+        for number in np.unique(self.number[row]).tolist():
+            at, form = np.flatnonzero(self.number[row] == number), self.forms[number]
+            place = self.place[row[at]]
+            local = place[:, None].apply(points[at]).reshape(-1, 3)
+            if not np.isfinite(local).all():
+                raise TrimmingError("an intersection with a free-form face of the body does not converge")
+            if isinstance(form, EdgeNormals):
+                jet = form.jet(local, order)
+            else:
+                feet = form.foot_points(local, max(order, 1))
+                jet = [feet.distance, feet.gradient, feet.hessian][: order + 1]
+                forced[at] = feet.forced.reshape(len(at), m)
+            rotation = place.rotation
+            found[0][at] = jet[0].reshape(len(at), m)
+            if order:
+                found[1][at] = jet[1].reshape(len(at), m, 3) @ rotation
+            if order > 1:
+                hessian = jet[2].reshape(len(at), m, 3, 3)
+                found[2][at] = np.swapaxes(rotation, 1, 2)[:, None] @ hessian @ rotation[:, None]
+        return found, forced
+
+    def distances(self, row: int, points: Array) -> Array:
+        """Signed distances (m,) of points (m, 3) from row `row`: with forced feet, too, those of the feet."""
+        form, local = self.forms[int(self.number[row])], self.place[row].apply(points)
+        if isinstance(form, EdgeNormals):
+            return form.jet(local, 0)[0]
+        feet = form.foot_points(local, 1)
+        value = feet.distance.copy()
+        far = np.flatnonzero(feet.forced)
+        apart = np.linalg.norm(local[far] - form(*feet.parameters[far].T), axis=1)
+        value[far] = np.copysign(np.maximum(apart, np.abs(value[far])), value[far])
+        return value
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -43,7 +105,8 @@ class QuadricTable:
     torus     centre              radius of the circle  radius of the tube
     ========  ==================  ====================  ======================
 
-    The axis of a plane is its normal; the axis of a sphere is zero.
+    The axis of a plane is its normal; the axis of a sphere is zero. Free-form rows have zeros in all these columns and their
+    surfaces in `placed`, which is None if there are none.
     """
 
     kind: IntArray
@@ -51,6 +114,7 @@ class QuadricTable:
     axis: Array
     parameter_a: Array
     parameter_b: Array
+    placed: PlacedForms | None = None
 
     def __len__(self) -> int:
         return len(self.kind)
@@ -60,10 +124,46 @@ class QuadricTable:
         """Rows that are planes: (n,)."""
         return self.kind == PLANE
 
+    @property
+    def is_free_form(self) -> BoolArray:
+        """Rows whose distance is that of a foot point and may jump: (n,)."""
+        return self.kind == FREE_FORM
+
+    @property
+    def placed_rows(self) -> BoolArray:
+        """Rows that `placed` holds, free-form surfaces and normals along edges: (n,)."""
+        return self.kind >= FREE_FORM
+
+    @staticmethod
+    def concatenate(tables: Sequence[QuadricTable]) -> QuadricTable:
+        """The rows of tables, one after the other."""
+        joined = QuadricTable(
+            np.concatenate([t.kind for t in tables]),
+            np.concatenate([t.point for t in tables]),
+            np.concatenate([t.axis for t in tables]),
+            np.concatenate([t.parameter_a for t in tables]),
+            np.concatenate([t.parameter_b for t in tables]),
+        )
+        if all(t.placed is None for t in tables):
+            return joined
+        forms: list[FreeFormSurface | EdgeNormals] = []
+        numbers, places = [], []
+        for t in tables:
+            own = t.placed or PlacedForms((), np.full(len(t), -1), Motion.identity(len(t)))
+            numbers.append(np.where(own.number >= 0, own.number + len(forms), -1))
+            places.append(own.place)
+            forms += own.forms
+        return replace(joined, placed=PlacedForms(tuple(forms), np.concatenate(numbers), Motion.concatenate(places)))
+
     def take(self, rows: IntArray) -> QuadricTable:
         """The surfaces of the given rows."""
         return QuadricTable(
-            self.kind[rows], self.point[rows], self.axis[rows], self.parameter_a[rows], self.parameter_b[rows]
+            self.kind[rows],
+            self.point[rows],
+            self.axis[rows],
+            self.parameter_a[rows],
+            self.parameter_b[rows],
+            None if self.placed is None else self.placed.take(rows),
         )
 
     def row(self, k: int) -> QuadricTable:
@@ -82,7 +182,8 @@ class QuadricTable:
         point = np.where(is_cylinder[:, None], point - np.einsum("ni,ni->n", point, axis)[:, None] * axis, point)
         point = np.where(is_plane[:, None], 0.0, point)
         flip = (is_cylinder | centred) & (_leading_coordinate(axis) < 0)
-        return QuadricTable(self.kind, point, np.where(flip[:, None], -axis, axis), offset, self.parameter_b)
+        placed = None if self.placed is None else self.placed.in_frames(motion)
+        return QuadricTable(self.kind, point, np.where(flip[:, None], -axis, axis), offset, self.parameter_b, placed)
 
     def leading_coordinate(self) -> Array:
         """The first coordinate of each axis that is not zero to 9 decimals: (n,)."""
@@ -97,7 +198,14 @@ class QuadricTable:
         """Rows that are equal for equal surfaces, to 1e-9 in direction and 1e-10 of `size` in position."""
         scaled = np.where(self.is_plane, self.parameter_a / size, self.parameter_a)
         position = np.round(np.column_stack([scaled, self.point / size]), 10)
-        return np.column_stack([self.kind, np.round(self.axis, 9), position, np.round(self.parameter_b, 10)]) + 0.0
+        columns = [self.kind, np.round(self.axis, 9), position, np.round(self.parameter_b, 10)]
+        if self.placed is not None:
+            is_form, place = self.placed.number >= 0, self.placed.place
+            of_place = np.column_stack(
+                [np.round(place.rotation.reshape(-1, 9), 9), np.round(place.translation / size, 10)]
+            )
+            columns += [self.placed.number, np.where(is_form[:, None], of_place, 0.0)]
+        return np.column_stack(columns) + 0.0
 
     def value(self, points: Array) -> Array:
         """Signed distances (n, m) of points (n, m, 3), row by row."""
@@ -107,21 +215,36 @@ class QuadricTable:
         """Signed distances of all points (m, 3) from all surfaces: (m, n)."""
         result = np.empty((len(points), len(self)))
         for k in range(len(self)):
-            result[:, k] = self.row(k).value(points[None])[0]
+            if self.placed is not None and self.placed.number[k] >= 0:
+                result[:, k] = self.placed.distances(k, points)
+            else:
+                result[:, k] = self.row(k).value(points[None])[0]
         return result
 
     def jet(self, points: Array, order: int) -> list[Array]:
         """Distance (n, m), gradient (n, m, 3) and Hessian (n, m, 3, 3) at points (n, m, 3), up to `order`."""
+        return self.marked_jet(points, order)[0]
+
+    def marked_jet(self, points: Array, order: int) -> tuple[list[Array], BoolArray]:
+        """The jet, and the marks (n, m) of points whose foot on a free-form surface is forced to its border."""
         n, m = points.shape[:2]
         result = [np.zeros((n, m, *(3,) * k)) for k in range(order + 1)]
+        forced = np.zeros((n, m), bool)
         for kind in np.unique(self.kind):
             rows = np.flatnonzero(self.kind == kind)
             everything = len(rows) == n
+            if kind >= FREE_FORM:
+                assert self.placed is not None
+                found, marks = self.placed.jet(rows, points if everything else points[rows], order)
+                forced[rows] = marks
+                for total, part in zip(result, found, strict=True):
+                    total[rows] = part
+                continue
             own = self if everything else self.take(rows)
             found = own._jet_of_kind(int(kind), points if everything else points[rows], order)
             for total, part in zip(result, found, strict=True):
                 total[rows] = part
-        return result
+        return result, forced
 
     def _jet_of_kind(self, kind: int, points: Array, order: int) -> list[Array]:
         """`jet` of rows that are all of one kind."""
@@ -171,13 +294,29 @@ def group_rows(key: Array) -> tuple[IntArray, IntArray]:
     return first, label.ravel()
 
 
-def build_implicit_surfaces(carriers: Sequence[Carrier]) -> QuadricTable:
-    """The implicit surfaces of carriers, with the sign of the carriers' `distance`."""
-    return QuadricTable(*(np.array(column) for column in zip(*(_read_carrier(c) for c in carriers), strict=True)))
+def build_implicit_surfaces(carriers: Sequence[Carrier | FreeFormSurface]) -> QuadricTable:
+    """The implicit surfaces of carriers, with the sign of the carriers' `distance`; faces on one object are one surface."""
+    kind, point, axis, a, b = (np.array(column) for column in zip(*(_read_carrier(c) for c in carriers), strict=True))
+    table = QuadricTable(kind, point, axis, a, b)
+    if not table.is_free_form.any():
+        return table
+    forms = list({id(c): c for c in carriers if isinstance(c, FreeFormSurface)}.values())
+    index = {id(form): i for i, form in enumerate(forms)}
+    number = np.array([index.get(id(c), -1) for c in carriers])
+    return replace(table, placed=PlacedForms(tuple(forms), number, Motion.identity(len(carriers))))
 
 
-def _read_carrier(carrier: Carrier) -> tuple[int, Array, Array, float, float]:
+def build_edge_normal_row(form: EdgeNormals) -> QuadricTable:
+    """A table of one row, the normals along an edge."""
+    zero = np.zeros((1, 3))
+    placed = PlacedForms((form,), np.zeros(1, np.int64), Motion.identity(1))
+    return QuadricTable(np.array([EDGE_NORMALS]), zero, zero, np.zeros(1), np.zeros(1), placed)
+
+
+def _read_carrier(carrier: Carrier | FreeFormSurface) -> tuple[int, Array, Array, float, float]:
     zero = np.zeros(3)
+    if isinstance(carrier, FreeFormSurface):
+        return FREE_FORM, zero, zero, 0.0, 0.0
     if isinstance(carrier, Plane):
         return PLANE, zero, carrier.normal, -float(carrier.normal @ carrier.origin), 0.0
     if isinstance(carrier, CylindricalSurface):

@@ -2,27 +2,31 @@
 
 Several faces may lie on one surface. A curve on the surface of a face crosses an edge of this face where the *separating surface*
 of the edge vanishes. This is the surface of the adjacent face if the two faces meet at an angle. If they are tangent or lie on
-one surface, it is the *normal surface*: the ruled surface of the faces' normals along the edge, a plane along a line, and a
-plane, a cylinder or a cone along a circle.
+one surface, it is the *normal surface*: the ruled surface of the faces' normals along the edge. Along lines and circles of planes
+and quadrics it is a plane, a cylinder or a cone.
 """
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
 
 from tpmscad._typing import Array, IntArray
 from tpmscad.brep.boundary_representation import Brep
-from tpmscad.brep.carriers import Carrier, Circle, EdgeCurve, Plane, Quadric
+from tpmscad.brep.carriers import Carrier, Circle, EdgeCurve, Plane
+from tpmscad.brep.free_form_surface import BodyCarrier, FreeFormSurface
 from tpmscad.errors import InvalidRequest, TrimmingError
 from tpmscad.rigid_motion import Motion
 from tpmscad.splines.bspline import BSplineCurve, BSplineSurface
+from tpmscad.trimming.operands.edge_normals import ACROSS_SAMPLES, build_edge_normals
 from tpmscad.trimming.operands.quadric_table import (
     CONE,
     CYLINDER,
     PLANE,
     QuadricTable,
+    build_edge_normal_row,
     build_implicit_surfaces,
     group_rows,
 )
@@ -60,7 +64,7 @@ class TrimmingBody:
     brep: Brep
     surfaces: QuadricTable
     n_surfaces: int
-    carriers: tuple[Plane | Quadric, ...]
+    carriers: tuple[BodyCarrier, ...]
     surface_of_face: IntArray
     sense: IntArray
     curves: tuple[EdgeCurve, ...]
@@ -71,14 +75,16 @@ class TrimmingBody:
     size: float
 
 
-def prepare_trimming_body(brep: Brep) -> TrimmingBody:
-    """The trimming body of a boundary representation.
+def prepare_trimming_body(brep: Brep, free_form: Mapping[int, FreeFormSurface] | None = None) -> TrimmingBody:
+    """The trimming body of a boundary representation; `free_form` has the distances of its spline carriers, by their numbers.
 
-    InvalidRequest if it is not closed, TrimmingError if a face lies on a spline surface or two faces are tangent along an edge
-    that is neither a line nor a circle.
+    InvalidRequest if it is not closed, TrimmingError if a face lies on a spline surface without a distance, or two quadrics are
+    tangent along an edge that is neither a line nor a circle.
     """
     faces, edges = brep.faces, brep.edges
-    carriers = tuple(_place_carrier(brep.carriers[c], faces.motion[i]) for i, c in enumerate(faces.carrier))
+    forms = free_form or {}
+    placed_carriers = ((forms.get(c, brep.carriers[c]), faces.motion[i]) for i, c in enumerate(faces.carrier.tolist()))
+    carriers = tuple(_place_carrier(carrier, motion) for carrier, motion in placed_carriers)
     placed = ((brep.curves[c], edges.motion[i]) for i, c in enumerate(edges.curve))
     curves = tuple(curve if motion.is_identity() else curve.moved(motion) for curve, motion in placed)
     order = np.argsort(brep.uses.edge, kind="stable")
@@ -115,9 +121,11 @@ def prepare_trimming_body(brep: Brep) -> TrimmingBody:
     )
 
 
-def _place_carrier(carrier: Carrier, motion: Motion) -> Plane | Quadric:
+def _place_carrier(carrier: Carrier | FreeFormSurface, motion: Motion) -> BodyCarrier:
     if isinstance(carrier, BSplineSurface):
-        raise TrimmingError("a face of the body lies on a B-spline surface, not on a plane or a quadric")
+        raise TrimmingError(
+            "a face of the body lies on a B-spline surface, which has no distance: make it a free-form one"
+        )
     if motion.is_identity():
         return carrier
     if motion.handedness < 0:
@@ -148,16 +156,23 @@ def _choose_separating_surfaces(
                 separating[e] = len(surfaces) + len(appended)
                 appended.append(normal_surface)
                 continue
+        if surfaces.is_free_form[pair].any():
+            separating[e] = len(surfaces) + len(appended)
+            appended.append(_build_free_form_normals(surfaces.row(int(pair[0])), curve, (float(low), float(high))))
+            continue
         if pair[0] == pair[1] or sine.min() < NORMAL_SURFACE_TOL:
             raise TrimmingError(
                 f"two faces of the body are tangent along the edge at {points[MIDDLE_SAMPLE].round(6)}, "
                 "which is neither a line nor a circle"
             )
-    rows = [surfaces, *appended]
-    joined = QuadricTable(
-        *(np.concatenate([getattr(r, name) for r in rows]) for name in QuadricTable.__dataclass_fields__)
-    )
-    return joined, separating
+    return QuadricTable.concatenate([surfaces, *appended]), separating
+
+
+def _build_free_form_normals(surface: QuadricTable, curve: EdgeCurve, span: tuple[float, float]) -> QuadricTable:
+    """The ruled surface of the normals of a surface (a table of one row) along an edge."""
+    t = np.linspace(*span, ACROSS_SAMPLES)
+    normals = surface.jet(curve(t)[None], 1)[1][0]
+    return build_edge_normal_row(build_edge_normals(curve, span, t, normals))
 
 
 def _build_normal_surface(curve: EdgeCurve, points: Array, tangents: Array, normals: Array) -> QuadricTable | None:
@@ -184,7 +199,7 @@ def _build_surface_row(kind: int, point: Array, axis: Array, a: float) -> Quadri
     return QuadricTable(np.array([kind]), point[None], axis[None], np.array([a]), np.zeros(1))
 
 
-def _bound_faces(brep: Brep, carriers: tuple[Plane | Quadric, ...], curves: tuple[EdgeCurve, ...]) -> Array:
+def _bound_faces(brep: Brep, carriers: tuple[BodyCarrier, ...], curves: tuple[EdgeCurve, ...]) -> Array:
     """Bounding boxes (F, 2, 3) of the faces, from samples."""
     uses, edges = brep.uses, brep.edges
     result = np.empty((len(brep.faces), 2, 3))

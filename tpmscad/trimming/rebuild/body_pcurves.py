@@ -15,7 +15,8 @@ import numpy as np
 
 from tpmscad._typing import Array, IntArray
 from tpmscad.brep.boundary_representation import Edges
-from tpmscad.brep.carriers import ConicalSurface, Plane, Quadric, SphericalSurface
+from tpmscad.brep.carriers import ConicalSurface, SphericalSurface
+from tpmscad.brep.free_form_surface import BodyCarrier
 from tpmscad.errors import TrimmingError
 from tpmscad.rigid_motion import Motion
 from tpmscad.splines.basis import design_matrix
@@ -144,7 +145,7 @@ def fit_pcurve(
 
 
 def _find_closest_to_axis(
-    curve: Callable[[Array], Array], carrier: Plane | Quadric, tol: float
+    curve: Callable[[Array], Array], carrier: BodyCarrier, tol: float
 ) -> tuple[float, float] | None:
     """The position in [0, 1] where a curve is nearest to a pole or an apex, and the width within which its angle varies."""
     if not isinstance(carrier, SphericalSurface | ConicalSurface):
@@ -181,7 +182,7 @@ def _build_graded_space(spans: int, at: float, width: float) -> _PcurveSpace:
     return _PcurveSpace(knots, sites, inverse, checks, design_matrix(knots, CURVE_DEGREE, checks))
 
 
-def _unwrap_parameters(carrier: Plane | Quadric, points: Array) -> Array:
+def _unwrap_parameters(carrier: BodyCarrier, points: Array) -> Array:
     uv = carrier.parameters(points)
     for axis, period in enumerate(carrier.period):
         if period:

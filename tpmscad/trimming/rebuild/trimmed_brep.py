@@ -15,6 +15,7 @@ from tpmscad._typing import Array, IntArray
 from tpmscad.brep import connectivity, loops
 from tpmscad.brep.boundary_representation import Brep, Edges, EdgeUses, Faces, select_faces
 from tpmscad.brep.carriers import EdgeCurve, Plane
+from tpmscad.brep.free_form_surface import FreeFormSurface
 from tpmscad.brep.restricted_surfaces import restrict_carriers
 from tpmscad.errors import TrimmingError
 from tpmscad.rigid_motion import Motion
@@ -28,6 +29,10 @@ from tpmscad.trimming.rebuild.lattice_faces import EdgeUse, FaceLoops, build_lat
 
 DEVIATION_MARGIN = 1.1
 """Factor on measured deviations: between samples they are up to 4 % greater."""
+
+FREE_FORM_DEVIATION_MARGIN = 1.5
+"""That factor for bodies with free-form faces, on the deviations of their own edges as well: with 1.1 the kernel rejects single
+faces whose pcurves leave the tolerance of an edge between samples."""
 
 EDGE_SAMPLE_FRACTIONS = np.concatenate([[0.0, 1e-4], np.linspace(0.0, 1.0, 9)[1:-1], [1.0 - 1e-4, 1.0]])
 """Fractions of an edge's span that are sampled: near the ends for directions, between them for areas and nesting."""
@@ -154,8 +159,9 @@ def build_edge_table(a: Arrangement) -> Edges:
     own = imprint_pieces.segment
     fitted = np.array([0.0, *(arc.deviation for arc in a.arcs.fitted_arcs)])
     of_arc = fitted[np.where(a.imprints.face[own] >= 0, imprint.curve[own] - len(o.curves) + 1, 0)]
-    coincident = DEVIATION_MARGIN * a.edge_roots.coincident_deviation
-    measured = np.concatenate([np.maximum(old.deviation, coincident)[segment], DEVIATION_MARGIN * of_arc])
+    margin = _deviation_margin(a)
+    coincident = margin * a.edge_roots.coincident_deviation
+    measured = np.concatenate([np.maximum(old.deviation, coincident)[segment], margin * of_arc])
     edges = Edges(
         curve=np.concatenate([old.curve[segment], imprint.curve[own]]),
         motion=Motion.concatenate([old.motion[segment], imprint.motion[own]]),
@@ -169,8 +175,13 @@ def build_edge_table(a: Arrangement) -> Edges:
     ends = _sample_edges(a.curves, edges, index, np.array([0.0, 1.0]))
     vertices = a.vertices[np.column_stack([edges.start[index], edges.end[index]])]
     gap = np.linalg.norm(ends - vertices, axis=2).max(axis=1)
-    measured[index] = np.maximum(measured[index], DEVIATION_MARGIN * gap)
+    measured[index] = np.maximum(measured[index], margin * gap)
     return edges
+
+
+def _deviation_margin(a: Arrangement) -> float:
+    """The factor on measured deviations."""
+    return FREE_FORM_DEVIATION_MARGIN if a.operands.body.surfaces.is_free_form.any() else DEVIATION_MARGIN
 
 
 def find_cap_boundary(
@@ -223,7 +234,7 @@ def _build_caps(
         new = edge[cap_pcurve[edge] < 0]
         if len(new) and not is_planar:
             found, off = fit_edge_pcurves(a.curves, edges, new, region, o.fit_tol)
-            deviation[new] = np.maximum(deviation[new], DEVIATION_MARGIN * off)
+            deviation[new] = np.maximum(deviation[new], _deviation_margin(a) * off)
             cap_pcurve[new] = len(pcurves) + np.arange(len(new))
             pcurves += found
         senses = (boundary.sense[own] * int(o.body.brep.faces.sense[f])).tolist()
@@ -277,7 +288,10 @@ def _append_body_edges(a: Arrangement, tables: _Tables, pieces: BodySubEdges) ->
     ends = [body.curves[e](span) for e, span in zip(pieces.edge, pieces.span, strict=True)]
     vertices = tables.vertices[np.column_stack([pieces.start, pieces.end])]
     gap = np.linalg.norm(np.array(ends).reshape(-1, 2, 3) - vertices, axis=2).max(axis=1, initial=0.0)
-    deviation = np.maximum(body.brep.edges.deviation[pieces.edge], DEVIATION_MARGIN * gap)
+    own = body.brep.edges.deviation[pieces.edge]
+    if body.surfaces.is_free_form.any():
+        own = FREE_FORM_DEVIATION_MARGIN * own
+    deviation = np.maximum(own, _deviation_margin(a) * gap)
     return Edges(
         curve=np.concatenate([edges.curve, len(a.curves) + pieces.edge]),
         motion=Motion.concatenate([edges.motion, Motion.identity(n)]),
@@ -303,7 +317,7 @@ def _compact_brep(
     ends = np.concatenate([edges.start[used], edges.end[used]])
     used_vertices, ends = np.unique(ends, return_inverse=True)
     return Brep(
-        carriers=(*lattice.carriers, *body.carriers),
+        carriers=(*lattice.carriers, *(c.spline if isinstance(c, FreeFormSurface) else c for c in body.carriers)),
         curves=tables.curves,
         pcurves=tables.pcurves,
         vertices=tables.vertices[used_vertices],

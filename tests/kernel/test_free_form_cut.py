@@ -1,0 +1,144 @@
+"""Bodies with free-form faces read exactly and cut on the patches' parameters: closed, valid, and complements of each other."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+
+pytest.importorskip("OCP")
+
+import build123d as bd
+
+from tests.trimming.conftest import Cover, cover
+from tpmscad.brep import connectivity
+from tpmscad.brep.boundary_representation import Brep, reverse_faces
+from tpmscad.brep.moments import integral_properties
+from tpmscad.errors import NotQuadric
+from tpmscad.kernel.body_import.body_brep import FreeFormBody, brep_from_shape, read_free_form_body
+from tpmscad.kernel.boolean.local_intersection import intersect_locally
+from tpmscad.kernel.build.solids import build_solids
+from tpmscad.kernel.measure.mass_properties import face_moments
+from tpmscad.kernel.measure.validity import is_brep_valid
+from tpmscad.kernel.occt.exploration import faces_of, unwrap
+from tpmscad.solids.boolean_strategies import signed_distances_to_nodes
+from tpmscad.trimming.trim_pipeline import trim
+
+pytestmark = [pytest.mark.kernel, pytest.mark.slow]
+
+__all__ = ["cover"]
+
+
+def cam() -> bd.Shape:
+    """An extruded periodic spline: the third derivative jumps across six lines."""
+    points = [(4.0, 0), (1.8, 2.7), (-1.3, 3.1), (-4, 1), (-3.1, -2.2), (0.5, -2.6)]
+    return bd.extrude(bd.make_face(bd.Spline(*points, periodic=True)), 5)
+
+
+def handle() -> bd.Shape:
+    """A spline revolved."""
+    side = bd.Spline((3.2, 0), (3.6, 1.6), (2.4, 4), (1.6, 6))
+    profile = bd.make_face([*bd.Polyline((1.6, 6), (0, 6), (0, 0), (3.2, 0)).edges(), side])
+    return bd.revolve(bd.Plane.XZ * profile, bd.Axis.Z)
+
+
+def elbow() -> bd.Shape:
+    """An ellipse swept along a spline in space."""
+    path = bd.Spline((0, 0, 0), (0, 0, 3), (2, 0.8, 5.2), (4.8, 1.6, 5.6))
+    return bd.sweep(bd.Plane(origin=path @ 0, z_dir=path % 0) * bd.Ellipse(2.0, 1.3), path)
+
+
+def ellipse() -> bd.Shape:
+    return bd.extrude(bd.Ellipse(3.9, 2.4), 5)
+
+
+def blade() -> bd.Shape:
+    """A ruled loft between two quadratic arcs with a chord each."""
+    sections = []
+    for z, ends, top in ((0, ((0, 0), (7, 0)), (3.5, 6)), (5, ((1, 1), (6, 1.5)), (3.5, 6.5))):
+        (a, b), c = ((x, y, z) for x, y in ends), (*top, z)
+        sections.append(bd.Face(bd.Wire([bd.Edge.make_bezier(a, c, b), bd.Edge.make_line(b, a)])))
+    return bd.loft(sections, ruled=True)
+
+
+BODIES: dict[str, Callable[[], bd.Shape]] = {
+    "cam": cam,
+    "handle": handle,
+    "elbow": elbow,
+    "ellipse": ellipse,
+    "blade": blade,
+}
+
+
+def place(body: bd.Shape, angles: tuple[float, float, float]) -> bd.Shape:
+    """The body turned, with its bounding box about the middle of a cell."""
+    turned = bd.Rotation(*angles) * body
+    return bd.Pos(*(np.array([5.0, 5.0, 5.0]) - np.array(tuple(turned.bounding_box().center())))) * turned
+
+
+@pytest.fixture(scope="module", params=BODIES)
+def case(request: pytest.FixtureRequest) -> tuple[bd.Shape, FreeFormBody]:
+    body = place(BODIES[request.param](), (20.0, 35.0, 50.0))
+    return body, read_free_form_body(body)
+
+
+def volume(brep: Brep) -> float:
+    return float(integral_properties.volume(integral_properties.integrate_faces(brep))[0])
+
+
+def test_a_body_is_read_closed_with_its_volume_and_tight_edges(case) -> None:
+    body, read = case
+    assert len(connectivity.find_unmatched_edges(read.brep)) == 0
+    assert volume(read.brep) == pytest.approx(face_moments(faces_of(unwrap(body)))[:, 1].sum(), rel=1e-6)
+    assert read.brep.edges.deviation.max() < 5e-8
+    assert len(read.free_form) > 0
+    for number, surface in read.free_form.items():
+        assert read.brep.carriers[number] is surface.spline
+        low, high = read.brep.vertices.min(axis=0), read.brep.vertices.max(axis=0)
+        assert 0 < surface.continuation < np.linalg.norm(high - low)
+    with pytest.raises(NotQuadric, match="free-form"):
+        brep_from_shape(body)
+
+
+@pytest.mark.parametrize("name", ["P", "gyroid"])
+def test_what_is_inside_the_lattice_and_what_is_outside_make_up_the_body(case, cover: Cover, name: str) -> None:
+    _, read = case
+    lattice = cover(name, (1, 1, 1), (0.07, 0.11, 0.19), (-0.04, 0.04))
+    parts = [trim(half, read.brep, free_form=read.free_form) for half in (lattice, reverse_faces(lattice))]
+    whole, (wall, rest) = volume(read.brep), (volume(part.brep) for part in parts)
+    assert 0.05 * whole < wall < 0.6 * whole
+    # Edges deviate by up to 1e-7 from the surfaces on both of their sides; the faces of both parts share them.
+    assert wall + rest == pytest.approx(whole, rel=1e-7)
+    for part in parts:
+        assert part.report.max_deviation < 3e-7
+        built = build_solids(part.brep)
+        assert is_brep_valid(part.brep, built.known_faces)
+
+
+def test_it_is_what_the_kernel_cuts(case, cover: Cover) -> None:
+    body, read = case
+    lattice = cover("P", (1, 1, 1), (0.07, 0.11, 0.19), (-0.04, 0.04))
+    own = volume(trim(lattice, read.brep, free_form=read.free_form).brep)
+    split = intersect_locally(lattice, unwrap(body), lambda points: signed_distances_to_nodes(lattice, points))
+    faces = [f for solid in split.solids for f in faces_of(solid)]
+    assert own == pytest.approx(face_moments(faces)[:, 1].sum(), rel=1e-6)
+
+
+def test_tags_are_those_of_the_shapes_faces() -> None:
+    body = ellipse()
+    names = [f"face {i}" for i in range(len(body.faces()))]
+    read = read_free_form_body(body, names)
+    area = dict.fromkeys(names, 0.0)
+    moments = integral_properties.integrate_faces(read.brep)
+    for tag, own in zip(read.brep.faces.tag.tolist(), moments.area.tolist(), strict=True):
+        area[names[tag]] += own
+    expected = {name: face.area for name, face in zip(names, body.faces(), strict=True)}
+    assert area == pytest.approx(expected, rel=1e-4)  # the kernel's area of an extruded ellipse is 5e-6 off
+
+
+def test_poles_are_refused() -> None:
+    side = bd.Spline((7, 0), (5.5, 4), (0, 6.5), tangents=((0, 1), (-1, 0)))
+    profile = bd.make_face([side, *bd.Polyline((0, 6.5), (0, 0), (7, 0)).edges()])
+    with pytest.raises(NotQuadric, match="pole"):
+        read_free_form_body(bd.revolve(bd.Plane.XZ * profile, bd.Axis.Z))
