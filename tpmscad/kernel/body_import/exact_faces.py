@@ -20,6 +20,7 @@ from OCP.TopoDS import TopoDS_Edge, TopoDS_Face
 
 from tpmscad._typing import Array
 from tpmscad.brep.carriers import Circle, EdgeCurve, Ellipse
+from tpmscad.brep.curve_recognition import recognise_line_or_circle
 from tpmscad.brep.free_form_surface import BodyCarrier, FreeFormSurface
 from tpmscad.brep.orthogonal_projection import project_to_curve
 from tpmscad.kernel.body_import.free_form_carriers import convert_free_form
@@ -32,7 +33,6 @@ from tpmscad.kernel.recognise.edge_curves import (
     UnsupportedFace,
     fit_intersection_curve,
     project_to_carriers,
-    recognise_line_or_circle,
 )
 from tpmscad.kernel.recognise.face_carriers import CHECK_SAMPLES, EXACT_REL_TOL, evaluate_mid_face, recognise_carrier
 from tpmscad.splines.bspline import isoparametric_curve, line_segment
