@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from tpmscad._typing import Array, BoolArray, IntArray
-from tpmscad.brep.carriers import Plane
+from tpmscad.brep.boundary_representation import Brep
+from tpmscad.brep.carriers import EdgeCurve, Plane
 from tpmscad.brep.free_form_surface import BodyCarrier
 from tpmscad.brep.loops import points_in_polygons
 from tpmscad.splines.bspline import BSplineCurve
@@ -64,13 +66,17 @@ def shift_to_period(uv: Array, carrier: BodyCarrier, reference: Array) -> Array:
 
 def build_face_regions(body: TrimmingBody) -> list[FaceRegion]:
     """The regions of all faces of the body."""
-    brep = body.brep
+    return build_regions(body.brep, body.carriers, body.curves)
+
+
+def build_regions(brep: Brep, carriers: Sequence[BodyCarrier], curves: Sequence[EdgeCurve]) -> list[FaceRegion]:
+    """The regions of faces on the carriers (F), bounded by edges on the curves (M)."""
     result = []
-    for f, carrier in enumerate(body.carriers):
+    for f, carrier in enumerate(carriers):
         segments, border = [], []
         for k in range(*face_use_range(brep, f)):
             e = brep.uses.edge[k]
-            curve, sense = body.curves[e], brep.uses.sense[k]
+            curve, sense = curves[e], brep.uses.sense[k]
             is_line = isinstance(curve, BSplineCurve) and curve.degree == 1 and isinstance(carrier, Plane)
             low, high = brep.edges.span[e][:: 1 if sense > 0 else -1]
             t = np.linspace(low, high, (SEGMENTS_PER_LINE if is_line else SEGMENTS_PER_CURVE) + 1)

@@ -1,0 +1,321 @@
+"""The offset shell of a body: its sheets, and the rims along which neighbouring sheets join smoothly.
+
+A rim is the offset of a smooth edge, a side of a tube, or an arc between two tubes or between a tube and the sphere of a corner. At a
+convex edge the domains of the sheets end without a rim: no point there is as deep as the skin.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from tpmscad._typing import Array, IntArray
+from tpmscad.brep.boundary_representation import Brep
+from tpmscad.brep.carriers import Circle, EdgeCurve
+from tpmscad.brep.free_form_surface import BodyCarrier, FreeFormSurface
+from tpmscad.erosion.sheets import Sheet, Tube, TubeEnd, make_ball, make_tube, offset_face
+from tpmscad.erosion.sites import BodySites, EdgeSite, FaceSite, Site, VertexSite
+from tpmscad.errors import TrimmingError
+from tpmscad.splines.adaptive_curve_fit import fit_adaptively
+from tpmscad.splines.bspline import BSplineCurve, is_segment, line_segment
+from tpmscad.trimming.operands.face_regions import build_regions
+
+SMOOTH_SINE = 1e-6
+"""Sine of the angle at an edge below which its faces count as tangent."""
+
+EDGE_FRACTIONS = np.linspace(0.02, 0.98, 9)
+"""Places along an edge at which its angle is measured, and at which known curves are compared; the ends may be apexes."""
+
+SAME_REL_TOL = 1e-11
+"""In body sizes: distance within which an offset edge is a line or a circle."""
+
+RIM_REL_TOL = 2e-10
+"""In body sizes: tolerance of other rims."""
+
+OPPOSITE = 1e-7
+"""1 + cosine of the angle at a vertex between edges that continue each other."""
+
+ARC_SAMPLES = 65
+"""Points along an arc of a sphere's border, where it is a polygon."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Rim:
+    """A smooth joint of two sheets: its curve, their pcurves (None on a plane), and how their loops run along it (+1, -1)."""
+
+    curve: EdgeCurve
+    span: tuple[float, float]
+    sheets: tuple[int, int]
+    pcurves: tuple[BSplineCurve | None, BSplineCurve | None]
+    senses: tuple[int, int]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class OffsetShell:
+    """All sheets of a body at a skin, their rims, its sites, and the sheet of each site, or -1 (S,)."""
+
+    sheets: tuple[Sheet, ...]
+    rims: tuple[Rim, ...]
+    sites: BodySites
+    sheet_of_site: IntArray
+    skin: float
+    size: float
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Joint:
+    """An edge between two faces: their uses, and the edge's angle. `rise`: sine of it, positive where the edge is concave."""
+
+    edge: int
+    uses: tuple[int, int]
+    faces: tuple[int, int]
+    rise: Array
+
+
+def build_offset_shell(brep: Brep, free_form: Mapping[int, FreeFormSurface], skin: float) -> OffsetShell:
+    """The offset shell of a closed body, whose spline carriers are given with their distances; motions are identities.
+
+    Raises TrimmingError where an edge is concave in one part and convex in another, or a sheet cannot be fitted.
+    """
+    size = float(np.linalg.norm(np.ptp(brep.vertices, axis=0)))
+    found = [free_form.get(c, brep.carriers[c]) for c in brep.faces.carrier.tolist()]
+    carriers: list[BodyCarrier] = [c for c in found if not hasattr(c, "poles")]  # type: ignore[misc]
+    curves = [brep.curves[c] for c in brep.edges.curve.tolist()]
+    assembly = _Assembly(brep, carriers, curves, skin, size)
+    assembly.add_faces()
+    for joint in assembly.joints():
+        assembly.add_joint(joint)
+    assembly.join_tubes()
+    sites = BodySites.of([*assembly.sites, *map(VertexSite, assembly.corners)], size)
+    sheet_of_site = np.full(len(sites.sites), -1)
+    for s, sheet in enumerate(assembly.site_sheets):
+        sheet_of_site[s] = sheet
+    for s, center in enumerate(assembly.corners):
+        sheet_of_site[len(assembly.sites) + s] = assembly.ball_of_corner.get(tuple(center), -1)
+    return OffsetShell(tuple(assembly.sheets), tuple(assembly.rims), sites, sheet_of_site, skin, size)
+
+
+class _Assembly:
+    """Sheets, sites and rims as they are made, one kind after another."""
+
+    def __init__(self, brep: Brep, carriers: list[BodyCarrier], curves: list[EdgeCurve], skin: float, size: float):
+        self.brep, self.carriers, self.curves, self.skin, self.size = brep, carriers, curves, skin, size
+        self.sheets: list[Sheet] = []
+        self.rims: list[Rim] = []
+        self.sites: list[Site] = []
+        self.site_sheets: list[int] = []
+        self.tubes: list[tuple[int, Tube]] = []
+        self.corners: list[Array] = []
+        self.ball_of_corner: dict[tuple[float, ...], int] = {}
+
+    def _add_sheet(self, sheet: Sheet) -> int:
+        self.sheets.append(sheet)
+        return len(self.sheets) - 1
+
+    def add_faces(self) -> None:
+        """The sheets and sites of all faces."""
+        brep = self.brep
+        self.sheet_of_face = np.full(len(brep.faces), -1)
+        for f, region in enumerate(build_regions(brep, self.carriers, self.curves)):
+            sense = int(brep.faces.sense[f])
+            sheet = offset_face(self.carriers[f], sense, region.segments, self.skin, self.size, f)
+            self.sheet_of_face[f] = -1 if sheet is None else self._add_sheet(sheet)
+            self.sites.append(FaceSite(region, 1e-5 * self.size))
+            self.site_sheets.append(int(self.sheet_of_face[f]))
+
+    def inward(self, face: int, points: Array) -> Array:
+        """Inward unit normals (n, 3) of a face at its points (n, 3)."""
+        return -int(self.brep.faces.sense[face]) * self.carriers[face].gradient(points)
+
+    def joints(self) -> list[_Joint]:
+        """The edges of the body with their angles."""
+        brep, owner = self.brep, self.brep.face_of_use
+        found = []
+        for one, two in np.argsort(brep.uses.edge, kind="stable").reshape(-1, 2).tolist():
+            edge = int(brep.uses.edge[one])
+            low, high = brep.edges.span[edge]
+            t = low + (high - low) * EDGE_FRACTIONS
+            points, tangents = self.curves[edge](t), self.curves[edge](t, 1)
+            tangents = tangents / np.linalg.norm(tangents, axis=1, keepdims=True)
+            faces = int(owner[one]), int(owner[two])
+            across = np.cross(self.carriers[faces[0]].gradient(points), brep.uses.sense[one] * tangents)
+            rise = -(across * self.inward(faces[1], points)).sum(axis=1)
+            found.append(_Joint(edge, (one, two), faces, rise))
+        return found
+
+    def add_joint(self, joint: _Joint) -> None:
+        """The rim of a smooth edge, or the tube of a concave one and its rims."""
+        brep, edge = self.brep, joint.edge
+        if (joint.rise < -SMOOTH_SINE).all():
+            return
+        span = float(brep.edges.span[edge, 0]), float(brep.edges.span[edge, 1])
+        sheets = [int(self.sheet_of_face[f]) for f in joint.faces]
+        pcurves = [brep.pcurves[p] if p >= 0 else None for p in brep.uses.pcurve[list(joint.uses)].tolist()]
+        senses = [int(s) for s in brep.uses.sense[list(joint.uses)]]
+        if (np.abs(joint.rise) <= SMOOTH_SINE).all():
+            if min(sheets) >= 0:
+                curve = self._offset_curve(edge, span, joint.faces[0], pcurves[0], sheets[0])
+                self.rims.append(
+                    Rim(curve, span, (sheets[0], sheets[1]), (pcurves[0], pcurves[1]), (senses[0], senses[1]))
+                )
+            return
+        if (joint.rise <= SMOOTH_SINE).any():
+            at = self.curves[edge](0.5 * sum(span)).round(6)
+            raise TrimmingError(f"the edge of the body about {at} is concave in one part only")
+        curve = self.curves[edge]
+
+        def inward(t: Array) -> Array:
+            return np.stack([self.inward(f, curve(t)) for f in joint.faces])
+
+        ends = int(brep.edges.start[edge]), int(brep.edges.end[edge])
+        tube = make_tube(curve, span, ends, inward, self.skin, self.size)
+        number = self._add_sheet(tube.sheet)
+        self.tubes.append((number, tube))
+        self.sites.append(EdgeSite(curve, span))
+        self.site_sheets.append(number)
+        for k, (face, sheet) in enumerate(zip(joint.faces, sheets, strict=True)):
+            if sheet < 0:
+                continue
+            side = self._offset_curve(edge, span, face, pcurves[k], sheet)
+            along_tube = -senses[k] * self.sheets[sheet].sense * tube.sheet.sense
+            self.rims.append(Rim(side, span, (sheet, number), (pcurves[k], tube.sides[k]), (senses[k], along_tube)))
+
+    def _offset_curve(
+        self, edge: int, span: tuple[float, float], face: int, pcurve: BSplineCurve | None, sheet: int
+    ) -> EdgeCurve:
+        """An edge of a face moved inwards by the skin along the face's normals, with the same parameter."""
+        curve, carrier = self.curves[edge], self.sheets[sheet].carrier
+
+        def moved(t: Array) -> Array:
+            if pcurve is not None:
+                return np.asarray(carrier(*pcurve(t).T))
+            return np.asarray(curve(t) + self.skin * self.inward(face, curve(t)))
+
+        return fit_known_or_spline(curve, span, moved, self.size)
+
+    def join_tubes(self) -> None:
+        """The arcs between tubes that continue each other, and the spheres of corners at which more tubes meet."""
+        ends: dict[int, list[tuple[int, TubeEnd]]] = {}
+        for number, tube in self.tubes:
+            for end in tube.ends:
+                ends.setdefault(end.vertex, []).append((number, end))
+        for vertex, own in ends.items():
+            center = self.brep.vertices[vertex]
+            self.corners.append(center)
+            if len(own) == 2 and 1 + own[0][1].leaving @ own[1][1].leaving <= OPPOSITE:
+                self._join_pair(center, own)
+            elif len(own) > 2:
+                self._add_ball(center, own)
+
+    def _join_pair(self, center: Array, own: list[tuple[int, TubeEnd]]) -> None:
+        """The rim between two tubes that continue each other."""
+        (one, first), (two, second) = own
+        arc, angle = _arc(center, first.normals, self.skin)
+        swap = np.linalg.norm(second.normals[0] - first.normals[0]) > np.linalg.norm(
+            second.normals[1] - first.normals[0]
+        )
+        parameters = first.parameters, second.parameters[::-1] if swap else second.parameters
+        pcurves = [line_segment(*p, (0.0, angle)) for p in parameters]
+        senses = [_left_sense(self.sheets[s], p) for s, p in zip((one, two), parameters, strict=True)]
+        self.rims.append(Rim(arc, (0.0, angle), (one, two), (pcurves[0], pcurves[1]), (senses[0], senses[1])))
+
+    def _add_ball(self, center: Array, own: list[tuple[int, TubeEnd]]) -> None:
+        """The sphere of a corner, if the arcs of its tubes close, with its rims."""
+        chain = _chain_arcs([end.normals for _, end in own])
+        if chain is None:
+            return
+        directions = np.array([own[i][1].normals[0 if forward else 1] for i, forward in chain])
+        sphere = make_ball(center, directions, self.skin)
+        number = len(self.sheets)
+        made, border = [], []
+        for i, forward in chain:
+            arc, angle = _arc(center, own[i][1].normals, self.skin)
+
+            def parameters(t: Array, arc: Circle = arc) -> Array:
+                return sphere.parameters(arc(t))
+
+            def error(fit: BSplineCurve, t: Array, arc: Circle = arc) -> Array:
+                return np.asarray(np.linalg.norm(sphere(*fit(t).T) - arc(t), axis=1))
+
+            pcurve = fit_adaptively(parameters, np.array([0.0, angle]), error, RIM_REL_TOL * self.size)
+            if pcurve is None:
+                raise TrimmingError(f"the corner at {center.round(6)} has an arc that no spline fits")
+            path = parameters(np.linspace(0.0, angle, ARC_SAMPLES))
+            made.append((arc, angle, pcurve, forward))
+            border.append(path[:-1] if forward else path[:0:-1])
+        polygon = np.concatenate(border)
+        turn = 1 if _signed_area(polygon) > 0 else -1
+        segments = np.stack([polygon, np.roll(polygon, -1, axis=0)], axis=1)
+        self._add_sheet(Sheet(sphere, -1, segments, -1))
+        self.ball_of_corner[tuple(center)] = number
+        for (i, _), (arc, angle, pcurve, forward) in zip(chain, made, strict=True):
+            sheet, end = own[i]
+            own_line = line_segment(*end.parameters, (0.0, angle))
+            senses = _left_sense(self.sheets[sheet], end.parameters), turn if forward else -turn
+            self.rims.append(Rim(arc, (0.0, angle), (sheet, number), (own_line, pcurve), senses))
+
+
+def _arc(center: Array, normals: Array, radius: float) -> tuple[Circle, float]:
+    """The arc of a circle from one to the other of two unit normals (2, 3), and its angle."""
+    axis = np.cross(*normals)
+    axis = axis / np.linalg.norm(axis)
+    angle = float(np.arctan2(np.linalg.norm(np.cross(*normals)), normals[0] @ normals[1]))
+    return Circle(center, normals[0], axis, radius), angle
+
+
+def _left_sense(sheet: Sheet, ends: Array) -> int:
+    """+1 if the domain of a sheet lies on the left of a straight side between parameters (2, 2), else -1."""
+    step, inward = ends[1] - ends[0], sheet.box().mean(axis=0) - ends.mean(axis=0)
+    return 1 if step[0] * inward[1] - step[1] * inward[0] > 0 else -1
+
+
+def _signed_area(polygon: Array) -> float:
+    x, y = (polygon - polygon[0]).T
+    return 0.5 * float(x @ np.roll(y, -1) - y @ np.roll(x, -1))
+
+
+def _chain_arcs(arcs: list[Array]) -> list[tuple[int, bool]] | None:
+    """Arcs (2, 3) of directions as a closed path, each with whether it runs forward; None if they do not close."""
+    left, path = set(range(1, len(arcs))), [(0, True)]
+    at = arcs[0][1]
+    while left:
+        gaps = [(float(np.linalg.norm(arcs[i][f] - at)), i, f) for i in left for f in (0, 1)]
+        gap, i, f = min(gaps)
+        if gap > 1e-6:
+            return None
+        path.append((i, f == 0))
+        left.remove(i)
+        at = arcs[i][1 - f]
+    return path if np.linalg.norm(at - arcs[0][0]) <= 1e-6 else None
+
+
+def fit_known_or_spline(base: EdgeCurve, span: tuple[float, float], moved: object, size: float) -> EdgeCurve:
+    """A curve through moved(t): a line or a circle with the parameter of `base` if it is one, else a spline."""
+    assert callable(moved)
+    t = span[0] + (span[1] - span[0]) * EDGE_FRACTIONS
+    points = moved(t)
+    known: EdgeCurve | None = None
+    if is_segment(base):
+        slope = (points[-1] - points[0]) / (t[-1] - t[0])
+        known = line_segment(*(points[0] + (s - t[0]) * slope for s in span), span)
+    elif isinstance(base, Circle):
+        arm = points[0] - base.origin
+        height = float(arm @ base.normal)
+        radius = float(np.linalg.norm(arm - height * base.normal))
+        known = replace(base, origin=base.origin + height * base.normal, radius=radius)
+    if known is not None and np.abs(known(t) - points).max() <= SAME_REL_TOL * size:
+        return known
+    breaks = np.array(span)
+    if isinstance(base, BSplineCurve):
+        inner = np.unique(base.knots)
+        breaks = np.concatenate([breaks[:1], inner[(inner > span[0]) & (inner < span[1])], breaks[1:]])
+
+    def error(fit: BSplineCurve, s: Array) -> Array:
+        return np.asarray(np.linalg.norm(fit(s) - moved(s), axis=1))
+
+    fit = fit_adaptively(moved, breaks, error, RIM_REL_TOL * size)
+    if fit is None:
+        raise TrimmingError("the offset of an edge turns too sharply for a spline")
+    return fit

@@ -1,0 +1,135 @@
+"""Depth of points below the boundary of a body, as the distance from the nearest of its sites.
+
+The sites are those of a Voronoi diagram: the faces, the concave edges and the vertices of these. The nearest point of the boundary, seen
+from inside, never lies inside a convex edge. A face is a site for the points whose foot on its carrier lies in it; beyond a
+concave edge the edge is nearer, beyond a smooth one the neighbouring face, so that a border known to a part of the skin suffices.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from tpmscad._typing import Array, BoolArray, IntArray
+from tpmscad.brep.carriers import EdgeCurve
+from tpmscad.brep.free_form_surface import FreeFormSurface
+from tpmscad.brep.loops import points_in_polygons
+from tpmscad.brep.orthogonal_projection import project_to_curve
+from tpmscad.trimming.operands.face_regions import FaceRegion, shift_to_period
+
+BORDER_REL_TOL = 1e-5
+"""In body sizes: how far beyond the border of a face a foot may lie. The loops are polygons."""
+
+BOX_MARGIN = 0.02
+"""In body sizes: margin of the boxes of sampled sites."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class FaceSite:
+    """A face as a region of its carrier; `tol` (model units) is how far beyond its border a foot may lie."""
+
+    region: FaceRegion
+    tol: float
+
+    def feet(self, points: Array, limit: float) -> tuple[Array, Array]:
+        """Distances (n,) of points (n, 3), infinite without a foot in the face or from `limit` on, and (u, v) of the feet (n, 2)."""
+        carrier = self.region.carrier
+        if isinstance(carrier, FreeFormSurface):
+            found = carrier.foot_points(points, 1)
+            distance, uv = np.abs(found.distance), found.parameters
+        else:
+            distance, uv = np.abs(carrier.distance(points)), carrier.parameters(points)
+        uv = shift_to_period(uv, carrier, self.region.reference_parameters)
+        near = np.flatnonzero(distance < limit)
+        inside = np.zeros(len(points), bool)
+        inside[near] = points_in_polygons(self.region.segments[:, 0], self.region.segments[:, 1], uv[near])
+        outside = near[~inside[near]]
+        if len(outside):
+            inside[outside] = self.region.distance_to_border(carrier(*uv[outside].T)) <= self.tol
+        return np.where(inside, distance, np.inf), uv
+
+    def box(self) -> Array:
+        """Bounding box (2, 3) of samples of the face."""
+        low, high = self.region.segments.min(axis=(0, 1)), self.region.segments.max(axis=(0, 1))
+        u, v = np.meshgrid(*(np.linspace(a, b, 17) for a, b in zip(low, high, strict=True)))
+        points = np.concatenate([self.region.border.reshape(-1, 3), self.region.carrier(u, v).reshape(-1, 3)])
+        return np.stack([points.min(axis=0), points.max(axis=0)])
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class EdgeSite:
+    """A concave edge."""
+
+    curve: EdgeCurve
+    span: tuple[float, float]
+
+    def feet(self, points: Array, limit: float) -> tuple[Array, Array]:
+        """Distances (n,) of points (n, 3), infinite without a foot on the edge, and its parameters, twice (n, 2)."""
+        t, distance = project_to_curve(self.curve, self.span, points)
+        return np.where((t >= self.span[0]) & (t <= self.span[1]), distance, np.inf), np.stack([t, t], axis=1)
+
+    def box(self) -> Array:
+        """Bounding box (2, 3) of samples of the edge."""
+        points = self.curve(np.linspace(*self.span, 33))
+        return np.stack([points.min(axis=0), points.max(axis=0)])
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class VertexSite:
+    """A vertex of concave edges."""
+
+    point: Array
+
+    def feet(self, points: Array, limit: float) -> tuple[Array, Array]:
+        """Distances (n,) of points (n, 3); there are no parameters."""
+        return np.linalg.norm(points - self.point, axis=1), np.zeros((len(points), 2))
+
+    def box(self) -> Array:
+        """The point twice."""
+        return np.stack([self.point, self.point])
+
+
+Site = FaceSite | EdgeSite | VertexSite
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class NearestSites:
+    """Depths (n,) of points, infinite where no site is within the limit, their nearest sites (n,), and the parameters there (n, 2)."""
+
+    depth: Array
+    site: IntArray
+    parameters: Array
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class BodySites:
+    """All sites of a body, and boxes (S, 2, 3) around them."""
+
+    sites: Sequence[Site]
+    boxes: Array
+
+    @classmethod
+    def of(cls, sites: Sequence[Site], size: float) -> BodySites:
+        """The sites with their boxes."""
+        boxes = np.array([site.box() for site in sites])
+        return cls(sites, boxes + BOX_MARGIN * size * np.array([[-1.0], [1.0]]))
+
+    def nearest(self, points: Array, limit: float) -> NearestSites:
+        """The nearest sites of points (n, 3), sought up to the distance `limit` (model units)."""
+        depth, site = np.full(len(points), np.inf), np.full(len(points), -1)
+        parameters = np.zeros((len(points), 2))
+        for s, own in enumerate(self.sites):
+            at = np.flatnonzero(self._is_near(s, points, np.minimum(depth, limit)))
+            if not len(at):
+                continue
+            distance, uv = own.feet(points[at], limit)
+            closer = distance < np.minimum(depth[at], limit)
+            depth[at[closer]], site[at[closer]], parameters[at[closer]] = distance[closer], s, uv[closer]
+        return NearestSites(depth, site, parameters)
+
+    def _is_near(self, s: int, points: Array, reach: Array) -> BoolArray:
+        low, high = self.boxes[s]
+        outside = np.maximum(np.maximum(low - points, points - high), 0.0)
+        return np.asarray((outside * outside).sum(axis=1) < np.square(np.minimum(reach, 1e150)))
