@@ -68,8 +68,6 @@ def fit_edge(one: Sheet, other: Sheet, edge: TracedEdge, size: float) -> FittedE
         y, found, ok = meet_pair(one, other, guess[:, :4], at, along)
         if not ok.all():
             raise TrimmingError(f"an edge of the eroded body is lost near {format_point(at[~ok][0])}")
-        for k, end in ((0, s == span[0]), (-1, s == span[1])):
-            y[end], found[end] = parameters[k], points[k]
         return y, found
 
     pcurves: list[BSplineCurve | None] = [None, None]
@@ -99,7 +97,8 @@ def fit_edge(one: Sheet, other: Sheet, edge: TracedEdge, size: float) -> FittedE
                 off = np.maximum(off, np.linalg.norm(sheet.carrier(*got[:, 2 * k : 2 * k + 2].T) - at, axis=1))
         return off
 
-    fit = fit_adaptively(values, _find_breaks((one, other), path, span), error, EDGE_REL_TOL * size)
+    breaks = _find_breaks((one, other), path, span)
+    fit = fit_adaptively(values, breaks, error, EDGE_REL_TOL * size, breaks[1:-1])
     if fit is None:
         raise TrimmingError(f"an edge of the eroded body at {format_point(points[len(points) // 2])} fits no spline")
     for k in curved:
@@ -148,7 +147,8 @@ def _find_breaks(sheets: tuple[Sheet, Sheet], path: object, span: tuple[float, f
         if not isinstance(sheet.carrier, BSplineSurface):
             continue
         for axis, knots in enumerate((sheet.carrier.knots_u, sheet.carrier.knots_v)):
-            for knot in np.unique(knots)[1:-1].tolist():
+            values, count = np.unique(knots, return_counts=True)
+            for knot in values[1:-1][count[1:-1] > 1].tolist():  # elsewhere it is smooth enough
                 off = y[:, 2 * k + axis] - knot
                 at = np.flatnonzero(off[1:] * off[:-1] < 0)
                 for low, high in zip(t[at].tolist(), t[at + 1].tolist(), strict=True):

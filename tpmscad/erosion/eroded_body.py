@@ -19,6 +19,7 @@ from tpmscad.erosion.tracing import EdgeGraph, trace_edges
 from tpmscad.errors import TrimmingError, format_point
 from tpmscad.rigid_motion import Motion
 from tpmscad.splines.bspline import BSplineCurve
+from tpmscad.trimming.operands.face_regions import MIN_SQUARED_LENGTH
 
 TAG = "skin"
 """Tag of the faces."""
@@ -206,9 +207,8 @@ class _Builder:
             inside = points_in_polygons(start, end, uv)
             wrong = inside != deep
             if wrong.any():
-                scaled = (uv[wrong][:, None] - np.concatenate([start, end])) / (high - low)
-                near = np.linalg.norm(scaled, axis=2).min(axis=1) < CHECK_BORDER
-                wrong[np.flatnonzero(wrong)[near]] = False
+                near = _distance_to_segments(uv[wrong] / (high - low), start / (high - low), end / (high - low))
+                wrong[np.flatnonzero(wrong)[near < CHECK_BORDER]] = False
         if wrong.any():
             at = format_point(own.carrier(*uv[wrong][0]))
             raise TrimmingError(f"a part of an offset surface about {at} is not bounded by the edges found")
@@ -229,3 +229,11 @@ class _Builder:
                 off = np.linalg.norm(carrier(*self.pcurves[pcurve](t).T) - points, axis=1)
             gaps = np.linalg.norm(points[[0, -1]] - brep.vertices[list(self.ends[edge])], axis=1)
             deviation[edge] = max(deviation[edge], DEVIATION_MARGIN * max(float(off.max()), float(gaps.max())))
+
+
+def _distance_to_segments(points: Array, start: Array, end: Array) -> Array:
+    """Distances (n,) of points (n, 2) from the nearest of segments (m, 2), (m, 2)."""
+    along = end - start
+    square = np.maximum((along * along).sum(axis=1), MIN_SQUARED_LENGTH)
+    w = np.clip(((points[:, None] - start) * along).sum(axis=2) / square, 0.0, 1.0)
+    return np.asarray(np.linalg.norm(points[:, None] - start - w[..., None] * along, axis=2).min(axis=1))

@@ -16,10 +16,10 @@ from tpmscad.brep.boundary_representation import Brep
 from tpmscad.brep.carriers import Circle, EdgeCurve
 from tpmscad.brep.free_form_surface import BodyCarrier, FreeFormSurface
 from tpmscad.erosion.sheets import Sheet, Tube, TubeEnd, make_ball, make_tube, offset_face
-from tpmscad.erosion.sites import BodySites, EdgeSite, FaceSite, Site, VertexSite
+from tpmscad.erosion.sites import BORDER_REL_TOL, BodySites, EdgeSite, FaceSite, Site, VertexSite, depth_limit
 from tpmscad.errors import TrimmingError
-from tpmscad.splines.adaptive_curve_fit import fit_adaptively
-from tpmscad.splines.bspline import BSplineCurve, is_segment, line_segment
+from tpmscad.splines.adaptive_curve_fit import FIT_DEGREE, fit_adaptively
+from tpmscad.splines.bspline import BSplineCurve, BSplineSurface, is_segment, isoparametric_curve, line_segment
 from tpmscad.trimming.operands.face_regions import build_regions
 
 SMOOTH_SINE = 1e-6
@@ -33,6 +33,9 @@ SAME_REL_TOL = 1e-11
 
 RIM_REL_TOL = 2e-10
 """In body sizes: tolerance of other rims."""
+
+LINE_TOL = 1e-11
+"""Of a range of parameters: how far a pcurve may leave a line of constant u or v."""
 
 OPPOSITE = 1e-7
 """1 + cosine of the angle at a vertex between edges that continue each other."""
@@ -88,12 +91,12 @@ def build_offset_shell(brep: Brep, free_form: Mapping[int, FreeFormSurface], ski
     for joint in assembly.joints():
         assembly.add_joint(joint)
     assembly.join_tubes()
-    sites = BodySites.of([*assembly.sites, *map(VertexSite, assembly.corners)], size)
+    sites = BodySites.of([*assembly.sites, *map(VertexSite, brep.vertices)], size)
     sheet_of_site = np.full(len(sites.sites), -1)
     for s, sheet in enumerate(assembly.site_sheets):
         sheet_of_site[s] = sheet
-    for s, center in enumerate(assembly.corners):
-        sheet_of_site[len(assembly.sites) + s] = assembly.ball_of_corner.get(tuple(center), -1)
+    for vertex, ball in assembly.ball_of_vertex.items():
+        sheet_of_site[len(assembly.sites) + vertex] = ball
     return OffsetShell(tuple(assembly.sheets), tuple(assembly.rims), sites, sheet_of_site, skin, size)
 
 
@@ -107,8 +110,7 @@ class _Assembly:
         self.sites: list[Site] = []
         self.site_sheets: list[int] = []
         self.tubes: list[tuple[int, Tube]] = []
-        self.corners: list[Array] = []
-        self.ball_of_corner: dict[tuple[float, ...], int] = {}
+        self.ball_of_vertex: dict[int, int] = {}
 
     def _add_sheet(self, sheet: Sheet) -> int:
         self.sheets.append(sheet)
@@ -117,12 +119,13 @@ class _Assembly:
     def add_faces(self) -> None:
         """The sheets and sites of all faces."""
         brep = self.brep
+        beyond = min(BORDER_REL_TOL * self.size, 0.5 * np.sqrt(self.skin * (self.skin - depth_limit(self.skin, self.size))))
         self.sheet_of_face = np.full(len(brep.faces), -1)
         for f, region in enumerate(build_regions(brep, self.carriers, self.curves)):
             sense = int(brep.faces.sense[f])
             sheet = offset_face(self.carriers[f], sense, region.segments, self.skin, self.size, f)
             self.sheet_of_face[f] = -1 if sheet is None else self._add_sheet(sheet)
-            self.sites.append(FaceSite(region, 1e-5 * self.size))
+            self.sites.append(FaceSite(region, beyond))
             self.site_sheets.append(int(self.sheet_of_face[f]))
 
     def inward(self, face: int, points: Array) -> Array:
@@ -148,9 +151,11 @@ class _Assembly:
     def add_joint(self, joint: _Joint) -> None:
         """The rim of a smooth edge, or the tube of a concave one and its rims."""
         brep, edge = self.brep, joint.edge
-        if (joint.rise < -SMOOTH_SINE).all():
-            return
         span = float(brep.edges.span[edge, 0]), float(brep.edges.span[edge, 1])
+        if (joint.rise < -SMOOTH_SINE).all():
+            self.sites.append(EdgeSite(self.curves[edge], span))
+            self.site_sheets.append(-1)
+            return
         sheets = [int(self.sheet_of_face[f]) for f in joint.faces]
         pcurves = [brep.pcurves[p] if p >= 0 else None for p in brep.uses.pcurve[list(joint.uses)].tolist()]
         senses = [int(s) for s in brep.uses.sense[list(joint.uses)]]
@@ -188,9 +193,12 @@ class _Assembly:
         """An edge of a face moved inwards by the skin along the face's normals, with the same parameter."""
         curve, carrier = self.curves[edge], self.sheets[sheet].carrier
 
+        if isinstance(carrier, BSplineSurface) and pcurve is not None:
+            line = _parameter_line(carrier, pcurve, span)
+            if line is not None:
+                return line
+
         def moved(t: Array) -> Array:
-            if pcurve is not None:
-                return np.asarray(carrier(*pcurve(t).T))
             return np.asarray(curve(t) + self.skin * self.inward(face, curve(t)))
 
         return fit_known_or_spline(curve, span, moved, self.size)
@@ -203,11 +211,10 @@ class _Assembly:
                 ends.setdefault(end.vertex, []).append((number, end))
         for vertex, own in ends.items():
             center = self.brep.vertices[vertex]
-            self.corners.append(center)
             if len(own) == 2 and 1 + own[0][1].leaving @ own[1][1].leaving <= OPPOSITE:
                 self._join_pair(center, own)
             elif len(own) > 2:
-                self._add_ball(center, own)
+                self._add_ball(vertex, center, own)
 
     def _join_pair(self, center: Array, own: list[tuple[int, TubeEnd]]) -> None:
         """The rim between two tubes that continue each other."""
@@ -221,7 +228,7 @@ class _Assembly:
         senses = [_left_sense(self.sheets[s], p) for s, p in zip((one, two), parameters, strict=True)]
         self.rims.append(Rim(arc, (0.0, angle), (one, two), (pcurves[0], pcurves[1]), (senses[0], senses[1])))
 
-    def _add_ball(self, center: Array, own: list[tuple[int, TubeEnd]]) -> None:
+    def _add_ball(self, vertex: int, center: Array, own: list[tuple[int, TubeEnd]]) -> None:
         """The sphere of a corner, if the arcs of its tubes close, with its rims."""
         chain = _chain_arcs([end.normals for _, end in own])
         if chain is None:
@@ -249,7 +256,7 @@ class _Assembly:
         turn = 1 if _signed_area(polygon) > 0 else -1
         segments = np.stack([polygon, np.roll(polygon, -1, axis=0)], axis=1)
         self._add_sheet(Sheet(sphere, -1, segments, -1))
-        self.ball_of_corner[tuple(center)] = number
+        self.ball_of_vertex[vertex] = number
         for (i, _), (arc, angle, pcurve, forward) in zip(chain, made, strict=True):
             sheet, end = own[i]
             own_line = line_segment(*end.parameters, (0.0, angle))
@@ -291,6 +298,21 @@ def _chain_arcs(arcs: list[Array]) -> list[tuple[int, bool]] | None:
     return path if np.linalg.norm(at - arcs[0][0]) <= 1e-6 else None
 
 
+def _parameter_line(carrier: BSplineSurface, pcurve: BSplineCurve, span: tuple[float, float]) -> BSplineCurve | None:
+    """The curve on a fitted sheet along a pcurve, with its parameter, if that is a line of constant u or v."""
+    ends = pcurve(np.array(span))
+    extent = np.ptp(np.array(carrier.domain), axis=1)
+    if not is_segment(pcurve) or not (np.abs(ends[1] - ends[0]) <= LINE_TOL * extent).any():
+        return None
+    fixed = int((np.abs(ends[1] - ends[0]) / extent).argmin())
+    line = isoparametric_curve(carrier, fixed, float(ends[0, fixed]))
+    low, high = ends[:, 1 - fixed]
+    knots = span[0] + (line.knots - low) * (span[1] - span[0]) / (high - low)
+    if high > low:
+        return BSplineCurve(line.poles, knots, line.degree)
+    return BSplineCurve(line.poles[::-1].copy(), knots[::-1].copy(), line.degree)
+
+
 def fit_known_or_spline(base: EdgeCurve, span: tuple[float, float], moved: object, size: float) -> EdgeCurve:
     """A curve through moved(t): a line or a circle with the parameter of `base` if it is one, else a spline."""
     assert callable(moved)
@@ -307,15 +329,17 @@ def fit_known_or_spline(base: EdgeCurve, span: tuple[float, float], moved: objec
         known = replace(base, origin=base.origin + height * base.normal, radius=radius)
     if known is not None and np.abs(known(t) - points).max() <= SAME_REL_TOL * size:
         return known
-    breaks = np.array(span)
+    breaks, bends = np.array(span), np.empty(0)
     if isinstance(base, BSplineCurve):
-        inner = np.unique(base.knots)
-        breaks = np.concatenate([breaks[:1], inner[(inner > span[0]) & (inner < span[1])], breaks[1:]])
+        inner, count = np.unique(base.knots, return_counts=True)
+        within = (inner > span[0]) & (inner < span[1])
+        breaks = np.concatenate([breaks[:1], inner[within], breaks[1:]])
+        bends = inner[within & (base.degree - count < FIT_DEGREE - 1)]
 
     def error(fit: BSplineCurve, s: Array) -> Array:
         return np.asarray(np.linalg.norm(fit(s) - moved(s), axis=1))
 
-    fit = fit_adaptively(moved, breaks, error, RIM_REL_TOL * size)
+    fit = fit_adaptively(moved, breaks, error, RIM_REL_TOL * size, bends)
     if fit is None:
         raise TrimmingError("the offset of an edge turns too sharply for a spline")
     return fit

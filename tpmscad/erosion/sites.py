@@ -1,7 +1,7 @@
 """Depth of points below the boundary of a body, as the distance from the nearest of its sites.
 
-The sites are those of a Voronoi diagram: the faces, the concave edges and the vertices of these. The nearest point of the boundary, seen
-from inside, never lies inside a convex edge. A face is a site for the points whose foot on its carrier lies in it; beyond a
+The sites are those of a Voronoi diagram: the faces, the edges and the vertices. Convex edges are never the nearest site of a point
+inside, but of points of offset surfaces that leave the body. A face is a site for the points whose foot on its carrier lies in it; beyond a
 concave edge the edge is nearer, beyond a smooth one the neighbouring face, so that a border known to a part of the skin suffices.
 """
 
@@ -22,8 +22,19 @@ from tpmscad.trimming.operands.face_regions import FaceRegion, shift_to_period
 BORDER_REL_TOL = 1e-5
 """In body sizes: how far beyond the border of a face a foot may lie. The loops are polygons."""
 
+DEPTH_TOL = 1e-7
+"""In skins: a point shallower by more is no part of the boundary."""
+
+DEPTH_REL_TOL = 1e-9
+"""The same in body sizes, added: sheets and edges are fitted to a tenth of it."""
+
 BOX_MARGIN = 0.02
 """In body sizes: margin of the boxes of sampled sites."""
+
+
+def depth_limit(skin: float, size: float) -> float:
+    """The depth (model units) from which a point counts as deeper than the skin."""
+    return skin * (1 - DEPTH_TOL) - DEPTH_REL_TOL * size
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -60,7 +71,7 @@ class FaceSite:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class EdgeSite:
-    """A concave edge."""
+    """An edge."""
 
     curve: EdgeCurve
     span: tuple[float, float]
@@ -78,7 +89,7 @@ class EdgeSite:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class VertexSite:
-    """A vertex of concave edges."""
+    """A vertex."""
 
     point: Array
 

@@ -19,13 +19,8 @@ from tpmscad._typing import Array, BoolArray
 from tpmscad.erosion.intersections import meet_pair, meet_rim, meet_three
 from tpmscad.erosion.offset_shell import OffsetShell
 from tpmscad.erosion.sheets import ring_radius
+from tpmscad.erosion.sites import depth_limit
 from tpmscad.errors import TrimmingError, format_point
-
-DEPTH_TOL = 1e-7
-"""In skins: a point shallower by more is no part of the boundary."""
-
-DEPTH_REL_TOL = 1e-9
-"""The same in body sizes, added: sheets and edges are fitted to a tenth of it."""
 
 MERGE_REL_TOL = 1e-6
 """In body sizes: vertices within it are one."""
@@ -95,7 +90,7 @@ class EdgeGraph:
     @property
     def limit(self) -> float:
         """Depth from which a point counts as deep enough."""
-        return self.shell.skin * (1 - DEPTH_TOL) - DEPTH_REL_TOL * self.shell.size
+        return depth_limit(self.shell.skin, self.shell.size)
 
     def vertex_at(self, point: Array, entries: list[tuple[int, Array]]) -> int:
         """The vertex at a point, made if there is none, with sheets and parameters added."""
@@ -196,7 +191,10 @@ def _pierce(graph: EdgeGraph, number: int, good: float, bad: float) -> tuple[flo
     """Where a rim pierces the sheet of the site that is too near at its parameter `bad`; None if not between both parameters."""
     shell, rim = graph.shell, graph.shell.rims[number]
     at = rim.curve(bad)
-    sheet, uv = _nearest_sheet(graph, at)
+    nearest = _nearest_sheet(graph, at)
+    if nearest is None:
+        return None
+    sheet, uv = nearest
     found = meet_rim(rim, shell.sheets[sheet], bad, uv)
     if found is None:
         return None
@@ -207,14 +205,14 @@ def _pierce(graph: EdgeGraph, number: int, good: float, bad: float) -> tuple[flo
     return t, (sheet, uv)
 
 
-def _nearest_sheet(graph: EdgeGraph, point: Array) -> tuple[int, Array]:
-    """The sheet of the site that is too near to a point (3,), and parameters on it to start from."""
+def _nearest_sheet(graph: EdgeGraph, point: Array) -> tuple[int, Array] | None:
+    """The sheet of the site that is too near to a point (3,), and parameters on it to start from; None if it has no sheet."""
     shell = graph.shell
     near = shell.sites.nearest(point[None], shell.skin)
     site = int(near.site[0])
     sheet = int(shell.sheet_of_site[site]) if site >= 0 else -1
     if sheet < 0:
-        raise TrimmingError(f"the eroded body ends near {format_point(point)} at no offset surface")
+        return None
     if shell.sheets[sheet].source >= 0:
         return sheet, near.parameters[0]
     return sheet, shell.sheets[sheet].parameters_near(point)
@@ -384,7 +382,10 @@ def _resolve_end(
     for k in (0, 1):
         if not shell.sheets[pair[k]].contains(bad[0][None, 2 * k : 2 * k + 2])[0]:
             return _end_on_rim(graph, pair, k, good, bad, reach)
-    sheet, uv = _nearest_sheet(graph, bad[1])
+    nearest = _nearest_sheet(graph, bad[1])
+    if nearest is None:
+        return None
+    sheet, uv = nearest
     three = [shell.sheets[s] for s in (*pair, sheet)]
     found = meet_three(three, np.concatenate([bad[0], uv]))
     if found is None:
@@ -496,7 +497,10 @@ def _refine_seed(graph: EdgeGraph, number: int, good: Array, bad: Array) -> tupl
             good = middle
         else:
             bad = middle
-    other, uv = _nearest_sheet(graph, sheet.carrier(*bad))
+    nearest = _nearest_sheet(graph, sheet.carrier(*bad))
+    if nearest is None:
+        return None
+    other, uv = nearest
     y = np.concatenate([good, uv])
     point = sheet.carrier(*good)
     axis = np.cross(sheet.outward(good[None])[0], shell.sheets[other].outward(uv[None])[0])

@@ -23,15 +23,19 @@ ERROR_CHECKS_PER_SPAN = 5
 
 
 def fit_adaptively(
-    values: Callable[[Array], Array], breaks: Array, error: Callable[[BSplineCurve, Array], Array], tol: float
+    values: Callable[[Array], Array],
+    breaks: Array,
+    error: Callable[[BSplineCurve, Array], Array],
+    tol: float,
+    bends: Array | None = None,
 ) -> BSplineCurve | None:
     """Spline through values(t); spans with an error above `tol` are bisected and the spline is fitted again.
 
-    None if MAX_FIT_SPANS spans do not suffice.
+    `bends` are those of the breaks at which only first derivatives are continuous. None if MAX_FIT_SPANS spans do not suffice.
     """
     inside = (np.arange(ERROR_CHECKS_PER_SPAN) + 0.5) / ERROR_CHECKS_PER_SPAN
     while len(breaks) <= MAX_FIT_SPANS:
-        knots, sites = _knots_and_sites(breaks)
+        knots, sites = _knots_and_sites(breaks, np.empty(0) if bends is None else bends)
         try:
             poles = np.asarray(np.linalg.solve(design_matrix(knots, FIT_DEGREE, sites), values(sites)), float)
         except np.linalg.LinAlgError:
@@ -48,8 +52,9 @@ def fit_adaptively(
     return None
 
 
-def _knots_and_sites(breaks: Array) -> tuple[Array, Array]:
-    """Knots at the breaks, and the Greville abscissae."""
-    knots = np.concatenate([np.repeat(breaks[0], FIT_DEGREE), breaks, np.repeat(breaks[-1], FIT_DEGREE)])
+def _knots_and_sites(breaks: Array, bends: Array) -> tuple[Array, Array]:
+    """Knots at the breaks, repeated at the bends, and the Greville abscissae."""
+    inner = np.repeat(breaks, np.where(np.isin(breaks, bends), FIT_DEGREE - 1, 1))
+    knots = np.concatenate([np.repeat(breaks[0], FIT_DEGREE), inner, np.repeat(breaks[-1], FIT_DEGREE)])
     sites = np.array([knots[i + 1 : i + FIT_DEGREE + 1].mean() for i in range(len(knots) - FIT_DEGREE - 1)])
     return knots, np.clip(sites, breaks[0], breaks[-1])
