@@ -119,7 +119,9 @@ class _Assembly:
     def add_faces(self) -> None:
         """The sheets and sites of all faces."""
         brep = self.brep
-        beyond = min(BORDER_REL_TOL * self.size, 0.5 * np.sqrt(self.skin * (self.skin - depth_limit(self.skin, self.size))))
+        beyond = min(
+            BORDER_REL_TOL * self.size, 0.5 * np.sqrt(self.skin * (self.skin - depth_limit(self.skin, self.size)))
+        )
         self.sheet_of_face = np.full(len(brep.faces), -1)
         for f, region in enumerate(build_regions(brep, self.carriers, self.curves)):
             sense = int(brep.faces.sense[f])

@@ -7,12 +7,12 @@ concave edge the edge is nearer, beyond a smooth one the neighbouring face, so t
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
-from tpmscad._typing import Array, BoolArray, IntArray
+from tpmscad._typing import Array, IntArray
 from tpmscad.brep.carriers import EdgeCurve
 from tpmscad.brep.free_form_surface import FreeFormSurface
 from tpmscad.brep.loops import points_in_polygons
@@ -131,16 +131,20 @@ class BodySites:
         """The nearest sites of points (n, 3), sought up to the distance `limit` (model units)."""
         depth, site = np.full(len(points), np.inf), np.full(len(points), -1)
         parameters = np.zeros((len(points), 2))
-        for s, own in enumerate(self.sites):
-            at = np.flatnonzero(self._is_near(s, points, np.minimum(depth, limit)))
-            if not len(at):
-                continue
-            distance, uv = own.feet(points[at], limit)
+        for s, at in self._near_boxes(points, limit):
+            distance, uv = self.sites[s].feet(points[at], limit)
             closer = distance < np.minimum(depth[at], limit)
             depth[at[closer]], site[at[closer]], parameters[at[closer]] = distance[closer], s, uv[closer]
         return NearestSites(depth, site, parameters)
 
-    def _is_near(self, s: int, points: Array, reach: Array) -> BoolArray:
-        low, high = self.boxes[s]
-        outside = np.maximum(np.maximum(low - points, points - high), 0.0)
-        return np.asarray((outside * outside).sum(axis=1) < np.square(np.minimum(reach, 1e150)))
+    def _near_boxes(self, points: Array, reach: float) -> Iterator[tuple[int, IntArray]]:
+        """The sites whose boxes any of the points (n, 3) come near to, with these points."""
+        if not len(points):
+            return
+        low, high = points.min(axis=0), points.max(axis=0)
+        gap = np.maximum(np.maximum(self.boxes[:, 0] - high, low - self.boxes[:, 1]), 0.0)
+        for s in np.flatnonzero((gap * gap).sum(axis=1) < reach * reach).tolist():
+            outside = np.maximum(np.maximum(self.boxes[s, 0] - points, points - self.boxes[s, 1]), 0.0)
+            at = np.flatnonzero((outside * outside).sum(axis=1) < reach * reach)
+            if len(at):
+                yield s, at

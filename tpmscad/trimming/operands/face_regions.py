@@ -12,7 +12,7 @@ from tpmscad.brep.boundary_representation import Brep
 from tpmscad.brep.carriers import EdgeCurve, Plane
 from tpmscad.brep.free_form_surface import BodyCarrier
 from tpmscad.brep.loops import points_in_polygons
-from tpmscad.splines.bspline import BSplineCurve
+from tpmscad.splines.bspline import is_segment
 from tpmscad.trimming.operands.trimming_body import TrimmingBody, face_use_range
 
 SEGMENTS_PER_LINE, SEGMENTS_PER_CURVE = 1, 256
@@ -77,11 +77,11 @@ def build_regions(brep: Brep, carriers: Sequence[BodyCarrier], curves: Sequence[
         for k in range(*face_use_range(brep, f)):
             e = brep.uses.edge[k]
             curve, sense = curves[e], brep.uses.sense[k]
-            is_line = isinstance(curve, BSplineCurve) and curve.degree == 1 and isinstance(carrier, Plane)
+            pcurve = None if isinstance(carrier, Plane) else brep.pcurves[brep.uses.pcurve[k]]
             low, high = brep.edges.span[e][:: 1 if sense > 0 else -1]
-            t = np.linspace(low, high, (SEGMENTS_PER_LINE if is_line else SEGMENTS_PER_CURVE) + 1)
-            points = curve(t)
-            uv = carrier.parameters(points) if isinstance(carrier, Plane) else brep.pcurves[brep.uses.pcurve[k]](t)
+            along = [np.linspace(low, high, _count_segments(c) + 1) for c in (curve, pcurve or curve)]
+            points = curve(along[0])
+            uv = carrier.parameters(points) if isinstance(carrier, Plane) else pcurve(along[1])
             segments.append(uv)
             border.append(points)
         everything = np.concatenate(segments)
@@ -89,6 +89,11 @@ def build_regions(brep: Brep, carriers: Sequence[BodyCarrier], curves: Sequence[
         loops = _close_loops(brep.faces.loop_start[f], brep.faces.loop_start[f + 1], brep.faces.use_start, segments)
         result.append(FaceRegion(carrier, loops, np.concatenate([_split_polyline(p) for p in border]), reference))
     return result
+
+
+def _count_segments(curve: EdgeCurve) -> int:
+    """The segments of a polygon for a curve or pcurve."""
+    return SEGMENTS_PER_LINE if is_segment(curve) else SEGMENTS_PER_CURVE
 
 
 def _split_polyline(points: Array) -> Array:
