@@ -6,7 +6,7 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from tpmscad._typing import Array
+from tpmscad._typing import Array, BoolArray
 from tpmscad.brep import connectivity
 from tpmscad.brep.boundary_representation import Brep, Edges, EdgeUses, Faces, drop_unused_geometry
 from tpmscad.brep.carriers import EdgeCurve, Plane
@@ -37,7 +37,9 @@ CHECK_BORDER = 0.01
 """Of the extent of a sheet's domain: nodes nearer to the border of a face are not compared."""
 
 
-def erode_body(brep: Brep, free_form: Mapping[int, FreeFormSurface], skin: float) -> Brep:
+def erode_body(
+    brep: Brep, free_form: Mapping[int, FreeFormSurface], skin: float, is_open: BoolArray | None = None
+) -> Brep:
     """The boundary of the points of a body deeper than `skin` (model units).
 
     Parameters
@@ -48,6 +50,9 @@ def erode_body(brep: Brep, free_form: Mapping[int, FreeFormSurface], skin: float
         Its spline carriers with their distances, by their numbers.
     skin : float
         Depth in model units.
+    is_open : ndarray of bool, shape (F,), optional
+        Planar faces from which no depth is measured: they bound the result themselves. At a face that leans out over an open one
+        the depth is at most 1.45 times the skin.
 
     Returns
     -------
@@ -59,7 +64,8 @@ def erode_body(brep: Brep, free_form: Mapping[int, FreeFormSurface], skin: float
     TrimmingError
         If the arrangement of the offset surfaces cannot be resolved.
     """
-    shell = build_offset_shell(brep, free_form, skin)
+    opened = np.zeros(len(brep.faces), bool) if is_open is None else is_open
+    shell = build_offset_shell(brep, free_form, skin, opened)
     graph = trace_edges(shell)
     return _Builder(shell, graph).build()
 

@@ -6,17 +6,17 @@ convex edge the domains of the sheets end without a rim: no point there is as de
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
 
-from tpmscad._typing import Array, IntArray
+from tpmscad._typing import Array, BoolArray, IntArray
 from tpmscad.brep.boundary_representation import Brep
 from tpmscad.brep.carriers import Circle, EdgeCurve
 from tpmscad.brep.free_form_surface import BodyCarrier, FreeFormSurface
 from tpmscad.erosion.sheets import Sheet, Tube, TubeEnd, make_ball, make_tube, offset_face
-from tpmscad.erosion.sites import BORDER_REL_TOL, BodySites, EdgeSite, FaceSite, Site, VertexSite, depth_limit
+from tpmscad.erosion.sites import BORDER_REL_TOL, BodySites, EdgeSite, FaceSite, OpenSite, Site, VertexSite, depth_limit
 from tpmscad.errors import TrimmingError
 from tpmscad.splines.adaptive_curve_fit import FIT_DEGREE, fit_adaptively
 from tpmscad.splines.bspline import BSplineCurve, BSplineSurface, is_segment, isoparametric_curve, line_segment
@@ -24,6 +24,22 @@ from tpmscad.trimming.operands.face_regions import build_regions
 
 SMOOTH_SINE = 1e-6
 """Sine of the angle at an edge below which its faces count as tangent."""
+
+OPEN_RIM_COSINE = 0.72
+"""Cosine of the angle between the normals of a face with a skin and an open face above which the skin ends in a tube round their
+edge; below it the offset face goes on to the open face, where the skin is at most 1.45 times as thick."""
+
+RIM_OVERHANG = 0.2
+"""Radians by which a tube round the edge of an open face reaches beyond that face, so that the two surfaces cross."""
+
+MITRE_LENGTH, STRIP_INSET = 1.05, 0.05
+"""In skins: how far a face goes on beyond an open one, which a thickness of 1.45 needs; part of it that lies in the face itself."""
+
+STRIP_SAMPLES = 33
+"""Points along each side of such a strip."""
+
+ROUND_OFF = 1e-9
+"""In body sizes: height above an open face that is round-off."""
 
 EDGE_FRACTIONS = np.linspace(0.02, 0.98, 9)
 """Places along an edge at which its angle is measured, and at which known curves are compared; the ends may be apexes."""
@@ -69,16 +85,24 @@ class OffsetShell:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Joint:
-    """An edge between two faces: their uses, and the edge's angle. `rise`: sine of it, positive where the edge is concave."""
+    """An edge between two faces: their uses, and the edge's angle.
+
+    `rise`: sine of the angle, positive where the edge is concave. `cosine`: the greatest between the normals.
+    """
 
     edge: int
     uses: tuple[int, int]
     faces: tuple[int, int]
     rise: Array
+    cosine: float
 
 
-def build_offset_shell(brep: Brep, free_form: Mapping[int, FreeFormSurface], skin: float) -> OffsetShell:
+def build_offset_shell(
+    brep: Brep, free_form: Mapping[int, FreeFormSurface], skin: float, is_open: BoolArray
+) -> OffsetShell:
     """The offset shell of a closed body, whose spline carriers are given with their distances; motions are identities.
+
+    is_open (F,): planar faces without a skin, which bound the eroded body themselves.
 
     Raises TrimmingError where an edge is concave in one part and convex in another, or a sheet cannot be fitted.
     """
@@ -86,24 +110,39 @@ def build_offset_shell(brep: Brep, free_form: Mapping[int, FreeFormSurface], ski
     found = [free_form.get(c, brep.carriers[c]) for c in brep.faces.carrier.tolist()]
     carriers: list[BodyCarrier] = [c for c in found if not hasattr(c, "poles")]  # type: ignore[misc]
     curves = [brep.curves[c] for c in brep.edges.curve.tolist()]
-    assembly = _Assembly(brep, carriers, curves, skin, size)
+    assembly = _Assembly(brep, carriers, curves, skin, size, is_open)
     assembly.add_faces()
-    for joint in assembly.joints():
-        assembly.add_joint(joint)
+    for joint in assembly.joints:
+        if is_open[list(joint.faces)].any():
+            assembly.add_open_joint(joint)
+        else:
+            assembly.add_joint(joint)
     assembly.join_tubes()
-    sites = BodySites.of([*assembly.sites, *map(VertexSite, brep.vertices)], size)
+    closed_uses = ~is_open[brep.face_of_use]
+    closed_edges = brep.uses.edge[closed_uses]
+    corners = np.unique([brep.edges.start[closed_edges], brep.edges.end[closed_edges]]).tolist()
+    sites = BodySites.of([*assembly.sites, *(VertexSite(brep.vertices[v]) for v in corners)], skin, size)
     sheet_of_site = np.full(len(sites.sites), -1)
     for s, sheet in enumerate(assembly.site_sheets):
         sheet_of_site[s] = sheet
     for vertex, ball in assembly.ball_of_vertex.items():
-        sheet_of_site[len(assembly.sites) + vertex] = ball
+        sheet_of_site[len(assembly.sites) + corners.index(vertex)] = ball
     return OffsetShell(tuple(assembly.sheets), tuple(assembly.rims), sites, sheet_of_site, skin, size)
 
 
 class _Assembly:
     """Sheets, sites and rims as they are made, one kind after another."""
 
-    def __init__(self, brep: Brep, carriers: list[BodyCarrier], curves: list[EdgeCurve], skin: float, size: float):
+    def __init__(
+        self,
+        brep: Brep,
+        carriers: list[BodyCarrier],
+        curves: list[EdgeCurve],
+        skin: float,
+        size: float,
+        is_open: BoolArray,
+    ):
+        self.is_open = is_open
         self.brep, self.carriers, self.curves, self.skin, self.size = brep, carriers, curves, skin, size
         self.sheets: list[Sheet] = []
         self.rims: list[Rim] = []
@@ -111,6 +150,7 @@ class _Assembly:
         self.site_sheets: list[int] = []
         self.tubes: list[tuple[int, Tube]] = []
         self.ball_of_vertex: dict[int, int] = {}
+        self.joints = self._find_joints()
 
     def _add_sheet(self, sheet: Sheet) -> int:
         self.sheets.append(sheet)
@@ -125,16 +165,46 @@ class _Assembly:
         self.sheet_of_face = np.full(len(brep.faces), -1)
         for f, region in enumerate(build_regions(brep, self.carriers, self.curves)):
             sense = int(brep.faces.sense[f])
-            sheet = offset_face(self.carriers[f], sense, region.segments, self.skin, self.size, f)
+            strips = tuple(self._make_strip(f, joint) for joint in self.joints if self._needs_strip(f, joint))
+            depth = 0.0 if self.is_open[f] else self.skin
+            sheet = offset_face(self.carriers[f], sense, (region.segments, *strips), depth, self.size, f)
             self.sheet_of_face[f] = -1 if sheet is None else self._add_sheet(sheet)
-            self.sites.append(FaceSite(region, beyond))
+            site = FaceSite(region, beyond, strips)
+            self.sites.append(OpenSite(site, sense, ROUND_OFF * self.size) if self.is_open[f] else site)
             self.site_sheets.append(int(self.sheet_of_face[f]))
+
+    def _needs_strip(self, face: int, joint: _Joint) -> bool:
+        """Whether a face goes on beyond an edge, to the plane of an open face beyond it."""
+        if face not in joint.faces or (joint.rise >= -SMOOTH_SINE).any():
+            return False
+        other = joint.faces[1 - joint.faces.index(face)]
+        return bool(self.is_open[other]) and (bool(self.is_open[face]) or joint.cosine <= OPEN_RIM_COSINE)
+
+    def _make_strip(self, face: int, joint: _Joint) -> Array:
+        """The polygon (n, 2, 2) in (u, v) of the strip by which a face goes on beyond an edge, and at both ends of it."""
+        k = joint.faces.index(face)
+        use, carrier, curve = joint.uses[k], self.carriers[face], self.curves[joint.edge]
+        t = np.linspace(*self.brep.edges.span[joint.edge], STRIP_SAMPLES)
+        points, tangents = curve(t), curve(t, 1)
+        tangents = tangents / np.linalg.norm(tangents, axis=1, keepdims=True)
+        pcurve = self.brep.uses.pcurve[use]
+        uv = carrier.parameters(points) if pcurve < 0 else self.brep.pcurves[pcurve](t)
+        into = np.cross(carrier.gradient(points), self.brep.uses.sense[use] * tangents)
+        frame = np.stack([carrier(*uv.T, 1, 0), carrier(*uv.T, 0, 1)], axis=2)
+        lean = np.zeros((STRIP_SAMPLES, 1))
+        lean[[0, -1], 0] = -1.0, 1.0
+        sides = []
+        for out in (-STRIP_INSET, 1.0):
+            move = MITRE_LENGTH * self.skin * (lean * tangents - out * into)
+            sides.append(uv + np.einsum("nij,nj->ni", np.linalg.pinv(frame), move))
+        path = np.concatenate([sides[0], sides[1][::-1], sides[0][:1]])
+        return np.stack([path[:-1], path[1:]], axis=1)
 
     def inward(self, face: int, points: Array) -> Array:
         """Inward unit normals (n, 3) of a face at its points (n, 3)."""
         return -int(self.brep.faces.sense[face]) * self.carriers[face].gradient(points)
 
-    def joints(self) -> list[_Joint]:
+    def _find_joints(self) -> list[_Joint]:
         """The edges of the body with their angles."""
         brep, owner = self.brep, self.brep.face_of_use
         found = []
@@ -147,7 +217,8 @@ class _Assembly:
             faces = int(owner[one]), int(owner[two])
             across = np.cross(self.carriers[faces[0]].gradient(points), brep.uses.sense[one] * tangents)
             rise = -(across * self.inward(faces[1], points)).sum(axis=1)
-            found.append(_Joint(edge, (one, two), faces, rise))
+            cosine = (self.inward(faces[0], points) * self.inward(faces[1], points)).sum(axis=1)
+            found.append(_Joint(edge, (one, two), faces, rise, float(cosine.max())))
         return found
 
     def add_joint(self, joint: _Joint) -> None:
@@ -176,18 +247,62 @@ class _Assembly:
         def inward(t: Array) -> Array:
             return np.stack([self.inward(f, curve(t)) for f in joint.faces])
 
+        self._add_tube(joint, curve, span, inward, (0, 1))
+
+    def _add_tube(
+        self,
+        joint: _Joint,
+        curve: EdgeCurve,
+        span: tuple[float, float],
+        inward: Callable[[Array], Array],
+        sides: tuple[int, ...],
+    ) -> None:
+        """The tube of an edge, its site, and its rims along the faces `sides` (0, 1), whose normals are the first ones."""
+        brep, edge = self.brep, joint.edge
         ends = int(brep.edges.start[edge]), int(brep.edges.end[edge])
         tube = make_tube(curve, span, ends, inward, self.skin, self.size)
         number = self._add_sheet(tube.sheet)
         self.tubes.append((number, tube))
         self.sites.append(EdgeSite(curve, span))
         self.site_sheets.append(number)
-        for k, (face, sheet) in enumerate(zip(joint.faces, sheets, strict=True)):
+        for own, k in enumerate(sides):
+            face, use = joint.faces[k], joint.uses[k]
+            sheet = int(self.sheet_of_face[face])
             if sheet < 0:
                 continue
-            side = self._offset_curve(edge, span, face, pcurves[k], sheet)
-            along_tube = -senses[k] * self.sheets[sheet].sense * tube.sheet.sense
-            self.rims.append(Rim(side, span, (sheet, number), (pcurves[k], tube.sides[k]), (senses[k], along_tube)))
+            sense = int(brep.uses.sense[use])
+            pcurve = brep.pcurves[brep.uses.pcurve[use]] if brep.uses.pcurve[use] >= 0 else None
+            side = self._offset_curve(edge, span, face, pcurve, sheet)
+            along_tube = -sense * self.sheets[sheet].sense * tube.sheet.sense
+            self.rims.append(Rim(side, span, (sheet, number), (pcurve, tube.sides[own]), (sense, along_tube)))
+
+    def add_open_joint(self, joint: _Joint) -> None:
+        """What an edge of an open face needs: a rim where two of them meet in a concave edge, or a tube where the skin ends in a round."""
+        brep, edge = self.brep, joint.edge
+        span = float(brep.edges.span[edge, 0]), float(brep.edges.span[edge, 1])
+        curve = self.curves[edge]
+        concave, convex = bool((joint.rise > SMOOTH_SINE).all()), bool((joint.rise < -SMOOTH_SINE).all())
+        if self.is_open[list(joint.faces)].all():
+            if concave:
+                sheets = [int(self.sheet_of_face[f]) for f in joint.faces]
+                senses = [int(s) for s in brep.uses.sense[list(joint.uses)]]
+                self.rims.append(Rim(curve, span, (sheets[0], sheets[1]), (None, None), (senses[0], senses[1])))
+            return
+        if convex and joint.cosine <= OPEN_RIM_COSINE:
+            return
+        if not convex and not (np.abs(joint.rise) <= SMOOTH_SINE).all():
+            raise TrimmingError("an open face meets a face with a skin along a concave edge")
+        k = 0 if self.is_open[joint.faces[1]] else 1  # the face with a skin
+        face, opened, use = joint.faces[k], joint.faces[1 - k], joint.uses[1 - k]
+
+        def inward(t: Array) -> Array:
+            points, tangents = curve(t), curve(t, 1)
+            tangents = tangents / np.linalg.norm(tangents, axis=1, keepdims=True)
+            into = np.cross(self.carriers[opened].gradient(points), brep.uses.sense[use] * tangents)
+            along = np.cos(RIM_OVERHANG) * into - np.sin(RIM_OVERHANG) * self.inward(opened, points)
+            return np.stack([self.inward(face, points), along])
+
+        self._add_tube(joint, curve, span, inward, (k,))
 
     def _offset_curve(
         self, edge: int, span: tuple[float, float], face: int, pcurve: BSplineCurve | None, sheet: int

@@ -53,21 +53,24 @@ class Sheet:
     """A piece of an offset surface.
 
     The outward normal of the eroded body is `sense` times X_u x X_v. `segments` (n, 2, 2): the border of its domain in (u, v).
-    `source`: the face of the body, or -1.
+    `source`: the face of the body, or -1. `strips` (n, 2, 2) each: polygons by which the domain goes on beyond an open face.
     """
 
     carrier: SheetCarrier
     sense: int
     segments: Array
     source: int
+    strips: tuple[Array, ...] = ()
 
     def box(self) -> Array:
         """Box (2, 2) of the domain: low and high (u, v)."""
-        return np.stack([self.segments.min(axis=(0, 1)), self.segments.max(axis=(0, 1))])
+        return bounding_box((self.segments, *self.strips))
 
     def contains(self, uv: Array) -> BoolArray:
         """Whether parameters (n, 2) lie in the domain, on the own side of a pole or apex: (n,)."""
-        inside = points_in_polygons(self.segments[:, 0], self.segments[:, 1], uv)
+        inside = np.zeros(len(uv), bool)
+        for segments in (self.segments, *self.strips):
+            inside |= points_in_polygons(segments[:, 0], segments[:, 1], uv)
         return inside & (ring_radius(self.carrier, uv[:, 1]) > 0)
 
     def jet(self, uv: Array) -> tuple[Array, Array, Array]:
@@ -95,6 +98,16 @@ class Sheet:
         return np.asarray(uv)
 
 
+def bounding_box(polygons: tuple[Array, ...]) -> Array:
+    """Box (2, 2) of polygons, segments (n, 2, 2) each: low and high (u, v)."""
+    return np.stack(
+        [
+            np.min([segments.min(axis=(0, 1)) for segments in polygons], axis=0),
+            np.max([segments.max(axis=(0, 1)) for segments in polygons], axis=0),
+        ]
+    )
+
+
 def ring_radius(carrier: SheetCarrier, v: Array) -> Array:
     """Signed radius of the circles v = const of a cone or torus, which vanishes at its apex; 1 on other carriers: (n,)."""
     if isinstance(carrier, ConicalSurface):
@@ -105,12 +118,20 @@ def ring_radius(carrier: SheetCarrier, v: Array) -> Array:
 
 
 def offset_face(
-    carrier: BodyCarrier, sense: int, segments: Array, skin: float, size: float, source: int
+    carrier: BodyCarrier,
+    sense: int,
+    polygons: tuple[Array, ...],
+    skin: float,
+    size: float,
+    source: int,
 ) -> Sheet | None:
-    """The sheet of a face with the outward normal `sense` * S_u x S_v; None if its surface vanishes at this depth."""
-    by = -sense * skin
+    """The sheet of a face with the outward normal `sense` * S_u x S_v; None if its surface vanishes at this depth.
+
+    polygons: the border of the domain, then the strips by which it goes on.
+    """
+    by, strips = -sense * skin, polygons[1:]
     if isinstance(carrier, FreeFormSurface):
-        return Sheet(_fit_offset(carrier, by, segments, FIT_REL_TOL * size), sense, segments, source)
+        return Sheet(_fit_offset(carrier, by, polygons, FIT_REL_TOL * size), sense, polygons[0], source, strips)
     moved: SheetCarrier | None
     if isinstance(carrier, Plane):
         moved = replace(carrier, origin=carrier.origin + by * carrier.normal)
@@ -123,16 +144,27 @@ def offset_face(
         moved = replace(carrier, minor=carrier.minor + by) if carrier.minor + by > 0 else None
     else:
         moved = replace(carrier, radius=carrier.radius + by) if carrier.radius + by > 0 else None
-    return None if moved is None else Sheet(moved, sense, segments, source)
+    return None if moved is None else Sheet(moved, sense, polygons[0], source, strips)
 
 
-def _fit_offset(carrier: FreeFormSurface, by: float, segments: Array, tol: float) -> BSplineSurface:
-    """S + by * S_u x S_v / |S_u x S_v| on the box of a domain, in the same parameters."""
+def _fit_offset(carrier: FreeFormSurface, by: float, polygons: tuple[Array, ...], tol: float) -> BSplineSurface:
+    """S + by * S_u x S_v / |S_u x S_v| on the box of a domain, in the same parameters.
+
+    Where a strip goes on beyond the surface, the polynomials of the end spans do, by half a span at most.
+    """
     spline = carrier.spline
-    low, high = segments.min(axis=(0, 1)), segments.max(axis=(0, 1))
+    low, high = bounding_box(polygons[:1])
+    wide_low, wide_high = bounding_box(polygons)
     step = WIDENING * (high - low)
     ends = np.array(spline.domain)
+    spans = np.array([np.diff(np.unique(knots))[[0, -1]] for knots in (spline.knots_u, spline.knots_v)])
     box = np.stack([np.maximum(low - step, ends[:, 0]), np.minimum(high + step, ends[:, 1])], axis=1)
+    box[:, 0] = np.where(
+        wide_low < low, np.maximum(np.minimum(box[:, 0], wide_low), ends[:, 0] - spans[:, 0] / 2), box[:, 0]
+    )
+    box[:, 1] = np.where(
+        wide_high > high, np.minimum(np.maximum(box[:, 1], wide_high), ends[:, 1] + spans[:, 1] / 2), box[:, 1]
+    )
 
     def sample(u: Array, v: Array) -> Array:
         normal = np.cross(spline.grid(u, v, 1, 0), spline.grid(u, v, 0, 1))

@@ -28,6 +28,12 @@ DEPTH_TOL = 1e-7
 DEPTH_REL_TOL = 1e-9
 """The same in body sizes, added: sheets and edges are fitted to a tenth of it."""
 
+BEYOND = 1.2
+"""In skins: height above an open face up to which a point is known to be outside; offset surfaces end nearer to it."""
+
+TIE_TOL = 1e-12
+"""Of the limit: sites at distances that agree within it are equally near, and the first one counts."""
+
 BOX_MARGIN = 0.02
 """In body sizes: margin of the boxes of sampled sites."""
 
@@ -39,10 +45,14 @@ def depth_limit(skin: float, size: float) -> float:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class FaceSite:
-    """A face as a region of its carrier; `tol` (model units) is how far beyond its border a foot may lie."""
+    """A face as a region of its carrier; `tol` (model units) is how far beyond its border a foot may lie.
+
+    `strips` (n, 2, 2) each: polygons in (u, v) by which the face goes on beyond an open one.
+    """
 
     region: FaceRegion
     tol: float
+    strips: tuple[Array, ...] = ()
 
     def feet(self, points: Array, limit: float) -> tuple[Array, Array]:
         """Distances (n,) of points (n, 3), infinite without a foot in the face or from `limit` on, and (u, v) of the feet (n, 2)."""
@@ -55,7 +65,8 @@ class FaceSite:
         uv = shift_to_period(uv, carrier, self.region.reference_parameters)
         near = np.flatnonzero(distance < limit)
         inside = np.zeros(len(points), bool)
-        inside[near] = points_in_polygons(self.region.segments[:, 0], self.region.segments[:, 1], uv[near])
+        for segments in (self.region.segments, *self.strips):
+            inside[near] |= points_in_polygons(segments[:, 0], segments[:, 1], uv[near])
         outside = near[~inside[near]]
         if len(outside):
             inside[outside] = self.region.distance_to_border(carrier(*uv[outside].T)) <= self.tol
@@ -67,6 +78,29 @@ class FaceSite:
         u, v = np.meshgrid(*(np.linspace(a, b, 17) for a, b in zip(low, high, strict=True)))
         points = np.concatenate([self.region.border.reshape(-1, 3), self.region.carrier(u, v).reshape(-1, 3)])
         return np.stack([points.min(axis=0), points.max(axis=0)])
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class OpenSite:
+    """A planar face without a skin: whatever lies beyond it is outside the body, and counts as not deep at all.
+
+    `outward` is +1 if the plane's normal points out of the body, else -1. `least`: distance beyond it that is round-off.
+    """
+
+    face: FaceSite
+    outward: int
+    least: float
+
+    def feet(self, points: Array, limit: float) -> tuple[Array, Array]:
+        """The limit less the heights (n,) of points (n, 3) above the face, infinite below it or beside it, and (u, v) (n, 2)."""
+        height = self.outward * self.face.region.carrier.distance(points)
+        inside, uv = self.face.feet(points, BEYOND * limit)
+        above = np.isfinite(inside) & (height > self.least)
+        return np.where(above, limit - height, np.inf), uv
+
+    def box(self) -> Array:
+        """Bounding box (2, 3) of samples of the face."""
+        return self.face.box()
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -102,7 +136,7 @@ class VertexSite:
         return np.stack([self.point, self.point])
 
 
-Site = FaceSite | EdgeSite | VertexSite
+Site = FaceSite | OpenSite | EdgeSite | VertexSite
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -122,10 +156,13 @@ class BodySites:
     boxes: Array
 
     @classmethod
-    def of(cls, sites: Sequence[Site], size: float) -> BodySites:
-        """The sites with their boxes."""
+    def of(cls, sites: Sequence[Site], skin: float, size: float) -> BodySites:
+        """The sites with their boxes, larger by strips where there are any."""
         boxes = np.array([site.box() for site in sites])
-        return cls(sites, boxes + BOX_MARGIN * size * np.array([[-1.0], [1.0]]))
+        faces = [site.face if isinstance(site, OpenSite) else site for site in sites]
+        wide = [BEYOND * skin if isinstance(site, FaceSite) and site.strips else 0.0 for site in faces]
+        margin = np.maximum(BOX_MARGIN * size, wide)[:, None, None]
+        return cls(sites, boxes + margin * np.array([[-1.0], [1.0]]))
 
     def nearest(self, points: Array, limit: float) -> NearestSites:
         """The nearest sites of points (n, 3), sought up to the distance `limit` (model units)."""
@@ -133,7 +170,7 @@ class BodySites:
         parameters = np.zeros((len(points), 2))
         for s, at in self._near_boxes(points, limit):
             distance, uv = self.sites[s].feet(points[at], limit)
-            closer = distance < np.minimum(depth[at], limit)
+            closer = distance < np.minimum(depth[at] - TIE_TOL * limit, limit)
             depth[at[closer]], site[at[closer]], parameters[at[closer]] = distance[closer], s, uv[closer]
         return NearestSites(depth, site, parameters)
 
@@ -141,6 +178,7 @@ class BodySites:
         """The sites whose boxes any of the points (n, 3) come near to, with these points."""
         if not len(points):
             return
+        reach *= BEYOND
         low, high = points.min(axis=0), points.max(axis=0)
         gap = np.maximum(np.maximum(self.boxes[:, 0] - high, low - self.boxes[:, 1]), 0.0)
         for s in np.flatnonzero((gap * gap).sum(axis=1) < reach * reach).tolist():

@@ -19,7 +19,7 @@ from tpmscad._typing import Array, BoolArray
 from tpmscad.erosion.intersections import meet_pair, meet_rim, meet_three
 from tpmscad.erosion.offset_shell import OffsetShell
 from tpmscad.erosion.sheets import ring_radius
-from tpmscad.erosion.sites import depth_limit
+from tpmscad.erosion.sites import FaceSite, OpenSite, depth_limit
 from tpmscad.errors import TrimmingError, format_point
 
 MERGE_REL_TOL = 1e-6
@@ -213,7 +213,7 @@ def _nearest_sheet(graph: EdgeGraph, point: Array) -> tuple[int, Array] | None:
     sheet = int(shell.sheet_of_site[site]) if site >= 0 else -1
     if sheet < 0:
         return None
-    if shell.sheets[sheet].source >= 0:
+    if isinstance(shell.sites.sites[site], FaceSite | OpenSite):
         return sheet, near.parameters[0]
     return sheet, shell.sheets[sheet].parameters_near(point)
 

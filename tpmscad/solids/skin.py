@@ -168,11 +168,9 @@ class ErosionRequest:
 
 def _erode_in_arrays(request: ErosionRequest, excess: float = 0.0) -> tuple[CadBody, ...]:
     own = faces_of(request.body.shape)
-    is_open = np.array([any(face.IsSame(o) for o in request.open_faces) for face in own])
-    if is_open.any():
-        raise InvalidRequest("open faces")
-    body = read_free_form_body(request.body.shape)
-    eroded = erode_body_in_arrays(body.brep, body.free_form, (1 + excess) * request.skin)
+    body = read_free_form_body(request.body.shape, [str(i) for i in range(len(own))])
+    opened = np.array([any(face.IsSame(o) for o in request.open_faces) for face in own])
+    eroded = erode_body_in_arrays(body.brep, body.free_form, (1 + excess) * request.skin, opened[body.brep.faces.tag])
     if not len(eroded.faces):
         raise KernelError("offset by the skin", "the offset is empty")
     return request.check(build_solids(eroded).solids)
