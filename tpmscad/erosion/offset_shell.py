@@ -6,7 +6,7 @@ convex edge the domains of the sheets end without a rim: no point there is as de
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -192,13 +192,30 @@ class _Assembly:
         into = np.cross(carrier.gradient(points), self.brep.uses.sense[use] * tangents)
         frame = np.stack([carrier(*uv.T, 1, 0), carrier(*uv.T, 0, 1)], axis=2)
         lean = np.zeros((STRIP_SAMPLES, 1))
-        lean[[0, -1], 0] = -1.0, 1.0
+        for end, (vertex, way) in enumerate(zip(self._ends(joint.edge), (-1.0, 1.0), strict=True)):
+            beside = (j for j in self.joints if j is not joint and vertex in self._ends(j.edge))
+            lean[-end, 0] = way if any(self._needs_strip(face, j) for j in beside) else 0.0
         sides = []
         for out in (-STRIP_INSET, 1.0):
             move = MITRE_LENGTH * self.skin * (lean * tangents - out * into)
             sides.append(uv + np.einsum("nij,nj->ni", np.linalg.pinv(frame), move))
         path = np.concatenate([sides[0], sides[1][::-1], sides[0][:1]])
         return np.stack([path[:-1], path[1:]], axis=1)
+
+    def _ends(self, edge: int) -> tuple[int, int]:
+        """The vertices of an edge."""
+        return int(self.brep.edges.start[edge]), int(self.brep.edges.end[edge])
+
+    def _widen_span(self, joint: _Joint, span: tuple[float, float]) -> tuple[float, float]:
+        """The span of a smooth or concave edge, longer where its faces go on beyond open ones at its ends."""
+        low, high = span
+        speeds = np.linalg.norm(self.curves[joint.edge](np.array(span), 1), axis=1)
+        steps = MITRE_LENGTH * self.skin / speeds
+        reach = [
+            any(self._needs_strip(f, j) for j in self.joints if vertex in self._ends(j.edge) for f in joint.faces)
+            for vertex in self._ends(joint.edge)
+        ]
+        return low - steps[0] * reach[0], high + steps[1] * reach[1]
 
     def inward(self, face: int, points: Array) -> Array:
         """Inward unit normals (n, 3) of a face at its points (n, 3)."""
@@ -235,6 +252,9 @@ class _Assembly:
         if (np.abs(joint.rise) <= SMOOTH_SINE).all():
             if min(sheets) >= 0:
                 curve = self._offset_curve(edge, span, joint.faces[0], pcurves[0], sheets[0])
+                wide = self._widen_span(joint, span)
+                if wide != span:
+                    curve, pcurves, span = _extend(curve, pcurves, span, wide)
                 self.rims.append(
                     Rim(curve, span, (sheets[0], sheets[1]), (pcurves[0], pcurves[1]), (senses[0], senses[1]))
                 )
@@ -413,6 +433,26 @@ def _chain_arcs(arcs: list[Array]) -> list[tuple[int, bool]] | None:
         left.remove(i)
         at = arcs[i][1 - f]
     return path if np.linalg.norm(at - arcs[0][0]) <= 1e-6 else None
+
+
+def _extend(
+    curve: EdgeCurve,
+    pcurves: Sequence[BSplineCurve | None],
+    span: tuple[float, float],
+    wide: tuple[float, float],
+) -> tuple[EdgeCurve, list[BSplineCurve | None], tuple[float, float]]:
+    """A curve and its pcurves on a wider span, as far as those go that are not straight."""
+    own = [c for c in (curve, *pcurves) if isinstance(c, BSplineCurve)]
+    ends = [c.domain for c in own if not is_segment(c)]
+    low = min(span[0], max([wide[0], *(low for low, _ in ends)]))
+    high = max(span[1], min([wide[1], *(high for _, high in ends)]))
+
+    def widened(c: EdgeCurve | None) -> EdgeCurve | None:
+        if not isinstance(c, BSplineCurve) or not is_segment(c):
+            return c
+        return line_segment(c(low), c(high), (low, high))
+
+    return widened(curve), [widened(c) for c in pcurves], (low, high)  # type: ignore[return-value, misc]
 
 
 def _parameter_line(carrier: BSplineSurface, pcurve: BSplineCurve, span: tuple[float, float]) -> BSplineCurve | None:

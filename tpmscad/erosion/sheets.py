@@ -38,6 +38,9 @@ FIT_REL_TOL = 1e-10
 WIDENING = 0.02
 """Of the range of a domain: how far a fitted sheet goes on beyond it, where its face does."""
 
+SNAP_RTOL = 1e-9
+"""Of a range of parameters: knots nearer to its ends make spans of no length."""
+
 CONSTANT_TOL = 1e-10
 """Radians by which the normals along an edge may turn if its tube is a cylinder or a torus."""
 
@@ -173,7 +176,8 @@ def _fit_offset(carrier: FreeFormSurface, by: float, polygons: tuple[Array, ...]
     spaces, adaptive = [], []
     for axis, (knots, degree) in enumerate(((spline.knots_u, spline.degree_u), (spline.knots_v, spline.degree_v))):
         inner, count = np.unique(knots, return_counts=True)
-        kept = (inner > box[axis, 0]) & (inner < box[axis, 1])
+        tiny = SNAP_RTOL * (box[axis, 1] - box[axis, 0])
+        kept = (inner > box[axis, 0] + tiny) & (inner < box[axis, 1] - tiny)
         breaks = np.concatenate([box[axis, :1], inner[kept], box[axis, 1:]])
         smooth = degree - count[kept]
         own = make_break_knots(breaks, smooth, degree), degree

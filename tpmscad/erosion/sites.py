@@ -28,7 +28,7 @@ DEPTH_TOL = 1e-7
 DEPTH_REL_TOL = 1e-9
 """The same in body sizes, added: sheets and edges are fitted to a tenth of it."""
 
-BEYOND = 1.2
+BEYOND = 1.46
 """In skins: height above an open face up to which a point is known to be outside; offset surfaces end nearer to it."""
 
 TIE_TOL = 1e-12

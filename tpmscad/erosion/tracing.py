@@ -52,6 +52,10 @@ TANGENT_SINE = 1e-4
 SAME_DIRECTION = 0.999
 """Cosine of the angle between edges of one pair of sheets at a vertex within which they are one."""
 
+CHORD_SAG = 0.1
+"""Of a chord: distance within which a point of two sheets is on the edge that has the chord. An edge turns by a quarter of a radian in
+two chords at most."""
+
 MAX_TRACE = 2000
 """Steps of one edge."""
 
@@ -470,7 +474,7 @@ def _find_seeds(graph: EdgeGraph) -> Iterator[tuple[tuple[int, int], Array, Arra
                 if tree is not None and tree.query(middle)[0] <= 1.5 * cell:
                     continue
                 seed = _refine_seed(graph, number, uv[good], uv[bad])
-                if seed is not None and (tree is None or tree.query(seed[2])[0] > 0.5 * cell):
+                if seed is not None and not any(_passes_through(e, seed[0], seed[2]) for e in graph.edges):
                     yield seed
 
 
@@ -486,6 +490,17 @@ def _edge_tree(graph: EdgeGraph, sheet: int) -> cKDTree | None:
         if sheet in rim.sheets:
             found.append(rim.curve(np.linspace(*piece.span, 4 * RIM_SAMPLES)))
     return cKDTree(np.concatenate(found)) if found else None
+
+
+def _passes_through(edge: TracedEdge, pair: tuple[int, int], point: Array) -> bool:
+    """Whether an edge is one of two sheets and passes a point of both, to the accuracy of its chords."""
+    if sorted(edge.sheets) != sorted(pair):
+        return False
+    start, step = edge.points[:-1], np.diff(edge.points, axis=0)
+    square = (step * step).sum(axis=1)
+    along = np.clip(((point - start) * step).sum(axis=1) / square, 0.0, 1.0)
+    gaps = np.linalg.norm(point - start - along[:, None] * step, axis=1)
+    return bool((gaps <= CHORD_SAG * np.sqrt(square)).any())
 
 
 def _refine_seed(graph: EdgeGraph, number: int, good: Array, bad: Array) -> tuple[tuple[int, int], Array, Array] | None:
