@@ -18,8 +18,8 @@ RESIDUAL_REL_TOL = 1e-13
 """In sizes of the coordinates: distance of the points on the sheets that counts as zero."""
 
 CONTINUATION = 1e-4
-"""Of the range of a parameter: how far the polynomials of the end spans of a fitted sheet are followed beyond its domain. Faces of a
-body miss each other at a seam by its own inaccuracy."""
+"""Of the range of a parameter: how far the polynomials of the end spans of a fitted sheet are followed beyond its domain.
+Faces of a body miss each other at a seam by its own inaccuracy."""
 
 LEAST_PIVOT = 1e-13
 """Singular values below this part of the largest one are left out, where sheets are tangent."""

@@ -1,7 +1,10 @@
 """The offset shell of a body: its sheets, and the rims along which neighbouring sheets join smoothly.
 
-A rim is the offset of a smooth edge, a side of a tube, or an arc between two tubes or between a tube and the sphere of a corner. At a
-convex edge the domains of the sheets end without a rim: no point there is as deep as the skin.
+A rim is the offset of a smooth edge, a side of a tube, or an arc between two tubes or between a tube and the sphere of a
+corner. At a convex edge the domains of the sheets end without a rim: no point there is as deep as the skin.
+
+An open face is a sheet of its own, without an offset. A face with a skin goes on beyond its edge with an open one, by a strip of
+its domain, so that the two sheets cross; where this would make the skin too thick, a tube round the edge ends it.
 """
 
 from __future__ import annotations
@@ -26,8 +29,8 @@ SMOOTH_SINE = 1e-6
 """Sine of the angle at an edge below which its faces count as tangent."""
 
 OPEN_RIM_COSINE = 0.72
-"""Cosine of the angle between the normals of a face with a skin and an open face above which the skin ends in a tube round their
-edge; below it the offset face goes on to the open face, where the skin is at most 1.45 times as thick."""
+"""Cosine of the angle between the normals of a face with a skin and an open face above which a tube round their edge ends the
+skin; below it the offset face goes on to the open face, where the skin is at most 1.45 times as thick."""
 
 RIM_OVERHANG = 0.2
 """Radians by which a tube round the edge of an open face reaches beyond that face, so that the two surfaces cross."""
@@ -297,7 +300,7 @@ class _Assembly:
             self.rims.append(Rim(side, span, (sheet, number), (pcurve, tube.sides[own]), (sense, along_tube)))
 
     def add_open_joint(self, joint: _Joint) -> None:
-        """What an edge of an open face needs: a rim where two of them meet in a concave edge, or a tube where the skin ends in a round."""
+        """What an edge of an open face needs: a rim in a concave edge of two of them, a tube where the skin ends in a round."""
         brep, edge = self.brep, joint.edge
         span = float(brep.edges.span[edge, 0]), float(brep.edges.span[edge, 1])
         curve = self.curves[edge]

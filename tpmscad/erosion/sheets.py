@@ -1,9 +1,10 @@
 """Offset sheets: for each face, concave edge and concave corner of a body the points at the depth of the skin below it.
 
-A sheet keeps the parameters of its face: X(u, v) = S(u, v) + skin * (inward normal). Planes and quadrics give exact sheets of their
-own kind; splines are fitted. The sheet of a concave edge is a tube round it between the inward normals of its faces: a cylinder or a
-torus where the edge is a line or a circle at a constant angle, else a fitted canal surface. That of a corner is a part of a sphere.
-Each sheet has a domain, the parameters of its face, beyond which its points have another nearest site.
+A sheet keeps the parameters of its face: X(u, v) = S(u, v) + skin * (inward normal). Planes and quadrics give exact sheets of
+their own kind; splines are fitted. X is smooth where the face is, beyond its centres of curvature too, where it folds; what is
+folded is not deep enough. The sheet of a concave edge is a tube round it between the inward normals of its faces: a cylinder or a
+torus where the edge is a line or a circle at a constant angle, else a fitted canal surface. That of a corner is a part of a
+sphere. Each sheet has a domain, the parameters of its face, beyond which its points have another nearest site.
 """
 
 from __future__ import annotations

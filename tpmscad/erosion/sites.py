@@ -1,8 +1,9 @@
 """Depth of points below the boundary of a body, as the distance from the nearest of its sites.
 
-The sites are those of a Voronoi diagram: the faces, the edges and the vertices. Convex edges are never the nearest site of a point
-inside, but of points of offset surfaces that leave the body. A face is a site for the points whose foot on its carrier lies in it; beyond a
-concave edge the edge is nearer, beyond a smooth one the neighbouring face, so that a border known to a part of the skin suffices.
+The sites are those of a Voronoi diagram: the faces, the edges and the vertices. Convex edges are never the nearest site of a
+point inside, but of points of offset surfaces that leave the body. A face is a site for the points whose foot on its carrier lies
+in it. Beyond a concave edge the edge is nearer, beyond a smooth one the neighbouring face, and a distance d is wrong by
+h^2 / (2 d) only where the border is off by h: polygons suffice for the borders.
 """
 
 from __future__ import annotations
@@ -55,7 +56,7 @@ class FaceSite:
     strips: tuple[Array, ...] = ()
 
     def feet(self, points: Array, limit: float) -> tuple[Array, Array]:
-        """Distances (n,) of points (n, 3), infinite without a foot in the face or from `limit` on, and (u, v) of the feet (n, 2)."""
+        """Distances (n,) of points (n, 3), infinite without a foot in the face or from `limit` on, and (u, v) (n, 2)."""
         carrier = self.region.carrier
         if isinstance(carrier, FreeFormSurface):
             found = carrier.foot_points(points, 1)
@@ -141,7 +142,7 @@ Site = FaceSite | OpenSite | EdgeSite | VertexSite
 
 @dataclass(frozen=True, slots=True, eq=False)
 class NearestSites:
-    """Depths (n,) of points, infinite where no site is within the limit, their nearest sites (n,), and the parameters there (n, 2)."""
+    """Depths (n,) of points, infinite where no site is within the limit, their nearest sites (n,), and parameters there (n, 2)."""
 
     depth: Array
     site: IntArray

@@ -1,9 +1,11 @@
 """The graph of edges and vertices of an eroded body on its offset shell.
 
-A point of the shell bounds the eroded body if no site is nearer than the skin. First the rims are cut where they get shallow. From every
-vertex found, edges of two sheets are traced as long as they are deep enough and inside both domains; where they end is a vertex
-of a third sheet, or one on a rim. Edges that no rim leads to are found from grids on all sheets, at nodes next to each other of which
-one is deep enough. So each edge is traced once, with its parameters on both sheets.
+A point of the shell bounds the eroded body if no site is nearer than the skin. First the rims are cut where they get shallow.
+From every vertex found, edges of two sheets are traced as long as they are deep enough and inside both domains; where they end
+is a vertex of a third sheet, or one on a rim. Edges that no rim leads to are found from grids on all sheets, at nodes next to
+each other of which one is deep enough. So each edge is traced once, with its parameters on both sheets.
+
+Not resolved are edges that begin inside a sheet, at a centre of curvature, and sheets that touch without crossing.
 """
 
 from __future__ import annotations
@@ -53,8 +55,8 @@ SAME_DIRECTION = 0.999
 """Cosine of the angle between edges of one pair of sheets at a vertex within which they are one."""
 
 CHORD_SAG = 0.1
-"""Of a chord: distance within which a point of two sheets is on the edge that has the chord. An edge turns by a quarter of a radian in
-two chords at most."""
+"""Of a chord: distance within which a point of two sheets is on the edge that has the chord. An edge turns by a quarter of a
+radian in two chords at most."""
 
 MAX_TRACE = 2000
 """Steps of one edge."""
