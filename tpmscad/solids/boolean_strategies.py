@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 from scipy.spatial import cKDTree
 
-from tpmscad._typing import Array
+from tpmscad._typing import Array, BoolArray
 from tpmscad.brep.boundary_representation import Brep, reverse_faces, spline_faces
 from tpmscad.brep.moments import integral_properties
 from tpmscad.errors import KernelError, NotQuadric, TpmscadError, TrimmingError
@@ -260,9 +260,14 @@ def _check_volume_by_sampling(volume: float, patches: Brep, body: CadBody) -> No
 def sample_lattice_fraction(patches: Brep, body: CadBody) -> tuple[float, float]:
     """Fraction of an even sample of points in the body that lies in the lattice, and the error allowed for it."""
     points = sample_solid(body.shape, N_SAMPLE_LINES, POINTS_PER_LINE)
-    fraction = float((signed_distances_to_nodes(patches, points) < 0).mean())
-    variance = max(fraction * (1 - fraction), 1 / len(points)) / len(points)
-    return fraction, MAX_STANDARD_ERRORS * np.sqrt(variance)
+    return estimate_fraction(signed_distances_to_nodes(patches, points) < 0)
+
+
+def estimate_fraction(inside: BoolArray) -> tuple[float, float]:
+    """The fraction of a sample (n,) that is inside, and the error allowed for it."""
+    fraction = float(inside.mean())
+    variance = max(fraction * (1 - fraction), 1 / len(inside)) / len(inside)
+    return fraction, MAX_STANDARD_ERRORS * float(np.sqrt(variance))
 
 
 def signed_distances_to_nodes(patches: Brep, points: Array) -> Array:
