@@ -15,6 +15,7 @@ from scipy.spatial import cKDTree
 
 from tpmscad._typing import Array, BoolArray
 from tpmscad.errors import CrossingSurfaces, LevelSetError, format_point
+from tpmscad.fields.analysis.quadric_leaves import find_quadric
 from tpmscad.fields.analysis.saddles import find_narrow_points, spread_directions
 from tpmscad.fields.data.sample_grid import SampleGrid
 from tpmscad.fields.field import Field
@@ -66,8 +67,8 @@ BYTES_PER_SAMPLE = 40
 def check_separation(field: Field, parts: tuple[Field, ...], points: list[Array], tol: float) -> float:
     """The least distance between the level sets, to first order, at `points` (n, 3) of each.
 
-    CrossingSurfaces if `field` does not vanish all over each level set, which then bounds the solid in part only; LevelSetError
-    if the distance is not above 2 tol.
+    CrossingSurfaces if `field` does not vanish all over each level set, which then bounds the solid in part only, or if a plane,
+    sphere or cylinder, which can be exact, is within 2 tol of another; LevelSetError if two others are.
     """
     least = np.inf
     for i, part in enumerate(parts):
@@ -85,8 +86,11 @@ def check_separation(field: Field, parts: tuple[Field, ...], points: list[Array]
             wall = np.abs(value) / np.maximum(np.linalg.norm(gradient, axis=1), MIN_DIVISOR)
             least = min(least, float(wall.min()))
             if least <= MIN_WALL_TOLS * tol:
+                at = format_point(points[i][wall.argmin()], 5)
+                if find_quadric(part) is not None or find_quadric(other) is not None:
+                    raise CrossingSurfaces(f"two surfaces come within {wall.min():.3g} of each other near {at}")
                 raise LevelSetError(
-                    f"the wall is {wall.min():.3g} thick near {format_point(points[i][wall.argmin()], 5)}, too thin for `tol` "
+                    f"the wall is {wall.min():.3g} thick near {at}, too thin for `tol` "
                     f"{tol:g}: use one below {wall.min() / 2:.2g}, or a thicker wall"
                 )
     return least
