@@ -320,7 +320,8 @@ def main(arguments: list[str] | None = None) -> None:
     options = parser.parse_args(arguments)
     if options.erosion:
         print(
-            f"{'body':>9} {'skin':>7} {'method':>30} {'parts':>5} {'valid':>5} {'volume':>12} {'least':>9} {'most':>9} {'CPU s':>6}"
+            f"{'body':>9} {'skin':>7} {'method':>30} {'parts':>5} {'valid':>5} {'volume':>12} "
+            f"{'least':>9} {'most':>9} {'CPU s':>6}"
         )
         for name in ERODED if options.bodies == ",".join(CASES) else options.bodies.split(","):
             for ratio in options.ratios.split(","):

@@ -31,8 +31,8 @@ FRACTIONS = np.linspace(0.0, 1.0, 33)
 """Places along an edge at which its deviation is measured, and of the polygons in which loops are nested."""
 
 CARRIER_MARGIN = 0.3
-"""In body sizes: how far fitted carriers may go on beyond the vertices. A lattice that the eroded body trims is followed beyond its
-edges; with 0.001 the trim of an elliptic prism fails, and the kernel's split takes twice as long."""
+"""In body sizes: how far fitted carriers may go on beyond the vertices. A lattice that the eroded body trims is followed beyond
+its edges; with 0.001 the trim of an elliptic prism fails, and the kernel's split takes twice as long."""
 
 CHECK_GRID = 24
 """Nodes along each parameter of a sheet at which the faces are compared with the depth."""

@@ -36,7 +36,7 @@ RIM_OVERHANG = 0.2
 """Radians by which a tube round the edge of an open face reaches beyond that face, so that the two surfaces cross."""
 
 MITRE_LENGTH, STRIP_INSET = 1.05, 0.05
-"""In skins: how far a face goes on beyond an open one, which a thickness of 1.45 needs; part of it that lies in the face itself."""
+"""In skins: how far a face goes on beyond an open one, which a thickness of 1.45 needs; what of it lies in the face itself."""
 
 STRIP_SAMPLES = 33
 """Points along each side of such a strip."""

@@ -142,7 +142,7 @@ Site = FaceSite | OpenSite | EdgeSite | VertexSite
 
 @dataclass(frozen=True, slots=True, eq=False)
 class NearestSites:
-    """Depths (n,) of points, infinite where no site is within the limit, their nearest sites (n,), and parameters there (n, 2)."""
+    """Depths (n,) of points, infinite where no site is within the limit, nearest sites (n,), and parameters there (n, 2)."""
 
     depth: Array
     site: IntArray
