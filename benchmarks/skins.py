@@ -119,12 +119,6 @@ def blade() -> bd.Shape:
     return bd.loft(sections, ruled=True)
 
 
-def wing() -> bd.Shape:
-    """An extruded profile with a nose whose radius is a hundredth of the chord."""
-    profile = bd.Spline((20, 0.05), (12, 1.1), (4, 1.5), (0.5, 0.6), (0, 0), (0.5, -0.4), (4, -0.8), (20, -0.05))
-    return bd.extrude(bd.make_face([profile, bd.Line(profile @ 1, profile @ 0)]), 8)
-
-
 ERODED: dict[str, Callable[[], Any]] = {
     "box": lambda: bd.Box(30, 26, 22),
     "bored": lambda: bd.Cylinder(12, 26) - bd.Cylinder(4, 40),
@@ -135,7 +129,6 @@ ERODED: dict[str, Callable[[], Any]] = {
     "elbow": elbow,
     "ellipse": lambda: bd.extrude(bd.Ellipse(3.9, 2.4), 5),
     "blade": blade,
-    "wing": wing,
 }
 """Bodies that are eroded without being filled."""
 

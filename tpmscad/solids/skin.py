@@ -4,8 +4,8 @@ The body is eroded by the skin, the lattice is subtracted from what is left, and
 body. A body of planes and quadrics whose concave edges are straight or circular is eroded by the kernel's arrangement of its
 offset surfaces, which is exact and fastest. All other bodies without poles and gaps, free-form faces included, are eroded by an
 arrangement of offset faces in arrays (`tpmscad.erosion`); the skin then has the thickness asked for everywhere, round concave
-edges too. What both refuse is offset with mitres, or by the kernel in a process of its own with a time limit. Whatever the method,
-the thickness is measured, on the offset body and on the result.
+edges too. What both refuse is offset with mitres, or by the kernel in a process of its own with a time limit. Whatever the
+method, the thickness is measured, on the offset body and on the result.
 """
 
 from __future__ import annotations
