@@ -6,7 +6,7 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from tpmscad._typing import Array, BoolArray
+from tpmscad._typing import Array, BoolArray, IntArray
 from tpmscad.brep import connectivity
 from tpmscad.brep.boundary_representation import Brep, Edges, EdgeUses, Faces, drop_unused_geometry
 from tpmscad.brep.carriers import EdgeCurve, Plane
@@ -180,7 +180,7 @@ class _Builder:
         return drop_unused_geometry(brep)
 
     def _chain(
-        self, sheet: int, own: list[tuple[int, int, int]], paths: list[Array], ends: Array
+        self, sheet: int, own: list[tuple[int, int, int]], paths: list[Array], ends: IntArray
     ) -> list[list[list[int]]]:
         """The faces of a sheet as lists of loops of its uses."""
         if not own:

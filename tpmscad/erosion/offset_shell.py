@@ -111,7 +111,7 @@ def build_offset_shell(
     """
     size = float(np.linalg.norm(np.ptp(brep.vertices, axis=0)))
     found = [free_form.get(c, brep.carriers[c]) for c in brep.faces.carrier.tolist()]
-    carriers: list[BodyCarrier] = [c for c in found if not hasattr(c, "poles")]  # type: ignore[misc]
+    carriers: list[BodyCarrier] = [c for c in found if not hasattr(c, "poles")]
     curves = [brep.curves[c] for c in brep.edges.curve.tolist()]
     assembly = _Assembly(brep, carriers, curves, skin, size, is_open)
     assembly.add_faces()
@@ -187,13 +187,13 @@ class _Assembly:
         """The polygon (n, 2, 2) in (u, v) of the strip by which a face goes on beyond an edge, and at both ends of it."""
         k = joint.faces.index(face)
         use, carrier, curve = joint.uses[k], self.carriers[face], self.curves[joint.edge]
-        t = np.linspace(*self.brep.edges.span[joint.edge], STRIP_SAMPLES)
+        t = np.linspace(*self.brep.edges.span[joint.edge].tolist(), STRIP_SAMPLES)
         points, tangents = curve(t), curve(t, 1)
         tangents = tangents / np.linalg.norm(tangents, axis=1, keepdims=True)
         pcurve = self.brep.uses.pcurve[use]
         uv = carrier.parameters(points) if pcurve < 0 else self.brep.pcurves[pcurve](t)
         into = np.cross(carrier.gradient(points), self.brep.uses.sense[use] * tangents)
-        frame = np.stack([carrier(*uv.T, 1, 0), carrier(*uv.T, 0, 1)], axis=2)
+        frame = np.stack([carrier(uv[:, 0], uv[:, 1], 1, 0), carrier(uv[:, 0], uv[:, 1], 0, 1)], axis=2)
         lean = np.zeros((STRIP_SAMPLES, 1))
         for end, (vertex, way) in enumerate(zip(self._ends(joint.edge), (-1.0, 1.0), strict=True)):
             beside = (j for j in self.joints if j is not joint and vertex in self._ends(j.edge))
@@ -364,7 +364,7 @@ class _Assembly:
             second.normals[1] - first.normals[0]
         )
         parameters = first.parameters, second.parameters[::-1] if swap else second.parameters
-        pcurves = [line_segment(*p, (0.0, angle)) for p in parameters]
+        pcurves = [line_segment(p[0], p[1], (0.0, angle)) for p in parameters]
         senses = [_left_sense(self.sheets[s], p) for s, p in zip((one, two), parameters, strict=True)]
         self.rims.append(Rim(arc, (0.0, angle), (one, two), (pcurves[0], pcurves[1]), (senses[0], senses[1])))
 
@@ -399,7 +399,7 @@ class _Assembly:
         self.ball_of_vertex[vertex] = number
         for (i, _), (arc, angle, pcurve, forward) in zip(chain, made, strict=True):
             sheet, end = own[i]
-            own_line = line_segment(*end.parameters, (0.0, angle))
+            own_line = line_segment(end.parameters[0], end.parameters[1], (0.0, angle))
             senses = _left_sense(self.sheets[sheet], end.parameters), turn if forward else -turn
             self.rims.append(Rim(arc, (0.0, angle), (sheet, number), (own_line, pcurve), senses))
 
@@ -481,7 +481,8 @@ def fit_known_or_spline(base: EdgeCurve, span: tuple[float, float], moved: objec
     known: EdgeCurve | None = None
     if is_segment(base):
         slope = (points[-1] - points[0]) / (t[-1] - t[0])
-        known = line_segment(*(points[0] + (s - t[0]) * slope for s in span), span)
+        first, last = (points[0] + (s - t[0]) * slope for s in span)
+        known = line_segment(first, last, span)
     elif isinstance(base, Circle):
         arm = points[0] - base.origin
         height = float(arm @ base.normal)
