@@ -187,7 +187,8 @@ class _Assembly:
         """The polygon (n, 2, 2) in (u, v) of the strip by which a face goes on beyond an edge, and at both ends of it."""
         k = joint.faces.index(face)
         use, carrier, curve = joint.uses[k], self.carriers[face], self.curves[joint.edge]
-        t = np.linspace(*self.brep.edges.span[joint.edge].tolist(), STRIP_SAMPLES)
+        low, high = self.brep.edges.span[joint.edge].tolist()
+        t = np.linspace(low, high, STRIP_SAMPLES)
         points, tangents = curve(t), curve(t, 1)
         tangents = tangents / np.linalg.norm(tangents, axis=1, keepdims=True)
         pcurve = self.brep.uses.pcurve[use]

@@ -294,7 +294,7 @@ def _make_tube_carrier(
     spaces, tol = [], FIT_REL_TOL * size
     for axis in (0, 1):
         breaks: Array = box[axis]
-        smooth: Array = np.empty(0, int)  # type: ignore[assignment]
+        smooth: Array = np.empty(0, int)
         if axis == 0 and isinstance(curve, BSplineCurve):
             inner, count = np.unique(curve.knots, return_counts=True)
             kept = (inner > span[0]) & (inner < span[1])
