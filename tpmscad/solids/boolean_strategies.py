@@ -219,7 +219,7 @@ BOOLEAN_METHODS: Fallbacks[[Brep, CadBody, float, KernelBoolean], BooleanResult]
         Fallback(
             "trimming on the patches' parameters",
             lambda patches, body, max_shift, _: trim_on_parameters(patches, body, max_shift),
-            "a second for a few cells; several with free-form faces, which must have no pole and meet within 1e-10",
+            "a second for a few cells; several with free-form faces, which must meet within 1e-10",
         ),
         Fallback(
             "splitting near the body's faces",

@@ -63,7 +63,8 @@ class FreeFormBody:
 def read_free_form_body(shape: Any, tags: Sequence[str] = ()) -> FreeFormBody:
     """As `brep_from_shape`, with faces on splines as well.
 
-    Raises NotQuadric if a spline is not within 1e-10 of the body's size, has a pole or a crease, or its edges leave a gap.
+    Raises NotQuadric if a spline is not within 1e-10 of the body's size, has a crease or poles along both parameters, or its
+    edges leave a gap.
     """
     brep, source, carriers = _read_faces(shape, True)
     brep = replace(brep, faces=replace(brep.faces, tag=source), tags=tuple(tags)) if tags else brep

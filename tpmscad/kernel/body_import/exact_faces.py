@@ -20,6 +20,7 @@ from OCP.TopoDS import TopoDS_Edge, TopoDS_Face
 
 from tpmscad._typing import Array
 from tpmscad.brep.carriers import Circle, EdgeCurve, Ellipse
+from tpmscad.brep.foot_surface import find_point_sides
 from tpmscad.brep.free_form_surface import BodyCarrier, FreeFormSurface
 from tpmscad.brep.orthogonal_projection import project_to_curve
 from tpmscad.kernel.body_import.free_form_carriers import convert_free_form
@@ -28,6 +29,7 @@ from tpmscad.kernel.occt import convert
 from tpmscad.kernel.occt.convert import axis_frame
 from tpmscad.kernel.occt.exploration import ShapeKey, first_vertex, last_vertex, list_subshapes, orientation_sign
 from tpmscad.kernel.recognise.edge_curves import (
+    POLE_REL_TOL,
     REFIT_SAMPLES,
     UnsupportedFace,
     fit_intersection_curve,
@@ -105,7 +107,7 @@ def read_exact_body(faces: Sequence[TopoDS_Face], size: float, free_form: bool =
 def _read_carrier(face: TopoDS_Face, size: float, free_form: bool) -> BodyCarrier:
     """The plane or quadric of a face, else its free-form carrier if that is asked for.
 
-    Raises UnsupportedFace if there is none, or none within EXACT_REL_TOL, or one with a pole.
+    Raises UnsupportedFace if there is none, or none within EXACT_REL_TOL, or one with poles along both parameters.
     """
     try:
         return recognise_carrier(face, size)
@@ -115,15 +117,14 @@ def _read_carrier(face: TopoDS_Face, size: float, free_form: bool) -> BodyCarrie
     converted = convert_free_form(face, size)
     if converted.error > EXACT_REL_TOL * size:
         raise UnsupportedFace(f"is free-form, and its spline is {converted.error:.2g} off")
-    if any(np.ptp(side, axis=0).max() == 0.0 for side in _sides_of(converted.carrier)):
-        raise UnsupportedFace("is free-form with a pole")
-    return replace(converted.carrier, continuation=CONTINUATION_REL * size)
-
-
-def _sides_of(carrier: FreeFormSurface) -> tuple[Array, Array, Array, Array]:
-    """The poles along the four sides of a carrier."""
-    poles = carrier.spline.poles
-    return poles[0], poles[-1], poles[:, 0], poles[:, -1]
+    carrier = replace(converted.carrier, continuation=CONTINUATION_REL * size)
+    is_point = find_point_sides(carrier.spline)
+    if is_point[[1, 3]].any():
+        if is_point[[0, 2]].any():
+            raise UnsupportedFace("is free-form with poles along both parameters")
+        # the poles lie across v then, as those of a sphere
+        carrier = replace(carrier, spline=carrier.spline.turned(1), closed=carrier.closed[::-1])
+    return carrier
 
 
 def _wire_edges(face: TopoDS_Face) -> list[list[TopoDS_Edge]]:
@@ -145,7 +146,11 @@ def _wire_edges(face: TopoDS_Face) -> list[list[TopoDS_Edge]]:
 
 
 def _exact_vertex(point: Array, carriers: Sequence[BodyCarrier], size: float) -> Array:
-    """Common point of the surfaces closest to the OCCT vertex."""
+    """Common point of the surfaces closest to the OCCT vertex, or the pole of a free-form one that is there."""
+    poles = [p for c in carriers if isinstance(c, FreeFormSurface) for _, p in c.poles_across_v()]
+    for pole in poles:
+        if np.linalg.norm(pole - point) <= POLE_REL_TOL * size:
+            return pole
     exact = project_to_carriers(carriers, point[None])[0]
     if np.linalg.norm(exact - point) > VERTEX_REL_TOL * size:
         raise UnsupportedFace(f"shares no point with its neighbouring faces near {point.round(6)}")

@@ -122,7 +122,7 @@ def convert_free_form(face: TopoDS_Face, size: float, reach: float = REACH) -> C
     Parameters
     ----------
     face : TopoDS_Face
-        A face on an extrusion, a revolution, a Bezier, B-spline or offset surface.
+        A face on an extrusion, a revolution, a Bezier, B-spline or offset surface, or a torus that intersects itself.
     size : float
         Size of the body in model units; the carrier is to be within 1e-10 of it.
     reach : float, optional
@@ -136,12 +136,12 @@ def convert_free_form(face: TopoDS_Face, size: float, reach: float = REACH) -> C
     Raises
     ------
     UnsupportedFace
-        If the surface is a plane or a quadric, or has a crease inside the face.
+        If the surface is a plane or a quadric, but for a torus that intersects itself, or has a crease inside the face.
     """
     surface = BRep_Tool.Surface_s(face)
     while isinstance(surface, Geom_RectangularTrimmedSurface):
         surface = surface.BasisSurface()
-    if isinstance(surface, Geom_ElementarySurface):
+    if isinstance(surface, Geom_ElementarySurface) and not _intersects_itself(surface):
         raise UnsupportedFace("is on a plane or a quadric, which has a carrier of its own")
     u0, u1, v0, v1 = BRepTools.UVBounds_s(face)
     face_box = np.array([[u0, u1], [v0, v1]])
@@ -151,6 +151,11 @@ def convert_free_form(face: TopoDS_Face, size: float, reach: float = REACH) -> C
     spline = _join_poles(restricted, size)
     closed = find_smooth_seams(spline)
     return ConvertedSurface(FreeFormSurface(spline, closed), max(error, _measure(spline, sample)))
+
+
+def _intersects_itself(surface: Geom_Surface) -> bool:
+    """Whether a surface is a torus whose tube reaches its axis: its faces end there in poles."""
+    return isinstance(surface, Geom_ToroidalSurface) and surface.MajorRadius() <= surface.MinorRadius()
 
 
 def convert_box(surface: Geom_Surface, box: Array, tol: float) -> tuple[BSplineSurface, float]:

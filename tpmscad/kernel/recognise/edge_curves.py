@@ -63,7 +63,8 @@ ARC_LENGTH_PASSES = 2
 """Reparametrisations by arc length: the first starts from chord lengths, the second from arc lengths."""
 
 POLE_REL_TOL = 1e-7
-"""Distance from the axis, in body sizes, below which a point is a pole of a sphere or the apex of a cone."""
+"""Distance from the axis, in body sizes, below which a point is a pole of a sphere or the apex of a cone; from the pole of a
+free-form surface."""
 
 
 class UnsupportedFace(Exception):
@@ -71,10 +72,14 @@ class UnsupportedFace(Exception):
 
 
 def is_at_pole(carrier: BodyCarrier, points: Array, size: float) -> NDArray[np.bool_]:
-    """Mask of the points (n, 3) that are a pole of a sphere or the apex of a cone: (n,).
-
-    Faces with a pole of a free-form surface are not represented (`exact_faces`).
-    """
+    """Mask of the points (n, 3) that are a pole of a sphere or of a free-form surface, or the apex of a cone: (n,)."""
+    if isinstance(carrier, FreeFormSurface):
+        away = [np.linalg.norm(points - pole, axis=1) for _, pole in carrier.poles_across_v()]
+        return (
+            np.asarray(np.min(away, axis=0, initial=np.inf) < POLE_REL_TOL * size, bool)
+            if away
+            else np.zeros(len(points), bool)
+        )
     if not isinstance(carrier, SphericalSurface | ConicalSurface):
         return np.zeros(len(points), bool)
     arm = points - carrier.origin
