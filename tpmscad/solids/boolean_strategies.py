@@ -160,7 +160,8 @@ def _trim_by_free_form_faces(patches: Brep, body: CadBody, max_shift: float) -> 
     """The patches trimmed by a body with free-form faces; errors as in `trim_on_parameters`, whatever goes wrong."""
     try:
         read = read_free_form_body(body.shape, body.face_labels)
-        return _trim_by_brep(patches, body, read.brep, read.free_form, max_shift)
+        result = _trim_by_brep(patches, body, read.brep, read.free_form, max_shift)
+        return replace(result, notes=(*result.notes, *read.notes))
     except TpmscadError:
         raise
     except Exception as error:  # OCCT's exceptions have no common base class, and systems of equations may be singular
@@ -191,7 +192,10 @@ def _build_valid_solids(brep: Brep) -> BrepSolids | None:
     """The solids that patches bound, None if there are no patches; TrimmingError if the kernel's check rejects them."""
     if not len(brep.faces):
         return None
-    built = build_solids(brep)
+    try:
+        built = build_solids(brep)
+    except KernelError as error:  # a sliver of round-off volume may be inside out: another placement has none
+        raise TrimmingError(str(error)) from error
     if not is_brep_valid(brep, built.known_faces):
         raise TrimmingError("the kernel's check rejects the trimmed lattice")
     return built

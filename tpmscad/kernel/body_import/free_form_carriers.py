@@ -20,6 +20,7 @@ from typing import Any
 
 import numpy as np
 from OCP.BRep import BRep_Tool
+from OCP.BRepAdaptor import BRepAdaptor_Curve
 from OCP.BRepTools import BRepTools
 from OCP.Geom import (
     Geom_BezierCurve,
@@ -51,7 +52,8 @@ from tpmscad.brep.free_form_surface import SEAM_ANGLE, FreeFormSurface, find_smo
 from tpmscad.kernel.occt import convert
 from tpmscad.kernel.recognise.edge_curves import UnsupportedFace
 from tpmscad.kernel.recognise.face_carriers import EXACT_REL_TOL
-from tpmscad.splines.bspline import BSplineSurface
+from tpmscad.splines.basis import design_matrix
+from tpmscad.splines.bspline import BSplineCurve, BSplineSurface
 from tpmscad.splines.knots import restrict_surface
 from tpmscad.splines.quadrature import composite_gauss_legendre
 from tpmscad.splines.spline_axis import SplineAxis, sampled_axis
@@ -164,6 +166,30 @@ def convert_box(surface: Geom_Surface, box: Array, tol: float) -> tuple[BSplineS
     The error, in model units, exceeds `tol` if `MAX_SPANS` were not enough.
     """
     return _convert_box(surface, box, tol)[:2]
+
+
+def convert_curve(adaptor: BRepAdaptor_Curve, tol: float) -> BSplineCurve | None:
+    """The curve of an edge as a polynomial spline with its parameter, as smooth as the curve is; None if it is not within `tol`."""
+    breaks, continuity = _read_breaks(adaptor, None)
+    knots = _make_knots(breaks, continuity, MAX_DEGREE)
+
+    def sample(t: Array) -> Array:
+        return np.array([adaptor.Value(x).Coord() for x in t.tolist()])
+
+    while True:
+        ends = np.unique(knots)
+        own = _make_axis(knots, MAX_DEGREE)
+        rows = np.sqrt(own.weights)[:, None] * design_matrix(knots, MAX_DEGREE, own.points)
+        poles = np.linalg.lstsq(rows, np.sqrt(own.weights)[:, None] * sample(own.points), rcond=None)[0]
+        curve = BSplineCurve(poles, knots, MAX_DEGREE)
+        at = ends[:-1, None] + np.diff(ends)[:, None] * SPAN_CHECKS
+        missed = np.linalg.norm(curve(at.ravel()) - sample(at.ravel()), axis=1).reshape(at.shape).max(axis=1)
+        bad = missed > tol
+        if not bad.any():
+            return curve
+        if len(ends) - 1 + bad.sum() > MAX_SPANS:
+            return None
+        knots = np.sort(np.concatenate([knots, 0.5 * (ends[1:] + ends[:-1])[bad]]))
 
 
 def fit_chart(sample: Sampler, tol: float) -> tuple[BSplineSurface, float]:
@@ -341,13 +367,17 @@ def _curve_degree(curve: Geom_Curve) -> int | None:
     return None
 
 
-def _read_breaks(adaptor: GeomAdaptor_Surface, axis: int) -> tuple[Array, Array]:
+def _read_breaks(adaptor: GeomAdaptor_Surface | BRepAdaptor_Curve, axis: int | None) -> tuple[Array, Array]:
     """Ends (n + 1,) of the intervals on which the surface is smooth along a parameter, and the continuity (n - 1,) between them.
 
-    The continuity is 0 to 3: more is not told apart.
+    The continuity is 0 to 3: more is not told apart. For a curve `axis` is None.
     """
 
     def intervals(kind: Any) -> Array:
+        if axis is None:
+            values = convert.real_array(adaptor.NbIntervals(kind) + 1)
+            adaptor.Intervals(values, kind)
+            return np.array([values.Value(i) for i in range(1, values.Length() + 1)])
         count = adaptor.NbUIntervals(kind) if axis == 0 else adaptor.NbVIntervals(kind)
         values = convert.real_array(count + 1)
         (adaptor.UIntervals if axis == 0 else adaptor.VIntervals)(values, kind)

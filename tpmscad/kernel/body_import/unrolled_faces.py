@@ -56,12 +56,16 @@ class ImportedFace:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ImportedBody:
-    """Body before assembly; `size` is the diagonal of the box of its vertices and edges."""
+    """Body before assembly; `size` is the diagonal of the box of its vertices and edges.
+
+    `move`: how far free-form faces were moved, so that they meet.
+    """
 
     vertices: tuple[Array, ...]
     edges: tuple[ImportedEdge, ...]
     faces: tuple[ImportedFace, ...]
     size: float
+    move: float = 0.0
 
 
 def sample_use(body: ImportedBody, face: ImportedFace, use: ImportedUse, t: Array | None = None) -> Array:

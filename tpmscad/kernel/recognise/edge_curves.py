@@ -215,12 +215,17 @@ def _knots_and_sites(breaks: Array) -> tuple[Array, Array]:
     return knots, np.clip(sites, breaks[0], breaks[-1])
 
 
-def project_to_carriers(carriers: Sequence[BodyCarrier], points: Array) -> Array:
-    """Points (n, 3) projected onto all the surfaces at once by least-norm Newton steps; they must start close to them."""
+def project_to_carriers(
+    carriers: Sequence[BodyCarrier], points: Array, least_sine: float = MIN_TRANSVERSE_ANGLE
+) -> Array:
+    """Points (n, 3) projected onto all the surfaces at once by least-norm Newton steps; they must start close to them.
+
+    Surfaces at a smaller angle than `least_sine` count as tangent: between two that miss each other points end in the middle.
+    """
     for _ in range(MAX_NEWTON_STEPS):
         off = np.stack([c.distance(points) for c in carriers], axis=1)
         slope = np.stack([c.gradient(points) for c in carriers], axis=1)
-        step = np.einsum("nij,nj->ni", np.linalg.pinv(slope, rcond=MIN_TRANSVERSE_ANGLE), off)
+        step = np.einsum("nij,nj->ni", np.linalg.pinv(slope, rcond=least_sine), off)
         points = points - step
         if np.abs(step).max() <= NEWTON_REL_TOL * np.abs(points).max():
             break
@@ -229,27 +234,65 @@ def project_to_carriers(carriers: Sequence[BodyCarrier], points: Array) -> Array
 
 ARC_LENGTH_GAUSS_POINTS = 6
 
+MIN_STEP_FRACTION = 1e-9
+"""Of the size of a curve: nearer points are one."""
+
+SMOOTH_SPANS = (1, 2, 4, 8, 16, 32)
+"""Numbers of spans of a smooth curve that are tried."""
+
+
+def smooth_path(path: Array, tol: float) -> Array:
+    """Points (m, 3) of a smooth curve from the first to the last of the points of a path, within `tol` of all if it can be."""
+    t = np.append(0.0, np.cumsum(np.linalg.norm(np.diff(path, axis=0), axis=1)))
+    t /= max(t[-1], 1e-300)
+    chord = path[0] + np.multiply.outer(t, path[-1] - path[0])
+    best, least = path, np.inf
+    for spans in SMOOTH_SPANS:
+        if spans + FIT_DEGREE > len(path) // 3:
+            break
+        knots, _ = _knots_and_sites(np.linspace(0.0, 1.0, spans + 1))
+        rows = design_matrix(knots, FIT_DEGREE, t)[:, 1:-1]
+        found = chord + rows @ np.linalg.lstsq(rows, path - chord, rcond=None)[0]
+        off = float(np.linalg.norm(found - path, axis=1).max())
+        if off < least:
+            best, least = found, off
+        if least <= tol:
+            break
+    best = best.copy()
+    best[[0, -1]] = path[[0, -1]]
+    return best
+
 
 def fit_intersection_curve(first: BodyCarrier, second: BodyCarrier, path: Array, tol: float) -> BSplineCurve:
     """B-spline through the points (m, 3), within `tol` of both surfaces, parametrised by arc length.
 
     The points are close to both surfaces; they are projected onto them first.
     """
-    points = project_to_carriers((first, second), path)
+    return fit_curve_on_carriers((first, second), project_to_carriers((first, second), path), tol)
+
+
+def fit_curve_on_carriers(carriers: Sequence[BodyCarrier], points: Array, tol: float) -> BSplineCurve:
+    """B-spline through points (m, 3) on surfaces, if any, within `tol` of all of them, parametrised by arc length."""
+    far = np.append(True, np.linalg.norm(np.diff(points, axis=0), axis=1) > MIN_STEP_FRACTION * np.ptp(points))
+    far[-1] = True
+    points = points[far]
     t = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(points, axis=0), axis=1))])
     for _ in range(ARC_LENGTH_PASSES):
         dense = make_interp_spline(t, points, 5)
         t = _arc_lengths(dense, t)
     dense = make_interp_spline(t, points, 5)
 
-    def values(sites: Array) -> Array:
-        through = project_to_carriers((first, second), dense(sites))
-        through[[0, -1]] = points[[0, -1]]
+    def values(sites: Array, ends: bool = True) -> Array:
+        through = project_to_carriers(carriers, dense(sites)) if carriers else dense(sites)
+        if ends:
+            through[[0, -1]] = points[[0, -1]]
         return through
 
     def error(fit: BSplineCurve, checks: Array) -> Array:
         at = fit(checks)
-        return np.maximum(np.abs(first.distance(at)), np.abs(second.distance(at)))
+        if len(carriers) < 2:  # surfaces alone do not say where the curve is
+            return np.asarray(np.linalg.norm(at - values(checks, ends=False), axis=1))
+        return np.asarray(np.max([np.abs(c.distance(at)) for c in carriers], axis=0))
 
     return _fit_adaptively(values, np.array([0.0, t[-1]]), error, tol)
 
