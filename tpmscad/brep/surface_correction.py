@@ -4,9 +4,9 @@ At parameters (s_i, t_i) the correction is to be the offset o_i of a point from 
 
     sum |D(s_i, t_i) - o_i|^2 / n + BENDING h^4 (int |D_ss|^2 + 2 |D_st|^2 + |D_tt|^2 + MASS int |D|^2),
 
-in parameters that are scaled to the lengths of the surface's sides, with the length h of a span, by sparse normal equations; a few steps of iterative
-refinement with one factorisation reduce what the last terms leave of the offsets. The spans are increased until
-the offsets are met. D has a period where the surface is closed, and vanishes to second order at poles.
+in parameters that are scaled to the lengths of the surface's sides, with the length h of a span, by sparse normal equations; a
+few steps of iterative refinement with one factorisation reduce what the last terms leave of the offsets. The spans are increased
+until the offsets are met. D has a period where the surface is closed, and vanishes to second order at poles.
 
 The polynomials of the end spans go on beyond the borders before, so that the continuation, too, is corrected smoothly.
 """

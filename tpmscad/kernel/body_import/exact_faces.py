@@ -26,7 +26,13 @@ from tpmscad.brep.free_form_surface import BodyCarrier, FreeFormSurface
 from tpmscad.brep.orthogonal_projection import project_to_curve
 from tpmscad.brep.surface_correction import correct_surface
 from tpmscad.kernel.body_import.free_form_carriers import convert_curve, convert_free_form
-from tpmscad.kernel.body_import.gap_closing import close_edge, close_vertex, plane_through_seam
+from tpmscad.kernel.body_import.gap_closing import (
+    MAX_GAP_REL,
+    are_tangent_quadrics,
+    close_edge,
+    close_vertex,
+    plane_through_seam,
+)
 from tpmscad.kernel.body_import.unrolled_faces import ImportedBody, ImportedEdge, ImportedFace, ImportedUse
 from tpmscad.kernel.occt import convert
 from tpmscad.kernel.occt.convert import axis_frame
@@ -40,7 +46,7 @@ from tpmscad.kernel.recognise.edge_curves import (
     recognise_line_or_circle,
 )
 from tpmscad.kernel.recognise.face_carriers import CHECK_SAMPLES, EXACT_REL_TOL, evaluate_mid_face, recognise_carrier
-from tpmscad.splines.bspline import isoparametric_curve, line_segment
+from tpmscad.splines.bspline import is_segment, isoparametric_curve, line_segment
 
 VERTEX_REL_TOL = 1e-5
 """In body sizes: largest distance of an OCCT vertex from the common point of its faces' surfaces."""
@@ -102,6 +108,11 @@ def read_exact_body(faces: Sequence[TopoDS_Face], size: float, free_form: bool =
             _exact_edge(shape, [carriers[i] for i in of], vertices[a], vertices[b], size)
             for shape, of, (a, b) in zip(shapes, faces_of_edge, ends, strict=True)
         ]
+        for (curve, span), of in zip(curves, faces_of_edge, strict=True):
+            if not _has_kind_of_tangent_edge(curve, span, [carriers[i] for i in of]):
+                raise UnsupportedFace(
+                    f"is tangent to its neighbour along no line or circle near {curve(span[0]).round(6)}"
+                )
     edges = [ImportedEdge(*curve, a, b) for curve, (a, b) in zip(curves, ends, strict=True)]
     result = []
     for i, (face, carrier, loops) in enumerate(zip(faces, carriers, loops_of, strict=True)):
@@ -145,7 +156,7 @@ def _close_gaps(
         if _max_distance(np.stack([start, end]), own) <= tol:
             with contextlib.suppress(UnsupportedFace, ValueError):
                 curve = _exact_edge(shape, own, start, end, size)
-        if curve is None:
+        if curve is None or not _has_kind_of_tangent_edge(*curve, own):
             curve = close_edge(path, own, start, end, tol, size)
         curves.append(curve)
     found, move = list(carriers), 0.0
@@ -165,24 +176,38 @@ def _close_gaps(
     return vertices, result, found, move
 
 
+def _has_kind_of_tangent_edge(curve: EdgeCurve, span: tuple[float, float], carriers: list[BodyCarrier]) -> bool:
+    """Whether an edge between tangent planes and quadrics is a line or a circle, as it must be; True for other edges.
+
+    A curve that a file has rounded lies on both surfaces to second order only.
+    """
+    if isinstance(curve, Circle) or is_segment(curve):
+        return True
+    return not are_tangent_quadrics(carriers, curve(np.linspace(*span, CHECK_SAMPLES)))
+
+
 def _close_vertices(wires: _Wires, carriers: list[BodyCarrier], paths: list[Array], size: float) -> list[Array]:
     """The vertices: common points of their surfaces, or what comes nearest."""
     tips: list[list[Array]] = [[] for _ in wires.points]
-    seams: list[list[Plane]] = [[] for _ in wires.points]
+    seams: list[list[tuple[Plane, bool]]] = [[] for _ in wires.points]  # with marks of those of free-form surfaces
     for (start, end), of, path in zip(wires.ends, wires.faces_of_edge, paths, strict=True):
         for vertex, tip, beside in ((start, path[0], path[1]), (end, path[-1], path[-2])):
             tips[vertex].append(tip)
             if len(of) == 1 and np.linalg.norm(beside - tip) > 0:
-                seams[vertex].append(plane_through_seam(carriers[of[0]], tip, beside - tip))
+                plane = plane_through_seam(carriers[of[0]], tip, beside - tip)
+                seams[vertex].append((plane, isinstance(carriers[of[0]], FreeFormSurface)))
     vertices = []
     for point, of, ends, planes in zip(wires.points, wires.faces_of_vertex, tips, seams, strict=True):
         own = [carriers[i] for i in sorted(of)]
         with contextlib.suppress(UnsupportedFace):
             vertex = _exact_vertex(point, own, size)
-            if _max_distance(vertex[None], own) <= EXACT_REL_TOL * size:
+            soft = [plane for plane, is_soft in planes if is_soft]
+            if _max_distance(vertex[None], own) <= EXACT_REL_TOL * size and (
+                not soft or _max_distance(vertex[None], soft) <= SEAM_REL_TOL * size
+            ):
                 vertices.append(vertex)
                 continue
-        vertices.append(close_vertex(np.mean(ends, axis=0), own, planes, size))
+        vertices.append(close_vertex(np.mean(ends, axis=0), own, [plane for plane, _ in planes], size))
     return vertices
 
 
@@ -348,7 +373,7 @@ def _occt_spline(
 
 
 SEAM_REL_TOL = 1e-6
-"""In body sizes, and in ranges of a parameter: largest distance of the kernel's seam from a line of the carrier."""
+"""In body sizes: largest distance of the vertices of a seam from a line of the carrier."""
 
 
 def _seam_curve(
@@ -361,7 +386,8 @@ def _seam_curve(
             continue
         (low, _), along = carrier.domain[axis], uv[:, 1 - axis]
         off = uv[:, axis] - low - period * np.round((uv[:, axis] - low) / period)
-        if np.abs(off).max() > SEAM_REL_TOL * period:
+        across = np.linalg.norm(carrier(*uv.T, int(axis == 0), int(axis == 1)), axis=1)
+        if (np.abs(off) * across).max() > MAX_GAP_REL * size:
             continue
         curve = isoparametric_curve(carrier.spline, axis, low)
         if along[-1] < along[0]:

@@ -169,7 +169,7 @@ def convert_box(surface: Geom_Surface, box: Array, tol: float) -> tuple[BSplineS
 
 
 def convert_curve(adaptor: BRepAdaptor_Curve, tol: float) -> BSplineCurve | None:
-    """The curve of an edge as a polynomial spline with its parameter, as smooth as the curve is; None if it is not within `tol`."""
+    """The curve of an edge as a polynomial spline with its parameter, as smooth as it is; None if it is not within `tol`."""
     breaks, continuity = _read_breaks(adaptor, None)
     knots = _make_knots(breaks, continuity, MAX_DEGREE)
 

@@ -232,6 +232,50 @@ def project_to_carriers(
     return points
 
 
+TANGENT_STEPS = 12
+"""Newton steps to the points in which surfaces are tangent."""
+
+DIFFERENCE_FRACTION = 1e-6
+"""Of the largest coordinate: step of the differences of normals."""
+
+TANGENT_RCOND = 1e-3
+"""Ratio of singular values below which a direction along a tangent edge counts as free."""
+
+
+def project_to_tangency(carriers: Sequence[BodyCarrier], tangent: Sequence[tuple[int, int]], points: Array) -> Array:
+    """Points (n, 3) moved to where surfaces meet, and those of the pairs `tangent` with parallel normals, by Newton's method.
+
+    The distances of tangent surfaces say nothing about the place across their common edge; n_1 x n_2 = 0 does. Steps are of least
+    norm.
+    """
+    for _ in range(TANGENT_STEPS):
+        normals = [c.gradient(points) for c in carriers]
+        bends = [difference_gradients(c, points) for c in carriers]
+        off = [c.distance(points)[:, None] for c in carriers]
+        slope = [n[:, None] for n in normals]
+        for i, j in tangent:
+            n, m, h, k = normals[i], normals[j], bends[i], bends[j]
+            scale = 1.0 / np.maximum(np.linalg.norm(h - k, axis=(1, 2)), 1e-300)[:, None]
+            turn = np.cross(h, m[:, None], axisb=2, axisa=1, axisc=1) + np.cross(
+                n[:, None], k, axisa=2, axisb=1, axisc=1
+            )
+            off.append(scale * np.cross(n, m))
+            slope.append(scale[..., None] * turn)
+        rows = np.concatenate(slope, axis=1)
+        step = np.einsum("nij,nj->ni", np.linalg.pinv(rows, rcond=TANGENT_RCOND), np.concatenate(off, axis=1))
+        points = points - step
+        if np.abs(step).max() <= NEWTON_REL_TOL * np.abs(points).max():
+            break
+    return points
+
+
+def difference_gradients(carrier: BodyCarrier, points: Array) -> Array:
+    """Second derivatives (n, 3, 3) of the distance by differences, as good as a Newton step needs."""
+    step = DIFFERENCE_FRACTION * max(float(np.abs(points).max()), 1e-300)
+    ways = step * np.eye(3)
+    return np.stack([carrier.gradient(points + w) - carrier.gradient(points - w) for w in ways], axis=2) / (2.0 * step)
+
+
 ARC_LENGTH_GAUSS_POINTS = 6
 
 MIN_STEP_FRACTION = 1e-9
