@@ -99,7 +99,7 @@ def correct_surface(surface: FreeFormSurface, points: Array, tol: float) -> Corr
 def _largest_move(moved: BSplineSurface, uv: Array) -> float:
     """The largest |D| on the box of the parameters (n, 2)."""
     lines = [np.linspace(low, high, MOVE_LINES) for low, high in zip(uv.min(axis=0), uv.max(axis=0), strict=True)]
-    between = np.linalg.norm(moved.grid(*lines), axis=2).max()
+    between = np.linalg.norm(moved.grid(lines[0], lines[1]), axis=2).max()
     return float(max(between, np.linalg.norm(spline_at(moved, uv), axis=1).max()))
 
 
@@ -229,7 +229,9 @@ def _make_axis(
     rows = np.asarray(BSpline.design_matrix(np.clip(sites, low, high), periodic, degree).toarray())
     wrapped = np.zeros((len(sites), n))
     np.add.at(wrapped.T, np.arange(rows.shape[1]) % n, rows.T)
-    return _CorrectionAxis(clamped, degree, np.linalg.solve(design_matrix(clamped, degree, sites), wrapped))
+    return _CorrectionAxis(
+        clamped, degree, np.asarray(np.linalg.solve(design_matrix(clamped, degree, sites), wrapped), float)
+    )
 
 
 def _row_products(first: csr_array, second: csr_array) -> csr_array:
@@ -246,5 +248,6 @@ def _row_products(first: csr_array, second: csr_array) -> csr_array:
 
 def _side_lengths(spline: BSplineSurface) -> Array:
     """Mean lengths (2,) of the lines of u and of v."""
-    grid = spline.grid(*(np.linspace(*interval, SIDE_SAMPLES) for interval in spline.domain))
+    u, v = (np.linspace(*interval, SIDE_SAMPLES) for interval in spline.domain)
+    grid = spline.grid(u, v)
     return np.array([np.linalg.norm(np.diff(grid, axis=k), axis=2).sum(axis=k).mean() for k in (0, 1)])

@@ -165,14 +165,12 @@ def _close_gaps(
             border = [c for c, of in zip(curves, wires.faces_of_edge, strict=True) if i in of and c is not None]
             found[i], moved = _close_face(carrier, border, size)
             move = max(move, moved)
-    result = [
-        _exact_edge(
-            wires.edges[e], [found[i] for i in wires.faces_of_edge[e]], *(vertices[v] for v in wires.ends[e]), size
-        )
-        if curve is None
-        else curve
-        for e, curve in enumerate(curves)
-    ]
+    result = []
+    for e, curve in enumerate(curves):
+        if curve is None:
+            start, end = (vertices[v] for v in wires.ends[e])
+            curve = _exact_edge(wires.edges[e], [found[i] for i in wires.faces_of_edge[e]], start, end, size)
+        result.append(curve)
     return vertices, result, found, move
 
 
@@ -386,7 +384,7 @@ def _seam_curve(
             continue
         (low, _), along = carrier.domain[axis], uv[:, 1 - axis]
         off = uv[:, axis] - low - period * np.round((uv[:, axis] - low) / period)
-        across = np.linalg.norm(carrier(*uv.T, int(axis == 0), int(axis == 1)), axis=1)
+        across = np.linalg.norm(carrier(uv[:, 0], uv[:, 1], int(axis == 0), int(axis == 1)), axis=1)
         if (np.abs(off) * across).max() > MAX_GAP_REL * size:
             continue
         curve = isoparametric_curve(carrier.spline, axis, low)

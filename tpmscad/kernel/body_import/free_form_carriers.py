@@ -181,7 +181,7 @@ def convert_curve(adaptor: BRepAdaptor_Curve, tol: float) -> BSplineCurve | None
         own = _make_axis(knots, MAX_DEGREE)
         rows = np.sqrt(own.weights)[:, None] * design_matrix(knots, MAX_DEGREE, own.points)
         poles = np.linalg.lstsq(rows, np.sqrt(own.weights)[:, None] * sample(own.points), rcond=None)[0]
-        curve = BSplineCurve(poles, knots, MAX_DEGREE)
+        curve = BSplineCurve(np.asarray(poles, float), knots, MAX_DEGREE)
         at = ends[:-1, None] + np.diff(ends)[:, None] * SPAN_CHECKS
         missed = np.linalg.norm(curve(at.ravel()) - sample(at.ravel()), axis=1).reshape(at.shape).max(axis=1)
         bad = missed > tol

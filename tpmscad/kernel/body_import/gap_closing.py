@@ -157,7 +157,8 @@ def plane_through_seam(carrier: BodyCarrier, point: Array, tangent: Array) -> Pl
         off = [abs((x - low) / p - round((x - low) / p)) if p else np.inf for x, (low, p) in zip(uv, ends, strict=True)]
         axis = int(np.argmin(off))
         uv[axis] = ends[axis][0]
-        point, tangent = carrier(*uv), carrier(*uv, int(axis == 1), int(axis == 0))
+        u, v = uv.tolist()
+        point, tangent = carrier(u, v), carrier(u, v, int(axis == 1), int(axis == 0))
     normal = np.asarray(carrier.gradient(point[None]))[0]
     across = np.cross(tangent, normal)
     across /= np.linalg.norm(across)
