@@ -201,10 +201,7 @@ def _build_valid_solids(brep: Brep) -> BrepSolids | None:
     """The solids that patches bound, None if there are no patches; TrimmingError if the kernel's check rejects them."""
     if not len(brep.faces):
         return None
-    try:
-        built = build_solids(brep)
-    except KernelError as error:  # a sliver of round-off volume may be inside out: another placement has none
-        raise TrimmingError(str(error)) from error
+    built = build_solids(brep)
     if not is_brep_valid(brep, built.known_faces):
         raise TrimmingError("the kernel's check rejects the trimmed lattice")
     return built

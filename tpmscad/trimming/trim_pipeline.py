@@ -204,7 +204,7 @@ PLACEMENTS: Fallbacks[[Operands, _TrimRequest], _Trim] = Fallbacks(
 FREE_FORM_PLACEMENTS = replace(PLACEMENTS, methods=PLACEMENTS.methods[:2])
 """Those for bodies with free-form faces, where each takes several times as long."""
 
-MAX_FREE_FORM_PAIRS = 12000
+MAX_FREE_FORM_PAIRS = 2500
 """Most pairs of a patch and a free-form face: each takes about 20 ms, and a failure must not cost more than the other methods."""
 
 
