@@ -1,0 +1,239 @@
+"""The common curves of two networks as splines: position and parameters on both faces, interpolated together.
+
+The traced points are the first sites, at parameters near to the arc length. Where the spline misses a face, sites are added half
+way: the spline's own points, moved onto both faces in the planes normal to it, so that the parameter stays as smooth as the spline.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.interpolate import BSpline, make_interp_spline
+
+from tpmscad._compiled_loops import njit_cached
+from tpmscad._typing import Array, BoolArray, IntArray
+from tpmscad.errors import TrimmingError, UntracedCurve, format_point
+from tpmscad.splines.bspline import BSplineCurve
+from tpmscad.trimming.intersect.face_face import (
+    CONTRARY,
+    LOST,
+    STUCK,
+    TANGENT,
+    TOUCHING,
+    correct_point,
+    make_work,
+    trace_curves,
+)
+from tpmscad.trimming.intersect.network_hits import CurveEnds, Network, evaluate_faces
+from tpmscad.trimming.operands.network_tables import PatchPolynomials
+
+DEGREE = 7
+"""Degree of the curves; those of lattices' trims are of the same."""
+
+MIN_SITES = 9
+"""Least number of sites of a curve, one more than the degree needs."""
+
+MAX_REFINEMENTS = 6
+"""Times that the sites of a curve are doubled at most."""
+
+MIN_LAST_STEP = 0.3
+"""Part of the step before below which the last step is joined to it."""
+
+CHECKS = np.array([0.15, 0.38, 0.62, 0.85])
+"""Fractions of the intervals between sites at which a curve is measured."""
+
+REASONS = {
+    LOST: "a common curve of two faces leaves them without crossing an edge",
+    TANGENT: "two faces are tangent where they meet",
+    STUCK: "a common curve of two faces could not be followed",
+    CONTRARY: "the ends of the common curves of two faces do not pair up",
+    TOUCHING: "two faces touch, or coincide in a part",
+}
+"""What went wrong with a pair of faces, by the outcome of its trace."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class CommonCurves:
+    """A arcs on a face of each network, on [0, 1], with the second solid on the left seen from outside on the first network.
+
+    `faces` (A, 2): the faces; `start`, `end` (A,): vertices, numbered as the hits, with `points` (n, 3) for those on no edge behind
+    them; `curves`, `first_pcurves`, `second_pcurves`: position and parameters; `deviation` (A,): their measured distance.
+    """
+
+    faces: IntArray
+    start: IntArray
+    end: IntArray
+    points: Array
+    curves: tuple[BSplineCurve, ...]
+    first_pcurves: tuple[BSplineCurve, ...]
+    second_pcurves: tuple[BSplineCurve, ...]
+    deviation: Array
+
+
+def trace_common_curves(first: Network, second: Network, ends: CurveEnds, n_hits: int, tol: float) -> CommonCurves:
+    """The common curves of two networks, fitted to half of `tol`; TrimmingError where one is not resolved."""
+    rows, points, trouble = trace_curves(
+        first.faces, second.faces, ends.pairs, ends.start, ends.parameters, ends.enters, tol
+    )
+    if len(trouble):
+        pair, outcome, *place = trouble[0].tolist()
+        raise TrimmingError(f"{REASONS[int(outcome)]} near {format_point(place)}")
+    bounds = np.append(rows[:, 3], len(points))
+    paths, faces, start, end, loose = [], [], [], [], []
+    for k, (pair, begin, goal, _) in enumerate(rows.tolist()):
+        own = points[bounds[k] : bounds[k + 1]]
+        if begin >= 0:
+            paths.append(own)
+            faces.append(ends.pairs[pair])
+            start.append(ends.vertex[begin])
+            end.append(ends.vertex[goal])
+            continue
+        half = len(own) // 2
+        for part in (own[: half + 1], own[half:]):
+            paths.append(part)
+            faces.append(ends.pairs[pair])
+        number = n_hits + len(loose)
+        loose += [own[0, :3], own[half, :3]]
+        start += [number, number + 1]
+        end += [number + 1, number]
+    face = np.array(faces, np.int64).reshape(-1, 2)
+    splines, deviation = _fit_paths(first.faces.patches, second.faces.patches, face, paths, 0.5 * tol)
+    return CommonCurves(
+        faces=face,
+        start=np.array(start, np.int64),
+        end=np.array(end, np.int64),
+        points=np.array(loose).reshape(-1, 3),
+        curves=tuple(_take_columns(s, slice(0, 3)) for s in splines),
+        first_pcurves=tuple(_take_columns(s, slice(3, 5)) for s in splines),
+        second_pcurves=tuple(_take_columns(s, slice(5, 7)) for s in splines),
+        deviation=deviation,
+    )
+
+
+def _take_columns(spline: BSpline, columns: slice) -> BSplineCurve:
+    """Some coordinates of a spline, on [0, 1]."""
+    knots = (spline.t - spline.t[0]) / (spline.t[-1] - spline.t[0])
+    return BSplineCurve(np.ascontiguousarray(spline.c[:, columns]), knots, spline.k)
+
+
+def _fit_paths(
+    first: PatchPolynomials, second: PatchPolynomials, face: IntArray, paths: list[Array], tol: float
+) -> tuple[list[BSpline], Array]:
+    """A spline (x, u, v, s, r) for each path (n, 10), and its largest distance from both faces."""
+    sites = _add_sites(first, second, face, [_join_last_step(p) for p in paths])
+    at = [_measure_lengths(p) for p in sites]
+    values = [p[:, :7] for p in sites]
+    splines = [make_interp_spline(t, v, DEGREE) for t, v in zip(at, values, strict=True)]
+    deviation = np.zeros(len(paths))
+    left = np.arange(len(paths))
+    for refinement in range(MAX_REFINEMENTS + 1):
+        deviation[left] = _measure_deviations(first, second, face, splines, at, left)
+        left = left[~(deviation[left] <= tol)]
+        if not len(left):
+            return splines, deviation
+        if refinement == MAX_REFINEMENTS:
+            break
+        middles = [0.5 * (at[i][1:] + at[i][:-1]) for i in left]
+        guess = np.concatenate([splines[i](t) for i, t in zip(left, middles, strict=True)])
+        normal = np.concatenate([splines[i](t, 1)[:, :3] for i, t in zip(left, middles, strict=True)])
+        owner = np.repeat(left, [len(t) for t in middles])
+        found = _correct(first, second, face[owner], guess, normal)
+        for i, new, t in zip(left, np.split(found, np.cumsum([len(t) for t in middles])[:-1]), middles, strict=True):
+            order = np.argsort(np.concatenate([at[i], t]), kind="stable")
+            at[i] = np.concatenate([at[i], t])[order]
+            values[i] = np.concatenate([values[i], new])[order]
+            splines[i] = make_interp_spline(at[i], values[i], DEGREE)
+    worst = left[np.argmax(deviation[left])]
+    raise UntracedCurve(
+        f"a common curve of two faces near {format_point(values[worst][0, :3])} is still {deviation[worst]:.2g} off them at "
+        f"{len(at[worst])} points, over {tol:.2g}: the faces are nearly tangent there, or one of them is not smooth"
+    )
+
+
+def _join_last_step(path: Array) -> Array:
+    """A path without its last point but one if that is much nearer to the end than to the point before."""
+    if len(path) < 3:
+        return path
+    before, last = np.linalg.norm(np.diff(path[-3:, :3], axis=0), axis=1)
+    return np.delete(path, -2, axis=0) if last < MIN_LAST_STEP * before else path
+
+
+def _add_sites(first: PatchPolynomials, second: PatchPolynomials, face: IntArray, paths: list[Array]) -> list[Array]:
+    """The paths, short ones with points between by Hermite interpolation, so that each has `MIN_SITES`."""
+    result = list(paths)
+    short = [i for i, p in enumerate(paths) if len(p) < MIN_SITES]
+    guesses, normals, owners, shapes = [], [], [], []
+    for i in short:
+        p = paths[i]
+        parts = -(-(MIN_SITES - 1) // (len(p) - 1))
+        x = np.arange(1, parts)[:, None] / parts
+        h = np.linalg.norm(np.diff(p[:, :3], axis=0), axis=1)[:, None, None]
+        a, b = p[:-1, None], p[1:, None]
+        line = a + (b - a) * x  # the parameters need a guess only
+        bulge = h * ((1 - x) * a[..., 7:] - x * b[..., 7:]) - (1 - 2 * x) * (b - a)[..., :3]
+        line[..., :3] += x * (1 - x) * bulge
+        slope = (1 - x) * a[..., 7:] + x * b[..., 7:]
+        guesses.append(line[..., :7].reshape(-1, 7))
+        normals.append(slope.reshape(-1, 3))
+        owners += [i] * len(guesses[-1])
+        shapes.append((i, parts))
+    if not short:
+        return result
+    guess, normal = np.concatenate(guesses), np.concatenate(normals)
+    found = _correct(first, second, face[np.array(owners)], guess, normal)
+    tangent = normal / np.linalg.norm(normal, axis=1, keepdims=True)
+    rows = np.column_stack([found, tangent])
+    offset = 0
+    for i, parts in shapes:
+        n = len(paths[i]) - 1
+        own = rows[offset : offset + n * (parts - 1)].reshape(n, parts - 1, 10)
+        offset += n * (parts - 1)
+        result[i] = np.concatenate([np.concatenate([paths[i][:-1, None], own], axis=1).reshape(-1, 10), paths[i][-1:]])
+    return result
+
+
+def _measure_lengths(path: Array) -> Array:
+    """Arc lengths (n,) at the points of a path, to fourth order in the turn of its steps."""
+    chord = np.linalg.norm(np.diff(path[:, :3], axis=0), axis=1)
+    turn = np.linalg.norm(np.diff(path[:, 7:], axis=0), axis=1)
+    return np.concatenate([[0.0], np.cumsum(chord * (1.0 + turn**2 / 24.0))])
+
+
+def _measure_deviations(
+    first: PatchPolynomials, second: PatchPolynomials, face: IntArray, splines: list[BSpline], at: list[Array], index: IntArray
+) -> Array:
+    """Largest distances (m,) of the splines `index` (m,) from both their faces at equal parameters."""
+    checks = [(t[:-1, None] + np.diff(t)[:, None] * CHECKS).ravel() for t in (at[i] for i in index)]
+    values = np.concatenate([splines[i](t) for i, t in zip(index, checks, strict=True)])
+    count = np.array([len(t) for t in checks])
+    owner = np.repeat(index, count)
+    apart = np.zeros(len(owner))
+    for table, column, uv in ((first, 0, values[:, 3:5]), (second, 1, values[:, 5:7])):
+        points = evaluate_faces(table, face[owner, column], np.ascontiguousarray(uv))[:, 0]
+        apart = np.maximum(apart, np.linalg.norm(points - values[:, :3], axis=1))
+    return np.maximum.reduceat(apart, np.concatenate([[0], np.cumsum(count)[:-1]]))
+
+
+def _correct(first: PatchPolynomials, second: PatchPolynomials, face: IntArray, guess: Array, normal: Array) -> Array:
+    """Points (n, 7) on both faces in the planes through points (n, 7) near them; UntracedCurve if one is not found."""
+    found, good = _correct_all(
+        first, second, np.ascontiguousarray(face), np.ascontiguousarray(guess), np.ascontiguousarray(normal)
+    )
+    if not good.all():
+        at = format_point(guess[np.flatnonzero(~good)[0], :3])
+        raise UntracedCurve(f"a common curve of two faces could not be followed near {at}")
+    return found
+
+
+@njit_cached
+def _correct_all(
+    first: PatchPolynomials, second: PatchPolynomials, face: IntArray, guess: Array, normal: Array
+) -> tuple[Array, BoolArray]:  # pragma: no cover - compiled
+    result, good = guess.copy(), np.empty(len(guess), np.bool_)
+    work = make_work()
+    for i in range(len(guess)):
+        good[i] = correct_point(first, face[i, 0], second, face[i, 1], result[i, 3:7], guess[i, :3], normal[i], work)
+        for d in range(3):
+            result[i, d] = 0.5 * (work.jet_f[0, d] + work.jet_g[0, d])
+    return result, good
