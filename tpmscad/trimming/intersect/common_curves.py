@@ -13,18 +13,9 @@ from scipy.interpolate import BSpline, make_interp_spline
 
 from tpmscad._compiled_loops import njit_cached
 from tpmscad._typing import Array, BoolArray, IntArray
-from tpmscad.errors import TrimmingError, UntracedCurve, format_point
+from tpmscad.errors import UntracedCurve, format_point
 from tpmscad.splines.bspline import BSplineCurve
-from tpmscad.trimming.intersect.face_face import (
-    CONTRARY,
-    LOST,
-    STUCK,
-    TANGENT,
-    TOUCHING,
-    correct_point,
-    make_work,
-    trace_curves,
-)
+from tpmscad.trimming.intersect.face_face import correct_point, make_work, trace_curves
 from tpmscad.trimming.intersect.network_hits import CurveEnds, Network, evaluate_faces
 from tpmscad.trimming.operands.network_tables import PatchPolynomials
 
@@ -42,16 +33,6 @@ MIN_LAST_STEP = 0.3
 
 CHECKS = np.array([0.15, 0.38, 0.62, 0.85])
 """Fractions of the intervals between sites at which a curve is measured."""
-
-REASONS = {
-    LOST: "a common curve of two faces leaves them without crossing an edge",
-    TANGENT: "two faces are tangent where they meet",
-    STUCK: "a common curve of two faces could not be followed",
-    CONTRARY: "the ends of the common curves of two faces do not pair up",
-    TOUCHING: "two faces touch, or coincide in a part",
-}
-"""What went wrong with a pair of faces, by the outcome of its trace."""
-
 
 @dataclass(frozen=True, slots=True, eq=False)
 class CommonCurves:
@@ -73,26 +54,19 @@ class CommonCurves:
 
 def trace_common_curves(first: Network, second: Network, ends: CurveEnds, n_hits: int, tol: float) -> CommonCurves:
     """The common curves of two networks, fitted to half of `tol`; TrimmingError where one is not resolved."""
-    rows, points, trouble = trace_curves(
-        first.faces, second.faces, ends.pairs, ends.start, ends.parameters, ends.enters, tol
-    )
-    if len(trouble):
-        pair, outcome, *place = trouble[0].tolist()
-        raise TrimmingError(f"{REASONS[int(outcome)]} near {format_point(place)}")
-    bounds = np.append(rows[:, 3], len(points))
+    traced = trace_curves(first.faces, second.faces, ends.pairs, ends.start, ends.parameters, ends.enters, tol)
     paths, faces, start, end, loose = [], [], [], [], []
-    for k, (pair, begin, goal, _) in enumerate(rows.tolist()):
-        own = points[bounds[k] : bounds[k + 1]]
-        if begin >= 0:
+    for curve in traced:
+        own = curve.points
+        if curve.start >= 0:
             paths.append(own)
-            faces.append(ends.pairs[pair])
-            start.append(ends.vertex[begin])
-            end.append(ends.vertex[goal])
+            faces.append(ends.pairs[curve.pair])
+            start.append(ends.vertex[curve.start])
+            end.append(ends.vertex[curve.end])
             continue
-        half = len(own) // 2
-        for part in (own[: half + 1], own[half:]):
-            paths.append(part)
-            faces.append(ends.pairs[pair])
+        half = len(own) // 2  # a closed curve has two edges
+        paths += [own[: half + 1], own[half:]]
+        faces += [ends.pairs[curve.pair]] * 2
         number = n_hits + len(loose)
         loose += [own[0, :3], own[half, :3]]
         start += [number, number + 1]

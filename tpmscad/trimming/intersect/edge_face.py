@@ -14,7 +14,7 @@ import numpy as np
 
 from tpmscad._compiled_loops import njit_cached
 from tpmscad._typing import Array, IntArray
-from tpmscad.trimming.operands.network_tables import EdgeTable, FaceTable, evaluate_face, evaluate_piece
+from tpmscad.trimming.operands.network_tables import EdgeTable, FaceTable, evaluate_face, evaluate_piece, grow_rows
 
 MAX_DIVISIONS = 14
 """Halvings of a box. Curves that come nearer than 2^-28 of a cell's bulge without a crossing count as touching."""
@@ -97,16 +97,18 @@ def _find_roots(edges: EdgeTable, faces: FaceTable, pairs: IntArray) -> tuple[Ar
                         continue
                     if state == 1:
                         if n_roots == len(roots):
-                            roots = np.concatenate((roots, np.empty_like(roots)))
-                        roots[n_roots] = own
-                        roots[n_roots, 0] = k
+                            roots = grow_rows(roots)
+                        own[0] = k
+                        for d in range(7):
+                            roots[n_roots, d] = own[d]
                         n_roots += 1
                         continue
                     if w < 2.0**-MAX_DIVISIONS or boxes > MAX_BOXES:
                         if n_touching == len(touching):
-                            touching = np.concatenate((touching, np.empty_like(touching)))
+                            touching = grow_rows(touching)
                         touching[n_touching, 0] = k
-                        touching[n_touching, 1:] = curve[0]
+                        for d in range(3):
+                            touching[n_touching, 1 + d] = curve[0, d]
                         n_touching += 1
                         if boxes > MAX_BOXES:
                             size = 0

@@ -11,12 +11,14 @@ by Newton's method; it lies on a curve that is known, or is the seed of a closed
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
 
 from tpmscad._compiled_loops import njit_cached
 from tpmscad._typing import Array, BoolArray, IntArray
+from tpmscad.errors import TrimmingError, format_point
 from tpmscad.trimming.operands.network_tables import (
     BREAK_U,
     BREAK_V,
@@ -75,113 +77,103 @@ SEED_REACH = 1.5
 ARRIVED, LOST, TANGENT, STUCK, CONTRARY, TOUCHING = range(6)
 """Outcomes of a trace: at another end; beyond a face without an end; faces tangent; no convergence; at a start; contact."""
 
+REASONS = {
+    LOST: "a common curve of two faces leaves them without crossing an edge",
+    TANGENT: "two faces are tangent where they meet",
+    STUCK: "a common curve of two faces could not be followed",
+    CONTRARY: "the ends of the common curves of two faces do not pair up",
+    TOUCHING: "two faces touch, or coincide in a part",
+}
+"""What went wrong with a pair of faces, by the outcome of its trace."""
 
-class TracedCurves(NamedTuple):
-    """The curves of n pairs of faces, and what went wrong.
+APART, CROSSING, UNDECIDED, SINGLE = range(4)
+"""Outcomes of the test of two cells."""
 
-    Attributes
-    ----------
-    pair : (C,)
-        The row of the pair of each curve.
-    start, end : (C,)
-        The ends it joins, -1 for both of a closed curve.
-    first : (C + 1,)
-        Where its points start.
-    points : (P, 10)
-        Position, (u, v) on the first face, (s, r) on the second, and unit tangent.
-    trouble : (T, 5)
-        Row of the pair, outcome, and place of what was not resolved.
+
+@dataclass(frozen=True, slots=True, eq=False)
+class TracedCurve:
+    """A curve of the pair of faces in row `pair`, between two ends, -1 for both of a closed one.
+
+    `points` (n, 10): position, (u, v) on the first face, (s, r) on the second, and unit tangent.
     """
 
-    pair: IntArray
-    start: IntArray
-    end: IntArray
-    first: IntArray
+    pair: int
+    start: int
+    end: int
     points: Array
-    trouble: Array
 
 
-@njit_cached
 def trace_curves(
+    first: FaceTable, second: FaceTable, pairs: IntArray, starts: IntArray, ends: Array, enters: BoolArray, match_tol: float
+) -> list[TracedCurve]:
+    """All curves of pairs (n, 2) of faces; those of pair k have the ends (E, 4) starts[k] to starts[k + 1] - 1.
+
+    `enters` (E,): whether a curve begins there, else one ends. TrimmingError where a curve is not resolved.
+    """
+    p, q = first.patches, second.patches
+    work, path = make_work(), np.empty((MAX_STEPS + 2, 10))
+    curves: list[TracedCurve] = []
+    for k in np.flatnonzero(np.diff(starts)).tolist():
+        f, g = pairs[k].tolist()
+        own = range(starts[k], starts[k + 1])
+        places, settled = np.empty((len(own), 3)), ends[own.start : own.stop].copy()
+        for i in range(len(own)):
+            outcome = _settle(p, f, q, g, settled[i], work)
+            places[i] = work.jet_f[0]
+            _check_outcome(outcome, places[i])
+        free = ~enters[own.start : own.stop]
+        if 2 * free.sum() != len(own):
+            _check_outcome(CONTRARY, places[0])
+        for i in np.flatnonzero(~free).tolist():
+            outcome, goal, count = _trace(p, f, q, g, settled[i], i, places, len(own), path, match_tol, work)
+            if outcome == ARRIVED and enters[own[goal]]:
+                outcome = CONTRARY
+            _check_outcome(outcome, path[count - 1, :3])
+            free[goal] = False
+            curves.append(TracedCurve(k, own[i], own[goal], path[:count].copy()))
+        if free.any():
+            _check_outcome(CONTRARY, places[np.flatnonzero(free)[0]])
+    return curves + _trace_closed_curves(first, second, pairs, curves, match_tol, work, path)
+
+
+def _trace_closed_curves(
     first: FaceTable,
     second: FaceTable,
     pairs: IntArray,
-    end_start: IntArray,
-    end_parameters: Array,
-    end_enters: BoolArray,
+    known: list[TracedCurve],
     match_tol: float,
-) -> tuple[IntArray, Array, Array]:  # pragma: no cover - compiled
-    """All curves of pairs (n, 2) of faces; those of pair k have the ends end_start[k] to end_start[k + 1] - 1.
+    work: Work,
+    path: Array,
+) -> list[TracedCurve]:
+    """The curves of pairs of faces that have no ends, besides the known ones."""
+    closed: list[TracedCurve] = []
+    seed, k = np.empty(4), 0
+    while True:
+        ordered = sorted([*known, *closed], key=lambda curve: curve.pair)
+        points = np.concatenate([np.zeros((0, 10)), *(curve.points for curve in ordered)])
+        bounds = np.concatenate([[0], np.cumsum([len(curve.points) for curve in ordered])]).astype(np.int64)
+        of_pair = np.searchsorted([curve.pair for curve in ordered], np.arange(len(pairs) + 1)).astype(np.int64)
+        outcome, k = _find_seed(first, second, pairs, k, of_pair, bounds, points, seed, match_tol, work)
+        if k == len(pairs):
+            return closed
+        _check_outcome(outcome, work.jet_f[0])
+        f, g = pairs[k].tolist()
+        evaluate_face(first.patches, f, seed[0], seed[1], work.jet_f)
+        places = work.jet_f[:1].copy()
+        outcome, _, count = _trace(first.patches, f, second.patches, g, seed, -1, places, 1, path, match_tol, work)
+        _check_outcome(outcome, path[count - 1, :3])
+        closed.append(TracedCurve(k, -1, -1, path[:count].copy()))
 
-    The ends are corrected in `end_parameters` (E, 4). Returns rows (pair, start, end, first point), points (P, 10) and the
-    trouble, as in `TracedCurves`.
-    """
-    curves, points, trouble = np.empty((64, 4), np.int64), np.empty((1024, 10)), np.empty((16, 5))
-    n_curves, n_points, n_trouble = 0, 0, 0
-    path = np.empty((MAX_STEPS + 2, 10))
-    work = make_work()
-    p, q = first.patches, second.patches
-    seed = np.empty(4)
-    for k in range(len(pairs)):
-        f, g = pairs[k, 0], pairs[k, 1]
-        e0, e1 = end_start[k], end_start[k + 1]
-        places = np.empty((e1 - e0 + 1, 3))
-        free = np.ones(e1 - e0, np.bool_)
-        before = n_curves
-        failed = False
-        for e in range(e0, e1):
-            outcome = _settle(p, f, q, g, end_parameters[e], work)
-            places[e - e0] = work.jet_f[0]
-            if outcome != ARRIVED:
-                trouble, n_trouble = _note(trouble, n_trouble, k, outcome, work.jet_f[0])
-                failed = True
-        if failed:
-            continue
-        for e in range(e0, e1):
-            if not end_enters[e]:
-                continue
-            outcome, goal, count = _trace(
-                p, f, q, g, end_parameters[e], e - e0, places, e1 - e0, path, match_tol, work
-            )
-            if outcome == ARRIVED and (end_enters[e0 + goal] or not free[goal]):
-                outcome = CONTRARY
-            if outcome != ARRIVED:
-                trouble, n_trouble = _note(trouble, n_trouble, k, outcome, path[count - 1, :3])
-                failed = True
-                continue
-            free[goal] = False
-            curves, n_curves, points, n_points = _append(
-                curves, n_curves, points, n_points, path, count, k, e, e0 + goal
-            )
-        for e in range(e0, e1):
-            if not end_enters[e] and free[e - e0] and not failed:
-                trouble, n_trouble = _note(trouble, n_trouble, k, CONTRARY, places[e - e0])
-                failed = True
-        while not failed:
-            outcome = _find_seed(
-                first, f, second, g, curves[before:n_curves], points, n_points, seed, match_tol, work
-            )
-            if outcome == LOST:
-                break
-            if outcome == TOUCHING:
-                trouble, n_trouble = _note(trouble, n_trouble, k, TOUCHING, work.jet_f[0])
-                break
-            evaluate_face(p, f, seed[0], seed[1], work.jet_f)
-            places[e1 - e0] = work.jet_f[0]
-            outcome, goal, count = _trace(
-                p, f, q, g, seed, -1, places, e1 - e0 + 1, path, match_tol, work
-            )
-            if outcome == ARRIVED and goal != e1 - e0:
-                outcome = CONTRARY
-            if outcome != ARRIVED:
-                trouble, n_trouble = _note(trouble, n_trouble, k, outcome, path[count - 1, :3])
-                break
-            curves, n_curves, points, n_points = _append(curves, n_curves, points, n_points, path, count, k, -1, -1)
-    return curves[:n_curves], points[:n_points], trouble[:n_trouble]
+
+def _check_outcome(outcome: int, place: Array) -> None:
+    """TrimmingError, with the place, unless the outcome is that a curve has arrived."""
+    if outcome != ARRIVED:
+        raise TrimmingError(f"{REASONS[outcome]} near {format_point(place)}")
 
 
 class Work(NamedTuple):
-    """Arrays that the loops write to: jets (3, 3) of both faces, the linear system (4, 5), tangent (3,), steps (4,)."""
+    """Arrays that the loops write to: jets (3, 3) of both faces, a linear system (4, 5), tangent (3,), rates (4,), a point (4,) on
+    both faces, and a plane."""
 
     jet_f: Array
     jet_g: Array
@@ -189,37 +181,13 @@ class Work(NamedTuple):
     tangent: Array
     rate: Array
     point: Array
+    place: Array
+    normal: Array
 
 
 @njit_cached
 def make_work() -> Work:  # pragma: no cover - compiled
-    return Work(np.empty((3, 3)), np.empty((3, 3)), np.empty((4, 5)), np.empty(3), np.empty(4), np.empty(4))
-
-
-@njit_cached
-def _note(
-    trouble: Array, count: int, pair: int, outcome: int, place: Array
-) -> tuple[Array, int]:  # pragma: no cover - compiled
-    """Add a row to the trouble."""
-    if count == len(trouble):
-        trouble = np.concatenate((trouble, np.empty_like(trouble)))
-    trouble[count, 0], trouble[count, 1] = pair, outcome
-    trouble[count, 2:] = place
-    return trouble, count + 1
-
-
-@njit_cached
-def _append(
-    curves: IntArray, n_curves: int, points: Array, n_points: int, path: Array, count: int, pair: int, start: int, end: int
-) -> tuple[IntArray, int, Array, int]:  # pragma: no cover - compiled
-    """Add a curve and its points."""
-    if n_curves == len(curves):
-        curves = np.concatenate((curves, np.empty_like(curves)))
-    while n_points + count > len(points):
-        points = np.concatenate((points, np.empty_like(points)))
-    curves[n_curves, 0], curves[n_curves, 1], curves[n_curves, 2], curves[n_curves, 3] = pair, start, end, n_points
-    points[n_points : n_points + count] = path[:count]
-    return curves, n_curves + 1, points, n_points + count
+    return Work(np.empty((3, 3)), np.empty((3, 3)), np.empty((4, 5)), np.empty(3), np.empty(4), np.empty(4), np.empty(3), np.empty(3))
 
 
 @njit_cached
@@ -336,9 +304,10 @@ def _settle(
     evaluate_face(second, g, at[2], at[3], work.jet_g)
     if find_tangent(first, f, second, g, work) < MIN_SINE:
         return TANGENT
-    origin = 0.5 * (work.jet_f[0] + work.jet_g[0])
-    normal = work.tangent.copy()
-    return ARRIVED if correct_point(first, f, second, g, at, origin, normal, work) else STUCK
+    for d in range(3):
+        work.place[d] = 0.5 * (work.jet_f[0, d] + work.jet_g[0, d])
+        work.normal[d] = work.tangent[d]
+    return ARRIVED if correct_point(first, f, second, g, at, work.place, work.normal, work) else STUCK
 
 
 @njit_cached
@@ -382,14 +351,17 @@ def _trace(
 
     Returns the outcome, the place, and the number of points in `path`.
     """
-    at, new, origin = start.copy(), np.empty(4), np.empty(3)
+    at, new, origin, along, rate = np.empty(4), np.empty(4), np.empty(3), np.empty(3), np.empty(4)
+    for c in range(4):
+        at[c] = start[c]
     evaluate_face(first, f, at[0], at[1], work.jet_f)
     evaluate_face(second, g, at[2], at[3], work.jet_g)
     if find_tangent(first, f, second, g, work) < MIN_SINE:
-        path[0, :3] = work.jet_f[0]
+        _store(path, 0, at, work)
         return TANGENT, -1, 1
-    path[0, :3], path[0, 3:7], path[0, 7:] = work.jet_f[0], at, work.tangent
-    rate = work.rate.copy()
+    _store(path, 0, at, work)
+    for c in range(4):
+        rate[c] = work.rate[c]
     count = 1
     h = 0.5 * _largest_step(first, f, second, g, rate)
     least = MIN_STEP * h
@@ -397,9 +369,9 @@ def _trace(
         h = min(h, _largest_step(first, f, second, g, rate))
         if h < least:
             return STUCK, -1, count
-        here, along = path[count - 1, :3], path[count - 1, 7:]
         for d in range(3):
-            origin[d] = here[d] + h * along[d]
+            along[d] = path[count - 1, 7 + d]
+            origin[d] = path[count - 1, d] + h * along[d]
         for c in range(4):
             new[c] = at[c] + h * rate[c]
         if not correct_point(first, f, second, g, new, origin, along, work):
@@ -417,23 +389,25 @@ def _trace(
             continue
         if sine < MIN_SINE:
             return TANGENT, -1, count
-        path[count, :3], path[count, 3:7], path[count, 7:] = work.jet_f[0], new, work.tangent
-        rate[:] = work.rate
+        _store(path, count, new, work)
+        for c in range(4):
+            rate[c] = work.rate[c]
         best, nearest = -1, np.inf
         for k in range(n_places):
             if k == own and count == 1:
                 continue
             if own < 0 and k == n_places - 1 and count < 3:
                 continue
-            ahead = _pass_fraction(path, count - 1, places[k])
-            if 0.0 < ahead < nearest and _meets(first, f, second, g, path, count - 1, ahead, places[k], match_tol, work):
+            ahead = _pass_fraction(path, count - 1, places, k)
+            if 0.0 < ahead < nearest and _meets(first, f, second, g, path, count - 1, ahead, places, k, match_tol, work):
                 best, nearest = k, ahead
         if best >= 0:
-            _meets(first, f, second, g, path, count - 1, nearest, places[best], match_tol, work)
+            _meets(first, f, second, g, path, count - 1, nearest, places, best, match_tol, work)
             find_tangent(first, f, second, g, work)
-            path[count, :3], path[count, 3:7], path[count, 7:] = work.jet_f[0], work.point, work.tangent
+            _store(path, count, work.point, work)
             return ARRIVED, best, count + 1
-        at[:] = new
+        for c in range(4):
+            at[c] = new[c]
         count += 1
         if _leaves(first, f, at[0], at[1]) or _leaves(second, g, at[2], at[3]):
             return LOST, -1, count
@@ -443,11 +417,28 @@ def _trace(
 
 
 @njit_cached
-def _pass_fraction(path: Array, row: int, place: Array) -> float:  # pragma: no cover - compiled
+def _copy_point(jet: Array, places: Array, row: int) -> None:  # pragma: no cover - compiled
+    """Write the point of a jet to a row of places."""
+    for d in range(3):
+        places[row, d] = jet[0, d]
+
+
+@njit_cached
+def _store(path: Array, row: int, at: Array, work: Work) -> None:  # pragma: no cover - compiled
+    """Write the point of the first face, parameters and tangent to a row of a path."""
+    for d in range(3):
+        path[row, d] = work.jet_f[0, d]
+        path[row, 7 + d] = work.tangent[d]
+    for c in range(4):
+        path[row, 3 + c] = at[c]
+
+
+@njit_cached
+def _pass_fraction(path: Array, row: int, places: Array, k: int) -> float:  # pragma: no cover - compiled
     """The fraction of the step from `row` at which it passes a place that is near its chord; -1 if it does not."""
     square, along, apart = 0.0, 0.0, 0.0
     for d in range(3):
-        chord, arm = path[row + 1, d] - path[row, d], place[d] - path[row, d]
+        chord, arm = path[row + 1, d] - path[row, d], places[k, d] - path[row, d]
         square += chord * chord
         along += chord * arm
         apart += arm * arm
@@ -466,18 +457,22 @@ def _meets(
     path: Array,
     row: int,
     ahead: float,
-    place: Array,
+    places: Array,
+    k: int,
     match_tol: float,
     work: Work,
 ) -> bool:  # pragma: no cover - compiled
     """Whether the curve passes a place, at about a fraction of the step from `row`; its parameters go to `work.point`."""
-    along = path[row, 7:] * (1.0 - ahead) + path[row + 1, 7:] * ahead
-    work.point[:] = path[row, 3:7] * (1.0 - ahead) + path[row + 1, 3:7] * ahead
-    if not correct_point(first, f, second, g, work.point, place, along, work):
+    for d in range(3):
+        work.normal[d] = path[row, 7 + d] * (1.0 - ahead) + path[row + 1, 7 + d] * ahead
+        work.place[d] = places[k, d]
+    for c in range(4):
+        work.point[c] = path[row, 3 + c] * (1.0 - ahead) + path[row + 1, 3 + c] * ahead
+    if not correct_point(first, f, second, g, work.point, work.place, work.normal, work):
         return False
     apart = 0.0
     for d in range(3):
-        apart = max(apart, abs(work.jet_f[0, d] - place[d]))
+        apart = max(apart, abs(work.jet_f[0, d] - places[k, d]))
     return apart <= match_tol
 
 
@@ -487,19 +482,19 @@ def _is_known(
     f: int,
     second: PatchPolynomials,
     g: int,
-    curves: IntArray,
+    of_pair: IntArray,
+    pair: int,
+    bounds: IntArray,
     points: Array,
-    n_points: int,
-    place: Array,
+    places: Array,
     match_tol: float,
     work: Work,
 ) -> bool:  # pragma: no cover - compiled
-    """Whether a place lies on one of the curves (rows of `trace_curves`)."""
-    for k in range(len(curves)):
-        last = curves[k + 1, 3] if k + 1 < len(curves) else n_points
-        for row in range(curves[k, 3], last - 1):
-            ahead = _pass_fraction(points, row, place)
-            if ahead > 0.0 and _meets(first, f, second, g, points, row, ahead, place, match_tol, work):
+    """Whether the first of the places lies on one of the known curves of a pair, as `_find_seed` gets them."""
+    for k in range(of_pair[pair], of_pair[pair + 1]):
+        for row in range(bounds[k], bounds[k + 1] - 1):
+            ahead = _pass_fraction(points, row, places, 0)
+            if ahead > 0.0 and _meets(first, f, second, g, points, row, ahead, places, 0, match_tol, work):
                 return True
     return False
 
@@ -507,69 +502,83 @@ def _is_known(
 @njit_cached
 def _find_seed(
     first: FaceTable,
-    f: int,
     second: FaceTable,
-    g: int,
-    curves: IntArray,
+    pairs: IntArray,
+    begin: int,
+    of_pair: IntArray,
+    bounds: IntArray,
     points: Array,
-    n_points: int,
     seed: Array,
     match_tol: float,
     work: Work,
-) -> int:  # pragma: no cover - compiled
-    """ARRIVED with a `seed` (4,) in both regions on no known curve, LOST if there is none, TOUCHING for a contact there."""
+) -> tuple[int, int]:  # pragma: no cover - compiled
+    """ARRIVED and the next pair from `begin` on with a `seed` (4,) in both regions on no known curve; len(pairs) if there is none.
+
+    TOUCHING and the pair for a contact that is not resolved. Pair k has the curves of_pair[k] to of_pair[k + 1] - 1, and curve c
+    has the points bounds[c] to bounds[c + 1] - 1.
+    """
     stack = np.empty((16 * MAX_DIVISIONS + 32, 5))
-    boxes = 0
-    p, q = first.patches, second.patches
-    origin, normal = np.empty(3), np.empty(3)
-    for a in range(first.cells.first[f], first.cells.first[f + 1]):
-        outside = False
-        for d in range(3):
-            x, r = first.cells.centre[a, d], first.cells.radius[a]
-            outside = outside or x + r < second.low[g, d] or x - r > second.high[g, d]
-        if outside:
-            continue
-        for b in range(second.cells.first[g], second.cells.first[g + 1]):
-            apart = 0.0
+    origin, normal, box = np.empty((1, 3)), np.empty(3), np.empty(4)
+    cells, others = first.cells, second.cells
+    for k in range(begin, len(pairs)):
+        f, g = pairs[k, 0], pairs[k, 1]
+        boxes = 0
+        for a in range(cells.first[f], cells.first[f + 1]):
+            outside = False
             for d in range(3):
-                apart += (first.cells.centre[a, d] - second.cells.centre[b, d]) ** 2
-            reach = first.cells.radius[a] + second.cells.radius[b]
-            if apart > reach * reach:
+                x, r = cells.centre[a, d], cells.radius[a]
+                outside = outside or x + r < second.low[g, d] or x - r > second.high[g, d]
+            if outside:
                 continue
-            stack[0, :4], stack[0, 4] = 0.0, 1.0
-            size = 1
-            while size:
-                size -= 1
-                w = stack[size, 4]
-                box = stack[size, :4].copy()
-                boxes += 1
-                state = _examine_cells(p, f, q, g, first.cells, a, second.cells, b, box, w, seed, origin, normal, work)
-                if state == 0:
+            for b in range(others.first[g], others.first[g + 1]):
+                apart = 0.0
+                for d in range(3):
+                    apart += (cells.centre[a, d] - others.centre[b, d]) ** 2
+                reach = cells.radius[a] + others.radius[b]
+                if apart > reach * reach:
                     continue
-                if state == 1:
-                    in_regions = is_in_region(first.regions, f, seed[0], seed[1]) and is_in_region(second.regions, g, seed[2], seed[3])
-                    if in_regions and not _is_known(
-                        p, f, q, g, curves, points, n_points, origin, match_tol, work
-                    ):
-                        return ARRIVED
-                    continue
-                if w < 2.0**-MAX_DIVISIONS or boxes > MAX_BOXES:
-                    u = first.cells.middle[a, 0] + first.cells.half[a, 0] * box[0]
-                    v = first.cells.middle[a, 1] + first.cells.half[a, 1] * box[1]
-                    s = second.cells.middle[b, 0] + second.cells.half[b, 0] * box[2]
-                    r = second.cells.middle[b, 1] + second.cells.half[b, 1] * box[3]
-                    if state == 2 and is_in_region(first.regions, f, u, v) and is_in_region(second.regions, g, s, r):
-                        evaluate_face(p, f, u, v, work.jet_f)
-                        return TOUCHING
-                    if boxes > MAX_BOXES:
-                        return LOST
-                    continue
-                for i in range(16):
+                for c in range(4):
+                    stack[0, c] = 0.0
+                stack[0, 4] = 1.0
+                size = 1
+                while size:
+                    size -= 1
+                    w = stack[size, 4]
                     for c in range(4):
-                        stack[size, c] = box[c] + 0.5 * w * (2 * ((i >> c) & 1) - 1)
-                    stack[size, 4] = 0.5 * w
-                    size += 1
-    return LOST
+                        box[c] = stack[size, c]
+                    boxes += 1
+                    state = _examine_cells(
+                        first.patches, f, second.patches, g, cells, a, others, b, box, w, seed, origin, normal, work
+                    )
+                    if state == APART:
+                        continue
+                    if state == CROSSING:
+                        in_regions = is_in_region(first.regions, f, seed[0], seed[1])
+                        if (
+                            in_regions
+                            and is_in_region(second.regions, g, seed[2], seed[3])
+                            and not _is_known(
+                                first.patches, f, second.patches, g, of_pair, k, bounds, points, origin, match_tol, work
+                            )
+                        ):
+                            return ARRIVED, k
+                        continue
+                    if w < 2.0**-MAX_DIVISIONS or boxes > MAX_BOXES:
+                        u = cells.middle[a, 0] + cells.half[a, 0] * box[0]
+                        v = cells.middle[a, 1] + cells.half[a, 1] * box[1]
+                        s = others.middle[b, 0] + others.half[b, 0] * box[2]
+                        r = others.middle[b, 1] + others.half[b, 1] * box[3]
+                        if state == UNDECIDED and is_in_region(first.regions, f, u, v):
+                            if is_in_region(second.regions, g, s, r):
+                                evaluate_face(first.patches, f, u, v, work.jet_f)
+                                return TOUCHING, k
+                        continue
+                    for i in range(16):
+                        for c in range(4):
+                            stack[size, c] = box[c] + 0.5 * w * (2 * ((i >> c) & 1) - 1)
+                        stack[size, 4] = 0.5 * w
+                        size += 1
+    return LOST, len(pairs)
 
 
 @njit_cached
@@ -589,7 +598,7 @@ def _examine_cells(
     normal: Array,
     work: Work,
 ) -> int:  # pragma: no cover - compiled
-    """0 if the parts of two cells have no common point, 1 with one in `seed` and `origin`, else 2, or 3 for one curve at most."""
+    """APART without a common point, CROSSING with one in `seed` and `origin`, SINGLE for one curve at most, else UNDECIDED."""
     hu, hv = cells.half[a, 0], cells.half[a, 1]
     hs, hr = others.half[b, 0], others.half[b, 1]
     u, v = cells.middle[a, 0] + hu * box[0], cells.middle[a, 1] + hv * box[1]
@@ -609,7 +618,8 @@ def _examine_cells(
         else:
             if not sine > 0.0:
                 break
-            normal[:] = work.tangent
+            for d in range(3):
+                normal[d] = work.tangent[d]
         apart, reach, length = 0.0, 0.0, 0.0
         gu, gv, gs, gr, shift = 0.0, 0.0, 0.0, 0.0, 0.0
         for d in range(3):
@@ -622,9 +632,9 @@ def _examine_cells(
             shift += abs(p[0, d] * normal[d])
         reach = w * (abs(gu) * hu + abs(gv) * hv + abs(gs) * hs + abs(gr) * hr)
         if abs(apart) > (1.0 + 1e-6) * reach + rest * np.sqrt(length) + 1e-14 * shift:
-            return 0
+            return APART
     if sine < MIN_SINE:
-        return 2
+        return UNDECIDED
     # rows of the inverse of the map (parameters) -> (difference, coordinate along the curve), in units of the cells
     size = 0.0
     for c in range(3):
@@ -637,7 +647,7 @@ def _examine_cells(
         _fill_plane_row(m, p, q, work.tangent, hu, hv, hs, hr)
         m[3, 4] = 0.0
         if not solve_four(m):
-            return 2
+            return UNDECIDED
         row = 0.0
         for k in range(4):
             row = max(row, abs(m[k, 4]))
@@ -651,25 +661,25 @@ def _examine_cells(
     _fill_plane_row(m, p, q, work.tangent, hu, hv, hs, hr)
     m[3, 4] = 1.0
     if not solve_four(m):
-        return 2
+        return UNDECIDED
     along = 0.0
     for k in range(4):
         along = max(along, abs(m[k, 4]))
     vary = w * (uu + 2.0 * uv + vv + ss + 2.0 * sr + rr)
     if (np.sqrt(size) + 0.5 * along) * vary > INJECTIVE:
-        return 2
+        return UNDECIDED
     for d in range(3):
-        origin[d], normal[d] = 0.5 * (p[0, d] + q[0, d]), work.tangent[d]
+        work.place[d], normal[d] = 0.5 * (p[0, d] + q[0, d]), work.tangent[d]
     seed[0], seed[1], seed[2], seed[3] = u, v, s, r
-    if not correct_point(first, f, second, g, seed, origin, normal, work):
-        return 3
+    if not correct_point(first, f, second, g, seed, work.place, normal, work):
+        return SINGLE
     reach = SEED_REACH * w
     if abs(seed[0] - u) > reach * hu or abs(seed[1] - v) > reach * hv:
-        return 3
+        return SINGLE
     if abs(seed[2] - s) > reach * hs or abs(seed[3] - r) > reach * hr:
-        return 3
-    origin[:] = work.jet_f[0]
-    return 1
+        return SINGLE
+    _copy_point(work.jet_f, origin, 0)
+    return CROSSING
 
 
 @njit_cached

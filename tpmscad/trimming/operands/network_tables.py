@@ -9,7 +9,7 @@ and each smaller part of it. These bounds hold for the polynomials, round-off ap
 from __future__ import annotations
 
 from math import comb
-from typing import NamedTuple
+from typing import NamedTuple, TypeVar
 
 import numpy as np
 
@@ -22,6 +22,8 @@ from tpmscad.errors import InvalidRequest
 from tpmscad.rigid_motion import Motion
 from tpmscad.splines.bspline import BSplineCurve, BSplineSurface, is_segment
 from tpmscad.splines.curve_batch import evaluate_curves
+
+T = TypeVar("T", Array, IntArray)
 
 CELLS_PER_SIDE = 6
 """Cells along each parameter of a patch of one span, and pieces of an edge of one span; a span is never shared by two."""
@@ -389,6 +391,16 @@ def _cut_into_pieces(curve: BSplineCurve, low: float, high: float) -> Array:
 
 
 @njit_cached
+def grow_rows(table: T) -> T:  # pragma: no cover - compiled
+    """A copy of a table (n, k) with room for as many rows again; a loop compiles in a tenth of the time of np.concatenate."""
+    result = np.empty((2 * table.shape[0], table.shape[1]), table.dtype)
+    for i in range(table.shape[0]):
+        for k in range(table.shape[1]):
+            result[i, k] = table[i, k]
+    return result
+
+
+@njit_cached
 def find_overlapping_boxes(low_a: Array, high_a: Array, low_b: Array, high_b: Array, margin: float) -> IntArray:
     """The pairs (n, 2) of boxes that come nearer to each other than `margin` along every axis."""
     result = np.empty((64, 2), np.int64)
@@ -404,7 +416,7 @@ def find_overlapping_boxes(low_a: Array, high_a: Array, low_b: Array, high_b: Ar
                 and low_b[j, 2] <= high_a[i, 2] + margin
             ):
                 if count == len(result):
-                    result = np.concatenate((result, np.empty_like(result)))
+                    result = grow_rows(result)
                 result[count, 0], result[count, 1] = i, j
                 count += 1
     return result[:count]
