@@ -22,7 +22,14 @@ from tpmscad.trimming.classify.network_edges import classify_pieces, split_netwo
 from tpmscad.trimming.intersect.common_curves import trace_common_curves
 from tpmscad.trimming.intersect.network_hits import collect_curve_ends, find_hits, prepare_network
 from tpmscad.trimming.rebuild.network_result import CutNetwork, rebuild_networks
-from tpmscad.trimming.trim_pipeline import DEFAULT_TOL, SHIFT_DIRECTION, SHIFT_MULTIPLES, SHIFT_STEP_TOLS
+from tpmscad.trimming.trim_pipeline import DEFAULT_TOL
+
+SHIFT_TOLS = (0.0, 25.0, 60.0)
+"""Lengths of the translations of the second network that are tried, in tolerances."""
+
+SHIFT_DIRECTION = np.array([0.23, 0.50, 0.83])
+"""Their direction, of about unit length: both networks have edges in mirror planes, of which none, x = y and the like included,
+is nearer to it than 11 degrees."""
 
 Operation = Literal["union", "intersection", "difference"]
 
@@ -96,11 +103,11 @@ def combine_networks(
 
 
 def _combine_translated(
-    multiple: float, first: Brep, second: Brep, operation: Operation, tol: float, build: Callable[[Brep], Any] | None
+    shift_tols: float, first: Brep, second: Brep, operation: Operation, tol: float, build: Callable[[Brep], Any] | None
 ) -> NetworkResult:
-    """The result with the second network translated by a multiple of `SHIFT_STEP_TOLS`."""
-    shift = multiple * SHIFT_STEP_TOLS * tol * SHIFT_DIRECTION
-    networks = prepare_network(first), prepare_network(translate_brep(second, shift) if multiple else second)
+    """The result with the second network translated by a number of tolerances."""
+    shift = shift_tols * tol * SHIFT_DIRECTION
+    networks = prepare_network(first), prepare_network(translate_brep(second, shift) if shift_tols else second)
     hits = find_hits(*networks, tol), find_hits(*networks[::-1], tol)
     counts = [len(h.edge) for h in hits]
     ends = collect_curve_ends(*networks, hits, tol)
@@ -134,8 +141,7 @@ def _combine_translated(
 
 PLACEMENTS: Fallbacks[..., NetworkResult] = Fallbacks(
     tuple(
-        Fallback(f"the second network moved by {m * SHIFT_STEP_TOLS:g} tolerances", partial(_combine_translated, m))
-        for m in SHIFT_MULTIPLES
+        Fallback(f"the second network moved by {m:g} tolerances", partial(_combine_translated, m)) for m in SHIFT_TOLS
     ),
     retry_on=(TrimmingError,),
     final=(UntracedCurve,),

@@ -54,7 +54,7 @@ class CommonCurves:
 
 def trace_common_curves(first: Network, second: Network, ends: CurveEnds, n_hits: int, tol: float) -> CommonCurves:
     """The common curves of two networks, fitted to half of `tol`; TrimmingError where one is not resolved."""
-    traced = trace_curves(first.faces, second.faces, ends.pairs, ends.start, ends.parameters, ends.enters, tol)
+    traced = trace_curves(first, second, ends, tol)
     paths, faces, start, end, loose = [], [], [], [], []
     for curve in traced:
         own = curve.points

@@ -144,7 +144,8 @@ def _examine_box(
     """0 if the box of half width w about (x, y, z) has no root, 1 with the root in `own`, 2 if it must be divided."""
     hu, hv = faces.cells.half[cell, 0], faces.cells.half[cell, 1]
     mu, mv = faces.cells.middle[cell, 0], faces.cells.middle[cell, 1]
-    bt = edges.bend[piece]
+    tx2, ty2, tz2 = edges.bend[piece, 0], edges.bend[piece, 1], edges.bend[piece, 2]
+    bt = np.sqrt(tx2 * tx2 + ty2 * ty2 + tz2 * tz2)
     buu, buv, bvv = faces.cells.bend[cell, 0], faces.cells.bend[cell, 1], faces.cells.bend[cell, 2]
     evaluate_piece(edges, piece, x, curve)
     evaluate_face(faces.patches, f, mu + hu * y, mv + hv * z, jet)
@@ -152,12 +153,15 @@ def _examine_box(
     vx, vy, vz = jet[2, 0] * hv, jet[2, 1] * hv, jet[2, 2] * hv
     tx, ty, tz = curve[1, 0], curve[1, 1], curve[1, 2]
     dx, dy, dz = curve[0, 0] - jet[0, 0], curve[0, 1] - jet[0, 1], curve[0, 2] - jet[0, 2]
-    rest = w * w * (0.5 * bt + 0.5 * buu + buv + 0.5 * bvv) + 1e-14 * (abs(curve[0, 0]) + abs(curve[0, 1]) + abs(curve[0, 2]))
+    noise = 1e-14 * (abs(curve[0, 0]) + abs(curve[0, 1]) + abs(curve[0, 2]))
+    of_face = w * w * (0.5 * buu + buv + 0.5 * bvv) + noise
+    rest = of_face + 0.5 * w * w * bt
     side = w * (1.0 + BORDER_MARGIN)
     nx, ny, nz = uy * vz - uz * vy, uz * vx - ux * vz, ux * vy - uy * vx
     area = np.sqrt(nx * nx + ny * ny + nz * nz)
     rise = tx * nx + ty * ny + tz * nz
-    if abs(dx * nx + dy * ny + dz * nz) > side * abs(rise) + rest * area:
+    off = 0.5 * w * w * (abs(nx) * tx2 + abs(ny) * ty2 + abs(nz) * tz2) + of_face * area  # of planes 0, if the edge is parallel
+    if abs(dx * nx + dy * ny + dz * nz) > side * abs(rise) + off:
         return 0
     # rows of J^-1 for J = [C', -S_u, -S_v]
     ax, ay, az = nx / rise, ny / rise, nz / rise

@@ -17,8 +17,9 @@ from typing import NamedTuple
 import numpy as np
 
 from tpmscad._compiled_loops import njit_cached
-from tpmscad._typing import Array, BoolArray, IntArray
+from tpmscad._typing import Array, IntArray
 from tpmscad.errors import TrimmingError, format_point
+from tpmscad.trimming.intersect.network_hits import CurveEnds, Network, locate_in_faces
 from tpmscad.trimming.operands.network_tables import (
     BREAK_U,
     BREAK_V,
@@ -37,6 +38,10 @@ MAX_TURN = 0.12
 
 MAX_RANGE_FRACTION = 0.12
 """Part of a face's parameter ranges that one step passes at most."""
+
+MAX_RATE_CHANGE = 0.35
+"""Relative change of d(u, v)/dx in a step. Beside a point at which a patch is singular d(u, v)/dx goes like the inverse root of the
+distance, so that steps must shrink with it; with steps of the turn alone the spline through the points swings widely there."""
 
 MAX_OVERSHOOT = 0.3
 """Part of the ranges by which a curve may leave a face before it is lost: it passes its end within a step."""
@@ -103,20 +108,16 @@ class TracedCurve:
     points: Array
 
 
-def trace_curves(
-    first: FaceTable, second: FaceTable, pairs: IntArray, starts: IntArray, ends: Array, enters: BoolArray, match_tol: float
-) -> list[TracedCurve]:
-    """All curves of pairs (n, 2) of faces; those of pair k have the ends (E, 4) starts[k] to starts[k + 1] - 1.
-
-    `enters` (E,): whether a curve begins there, else one ends. TrimmingError where a curve is not resolved.
-    """
-    p, q = first.patches, second.patches
+def trace_curves(first: Network, second: Network, ends: CurveEnds, match_tol: float) -> list[TracedCurve]:
+    """All curves that the faces of two networks have in common; TrimmingError where one is not resolved."""
+    p, q = first.faces.patches, second.faces.patches
+    pairs, starts, enters = ends.pairs, ends.start, ends.enters
     work, path = make_work(), np.empty((MAX_STEPS + 2, 10))
     curves: list[TracedCurve] = []
     for k in np.flatnonzero(np.diff(starts)).tolist():
         f, g = pairs[k].tolist()
         own = range(starts[k], starts[k + 1])
-        places, settled = np.empty((len(own), 3)), ends[own.start : own.stop].copy()
+        places, settled = np.empty((len(own), 3)), ends.parameters[own.start : own.stop].copy()
         for i in range(len(own)):
             outcome = _settle(p, f, q, g, settled[i], work)
             places[i] = work.jet_f[0]
@@ -126,43 +127,51 @@ def trace_curves(
             _check_outcome(CONTRARY, places[0])
         for i in np.flatnonzero(~free).tolist():
             outcome, goal, count = _trace(p, f, q, g, settled[i], i, places, len(own), path, match_tol, work)
-            if outcome == ARRIVED and enters[own[goal]]:
+            if outcome == ARRIVED and not free[goal]:
                 outcome = CONTRARY
             _check_outcome(outcome, path[count - 1, :3])
             free[goal] = False
             curves.append(TracedCurve(k, own[i], own[goal], path[:count].copy()))
-        if free.any():
-            _check_outcome(CONTRARY, places[np.flatnonzero(free)[0]])
     return curves + _trace_closed_curves(first, second, pairs, curves, match_tol, work, path)
 
 
 def _trace_closed_curves(
-    first: FaceTable,
-    second: FaceTable,
+    first: Network,
+    second: Network,
     pairs: IntArray,
     known: list[TracedCurve],
     match_tol: float,
     work: Work,
     path: Array,
 ) -> list[TracedCurve]:
-    """The curves of pairs of faces that have no ends, besides the known ones."""
+    """The curves of pairs of faces that have no ends, besides the known ones.
+
+    The polygons of loops let some seeds in that lie just outside: their curves are known from then on, but not wanted.
+    """
+    p, q = first.faces.patches, second.faces.patches
     closed: list[TracedCurve] = []
+    outside: list[TracedCurve] = []
     seed, k = np.empty(4), 0
     while True:
-        ordered = sorted([*known, *closed], key=lambda curve: curve.pair)
+        ordered = sorted([*known, *closed, *outside], key=lambda curve: curve.pair)
         points = np.concatenate([np.zeros((0, 10)), *(curve.points for curve in ordered)])
         bounds = np.concatenate([[0], np.cumsum([len(curve.points) for curve in ordered])]).astype(np.int64)
         of_pair = np.searchsorted([curve.pair for curve in ordered], np.arange(len(pairs) + 1)).astype(np.int64)
-        outcome, k = _find_seed(first, second, pairs, k, of_pair, bounds, points, seed, match_tol, work)
+        outcome, k = _find_seed(first.faces, second.faces, pairs, k, of_pair, bounds, points, seed, match_tol, work)
         if k == len(pairs):
             return closed
         _check_outcome(outcome, work.jet_f[0])
         f, g = pairs[k].tolist()
-        evaluate_face(first.patches, f, seed[0], seed[1], work.jet_f)
+        inside = [locate_in_faces(n, np.array([i]), uv[None])[0][0] for n, i, uv in ((first, f, seed[:2]), (second, g, seed[2:]))]
+        evaluate_face(p, f, seed[0], seed[1], work.jet_f)
         places = work.jet_f[:1].copy()
-        outcome, _, count = _trace(first.patches, f, second.patches, g, seed, -1, places, 1, path, match_tol, work)
-        _check_outcome(outcome, path[count - 1, :3])
-        closed.append(TracedCurve(k, -1, -1, path[:count].copy()))
+        outcome, _, count = _trace(p, f, q, g, seed, -1, places, 1, path, match_tol, work)
+        curve = TracedCurve(k, -1, -1, path[:count].copy())
+        if all(inside) or count == 1:
+            _check_outcome(outcome, path[count - 1, :3])
+            closed.append(curve)
+        else:
+            outside.append(curve)
 
 
 def _check_outcome(outcome: int, place: Array) -> None:
@@ -384,7 +393,7 @@ def _trace(
         cosine = 0.0
         for d in range(3):
             cosine += work.tangent[d] * along[d]
-        if drift > (MAX_DRIFT * h) ** 2 or not cosine > np.cos(MAX_TURN):
+        if drift > (MAX_DRIFT * h) ** 2 or not cosine > np.cos(MAX_TURN) or _changes(rate, work.rate) > MAX_RATE_CHANGE:
             h *= 0.5
             continue
         if sine < MIN_SINE:
@@ -414,6 +423,20 @@ def _trace(
         if cosine > np.cos(0.4 * MAX_TURN):
             h *= 1.6
     return STUCK, -1, count
+
+
+@njit_cached
+def _changes(before: Array, after: Array) -> float:  # pragma: no cover - compiled
+    """The greater relative change of d(u, v)/dx on the two faces."""
+    result = 0.0
+    for side in range(2):
+        a, b, apart = 0.0, 0.0, 0.0
+        for c in range(2 * side, 2 * side + 2):
+            a += before[c] * before[c]
+            b += after[c] * after[c]
+            apart += (after[c] - before[c]) ** 2
+        result = max(result, apart / max(min(a, b), 1e-300))
+    return np.sqrt(result)
 
 
 @njit_cached
@@ -517,7 +540,7 @@ def _find_seed(
     TOUCHING and the pair for a contact that is not resolved. Pair k has the curves of_pair[k] to of_pair[k + 1] - 1, and curve c
     has the points bounds[c] to bounds[c + 1] - 1.
     """
-    stack = np.empty((16 * MAX_DIVISIONS + 32, 5))
+    stack = np.empty((8 * MAX_DIVISIONS + 16, 6))
     origin, normal, box = np.empty((1, 3)), np.empty(3), np.empty(4)
     cells, others = first.cells, second.cells
     for k in range(begin, len(pairs)):
@@ -526,8 +549,8 @@ def _find_seed(
         for a in range(cells.first[f], cells.first[f + 1]):
             outside = False
             for d in range(3):
-                x, r = cells.centre[a, d], cells.radius[a]
-                outside = outside or x + r < second.low[g, d] or x - r > second.high[g, d]
+                at, r = cells.centre[a, d], cells.radius[a]
+                outside = outside or at + r < second.low[g, d] or at - r > second.high[g, d]
             if outside:
                 continue
             for b in range(others.first[g], others.first[g + 1]):
@@ -539,16 +562,16 @@ def _find_seed(
                     continue
                 for c in range(4):
                     stack[0, c] = 0.0
-                stack[0, 4] = 1.0
+                stack[0, 4], stack[0, 5] = 1.0, 1.0
                 size = 1
                 while size:
                     size -= 1
-                    w = stack[size, 4]
+                    w, x = stack[size, 4], stack[size, 5]
                     for c in range(4):
                         box[c] = stack[size, c]
                     boxes += 1
                     state = _examine_cells(
-                        first.patches, f, second.patches, g, cells, a, others, b, box, w, seed, origin, normal, work
+                        first.patches, f, second.patches, g, cells, a, others, b, box, w, x, seed, origin, normal, work
                     )
                     if state == APART:
                         continue
@@ -563,22 +586,98 @@ def _find_seed(
                         ):
                             return ARRIVED, k
                         continue
-                    if w < 2.0**-MAX_DIVISIONS or boxes > MAX_BOXES:
-                        u = cells.middle[a, 0] + cells.half[a, 0] * box[0]
-                        v = cells.middle[a, 1] + cells.half[a, 1] * box[1]
-                        s = others.middle[b, 0] + others.half[b, 0] * box[2]
-                        r = others.middle[b, 1] + others.half[b, 1] * box[3]
-                        if state == UNDECIDED and is_in_region(first.regions, f, u, v):
-                            if is_in_region(second.regions, g, s, r):
-                                evaluate_face(first.patches, f, u, v, work.jet_f)
+                    divide_first = w * cells.radius[a] > x * others.radius[b]
+                    if (w if divide_first else x) < 2.0**-MAX_DIVISIONS or boxes > MAX_BOXES:
+                        if state == UNDECIDED:
+                            state = _settle_smallest_box(
+                                first, f, second, g, a, b, box, w, x, of_pair, k, bounds, points, seed, origin, normal, match_tol, work
+                            )
+                            if state == CROSSING:
+                                return ARRIVED, k
+                            if state == UNDECIDED:
                                 return TOUCHING, k
                         continue
-                    for i in range(16):
+                    shift = 0 if divide_first else 2
+                    half = 0.5 * (w if divide_first else x)
+                    for i in range(4):
                         for c in range(4):
-                            stack[size, c] = box[c] + 0.5 * w * (2 * ((i >> c) & 1) - 1)
-                        stack[size, 4] = 0.5 * w
+                            stack[size, c] = box[c]
+                        stack[size, shift] += half * (2 * (i & 1) - 1)
+                        stack[size, shift + 1] += half * (2 * (i >> 1) - 1)
+                        stack[size, 4], stack[size, 5] = (half, x) if divide_first else (w, half)
                         size += 1
     return LOST, len(pairs)
+
+
+@njit_cached
+def _settle_smallest_box(
+    first: FaceTable,
+    f: int,
+    second: FaceTable,
+    g: int,
+    a: int,
+    b: int,
+    box: Array,
+    w: float,
+    x: float,
+    of_pair: IntArray,
+    pair: int,
+    bounds: IntArray,
+    points: Array,
+    seed: Array,
+    origin: Array,
+    normal: Array,
+    match_tol: float,
+    work: Work,
+) -> int:  # pragma: no cover - compiled
+    """The outcome for parts of two cells that are divided no further: where a patch is singular no bound decides.
+
+    CROSSING with a `seed` on no known curve, UNDECIDED if neither a point nor a known curve is found near by, with the place in
+    the jet of the first face; else SINGLE.
+    """
+    cells, others = first.cells, second.cells
+    hu, hv, hs, hr = cells.half[a, 0], cells.half[a, 1], others.half[b, 0], others.half[b, 1]
+    u, v = cells.middle[a, 0] + hu * box[0], cells.middle[a, 1] + hv * box[1]
+    s, r = others.middle[b, 0] + hs * box[2], others.middle[b, 1] + hr * box[3]
+    if not (is_in_region(first.regions, f, u, v) and is_in_region(second.regions, g, s, r)):
+        return SINGLE
+    evaluate_face(first.patches, f, u, v, work.jet_f)
+    evaluate_face(second.patches, g, s, r, work.jet_g)
+    sine = find_tangent(first.patches, f, second.patches, g, work)
+    reach, apart = 0.0, 0.0
+    for d in range(3):
+        reach += w * (abs(work.jet_f[1, d]) * hu + abs(work.jet_f[2, d]) * hv)
+        reach += x * (abs(work.jet_g[1, d]) * hs + abs(work.jet_g[2, d]) * hr)
+        apart += abs(work.jet_f[0, d] - work.jet_g[0, d])
+        origin[0, d] = 0.5 * (work.jet_f[0, d] + work.jet_g[0, d])
+        work.place[d], normal[d] = origin[0, d], work.tangent[d]
+    bend = w * w * (cells.bend[a, 0] + cells.bend[a, 1] + cells.bend[a, 2])
+    reach = 4.0 * (reach + bend + x * x * (others.bend[b, 0] + others.bend[b, 1] + others.bend[b, 2]) + apart)
+    seed[0], seed[1], seed[2], seed[3] = u, v, s, r
+    if sine > MIN_SINE and correct_point(first.patches, f, second.patches, g, seed, work.place, normal, work):
+        moved = 0.0
+        for d in range(3):
+            moved = max(moved, abs(work.jet_f[0, d] - origin[0, d]))
+        if moved < reach:
+            if not (
+                is_in_region(first.regions, f, seed[0], seed[1]) and is_in_region(second.regions, g, seed[2], seed[3])
+            ):
+                return SINGLE
+            _copy_point(work.jet_f, origin, 0)
+            known = _is_known(
+                first.patches, f, second.patches, g, of_pair, pair, bounds, points, origin, match_tol, work
+            )
+            return SINGLE if known else CROSSING
+    for row in range(bounds[of_pair[pair]], bounds[of_pair[pair + 1]] - 1):
+        square, along, arm = 0.0, 0.0, 0.0
+        for d in range(3):
+            chord, way = points[row + 1, d] - points[row, d], origin[0, d] - points[row, d]
+            square, along, arm = square + chord * chord, along + chord * way, arm + way * way
+        ahead = min(max(along / max(square, 1e-300), 0.0), 1.0)
+        if arm - 2.0 * ahead * along + ahead * ahead * square < reach * reach:
+            return SINGLE
+    evaluate_face(first.patches, f, u, v, work.jet_f)
+    return UNDECIDED
 
 
 @njit_cached
@@ -593,6 +692,7 @@ def _examine_cells(
     b: int,
     box: Array,
     w: float,
+    x: float,
     seed: Array,
     origin: Array,
     normal: Array,
@@ -609,7 +709,7 @@ def _examine_cells(
     p, q = work.jet_f, work.jet_g
     uu, uv, vv = cells.bend[a, 0], cells.bend[a, 1], cells.bend[a, 2]
     ss, sr, rr = others.bend[b, 0], others.bend[b, 1], others.bend[b, 2]
-    rest = w * w * (0.5 * (uu + vv + ss + rr) + uv + sr)
+    rest = w * w * (0.5 * (uu + vv) + uv) + x * x * (0.5 * (ss + rr) + sr)
     for axis in range(3):
         if axis == 0:
             _cross(p, normal)
@@ -630,7 +730,7 @@ def _examine_cells(
             gr += q[2, d] * normal[d]
             length += normal[d] * normal[d]
             shift += abs(p[0, d] * normal[d])
-        reach = w * (abs(gu) * hu + abs(gv) * hv + abs(gs) * hs + abs(gr) * hr)
+        reach = w * (abs(gu) * hu + abs(gv) * hv) + x * (abs(gs) * hs + abs(gr) * hr)
         if abs(apart) > (1.0 + 1e-6) * reach + rest * np.sqrt(length) + 1e-14 * shift:
             return APART
     if sine < MIN_SINE:
@@ -665,7 +765,7 @@ def _examine_cells(
     along = 0.0
     for k in range(4):
         along = max(along, abs(m[k, 4]))
-    vary = w * (uu + 2.0 * uv + vv + ss + 2.0 * sr + rr)
+    vary = w * (uu + 2.0 * uv + vv) + x * (ss + 2.0 * sr + rr)
     if (np.sqrt(size) + 0.5 * along) * vary > INJECTIVE:
         return UNDECIDED
     for d in range(3):
@@ -673,10 +773,9 @@ def _examine_cells(
     seed[0], seed[1], seed[2], seed[3] = u, v, s, r
     if not correct_point(first, f, second, g, seed, work.place, normal, work):
         return SINGLE
-    reach = SEED_REACH * w
-    if abs(seed[0] - u) > reach * hu or abs(seed[1] - v) > reach * hv:
+    if abs(seed[0] - u) > SEED_REACH * w * hu or abs(seed[1] - v) > SEED_REACH * w * hv:
         return SINGLE
-    if abs(seed[2] - s) > reach * hs or abs(seed[3] - r) > reach * hr:
+    if abs(seed[2] - s) > SEED_REACH * x * hs or abs(seed[3] - r) > SEED_REACH * x * hr:
         return SINGLE
     _copy_point(work.jet_f, origin, 0)
     return CROSSING

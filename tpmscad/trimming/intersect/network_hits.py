@@ -109,7 +109,7 @@ def find_hits(one: Network, other: Network, tol: float) -> Hits:
     found = intersect_edges_with_faces(edges, faces, pairs)
     edge, face = pairs[found.pair, 0], pairs[found.pair, 1]
     _refuse_contacts(one, other, pairs[found.touching_pair], found.touching)
-    inside, border = _locate(other, face, found.uv)
+    inside, border = locate_in_faces(other, face, found.uv)
     curves = check_spline_curves(one.brep)
     e = one.brep.edges
     point, slope = (
@@ -215,7 +215,7 @@ def _locate_in_polygons(faces: FaceTable, face: IntArray, uv: Array) -> tuple[Bo
     return inside, nearest, fraction
 
 
-def _locate(network: Network, face: IntArray, uv: Array) -> tuple[BoolArray, Array]:
+def locate_in_faces(network: Network, face: IntArray, uv: Array) -> tuple[BoolArray, Array]:
     """Whether points (n, 2) lie in the loops of faces (n,), and their distances from the loops in space, to first order."""
     faces, brep = network.faces, network.brep
     inside, nearest, apart = _locate_in_polygons(faces, face, uv)

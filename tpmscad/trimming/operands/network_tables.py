@@ -113,8 +113,10 @@ class EdgeTable(NamedTuple):
         Middle and half of a piece's parameter range.
     coefficients : (N, D, 3)
         Monomials of a piece in a parameter on [-1, 1], model units.
-    radius, bend : (N,)
-        Greatest distance from its middle; bound of its second derivative.
+    radius : (N,)
+        Greatest distance from its middle.
+    bend : (N, 3)
+        Bounds of the coordinates of its second derivative.
     low, high : (E, 3)
         Corners of a box that contains the edge.
     """
@@ -247,7 +249,7 @@ def tabulate_segments(
         half=half[piece],
         coefficients=np.ascontiguousarray(coefficients),
         radius=radius,
-        bend=norms @ (k * (k - 1.0)),
+        bend=np.einsum("nkd,k->nd", np.abs(coefficients), k * (k - 1.0)),
         low=np.minimum.reduceat(low, first[:-1]) if n else np.zeros((0, 3)),
         high=np.maximum.reduceat(high, first[:-1]) if n else np.zeros((0, 3)),
     )
