@@ -8,6 +8,7 @@ and each smaller part of it. These bounds hold for the polynomials, round-off ap
 
 from __future__ import annotations
 
+from functools import lru_cache
 from math import comb
 from typing import NamedTuple, TypeVar
 
@@ -27,6 +28,9 @@ T = TypeVar("T", Array, IntArray)
 
 CELLS_PER_SIDE = 6
 """Cells along each parameter of a patch of one span, and pieces of an edge of one span; a span is never shared by two."""
+
+PATCHES_PER_BATCH = 64
+"""Patches divided at once: their arrays stay below a few tens of megabytes."""
 
 SEGMENTS_PER_USE = 24
 """Segments of the polygon that stands for a curved edge in (u, v)."""
@@ -148,21 +152,25 @@ def build_face_table(brep: Brep) -> FaceTable:
     faces = brep.faces
     polygons = sample_loops(brep)
     first_segment = np.concatenate([[0], np.cumsum([len(p) for p in polygons])])
-    cells: list[_Cells] = []
-    known: dict[int, _Cells] = {}
+    surfaces: list[BSplineSurface] = []
+    number: dict[int, int] = {}
+    own_surface = np.empty(len(faces), np.int64)
     for f, c in enumerate(faces.carrier.tolist()):
         carrier = brep.carriers[c]
+        own_surface[f] = len(surfaces) if isinstance(carrier, Plane) else number.setdefault(c, len(surfaces))
+        if own_surface[f] < len(surfaces):
+            continue
         if isinstance(carrier, Plane):
-            cells.append(_divide_patch(_bound_plane(carrier, polygons[f].reshape(-1, 2))))
+            surfaces.append(_bound_plane(carrier, polygons[f].reshape(-1, 2)))
         elif isinstance(carrier, BSplineSurface):
-            if c not in known:
-                known[c] = _divide_patch(carrier)
-            cells.append(known[c])
+            surfaces.append(carrier)
         else:
             raise InvalidRequest(
                 f"a face lies on a {type(carrier).__name__}: networks of spline patches and planes can be cut by each other, "
                 "a body of quadrics cuts a lattice by infill"
             )
+    divided = _divide_patches(surfaces)
+    cells = [divided[i] for i in own_surface.tolist()]
     motion = faces.motion
     count = np.array([len(own.radius) for own in cells], np.int64)
     owner = np.repeat(np.arange(len(cells)), count)
@@ -336,42 +344,82 @@ def _bound_plane(plane: Plane, uv: Array) -> BSplineSurface:
     return BSplineSurface(poles, np.array([u0, u0, u1, u1]), np.array([v0, v0, v1, v1]), 1, 1)
 
 
-def _divide_patch(surface: BSplineSurface) -> _Cells:
-    """The monomials and cells of a patch."""
-    degrees = surface.degree_u, surface.degree_v
-    if max(degrees) > MAX_DEGREE:
-        raise InvalidRequest(f"a patch has degree {max(degrees)}: networks of degree up to {MAX_DEGREE} can be cut")
-    (breaks_u, left), (breaks_v, right) = (
-        span_powers(knots, degree) for knots, degree in zip((surface.knots_u, surface.knots_v), degrees, strict=True)
+def _divide_patches(surfaces: list[BSplineSurface]) -> list[_Cells]:
+    """The monomials and cells of patches, those of equal degrees and spans at once."""
+    groups: dict[tuple[int, int, bytes, bytes], list[int]] = {}
+    for i, s in enumerate(surfaces):
+        if max(s.degree_u, s.degree_v) > MAX_DEGREE:
+            raise InvalidRequest(
+                f"a patch has degree {max(s.degree_u, s.degree_v)}: networks of degree up to {MAX_DEGREE} can be cut"
+            )
+        knots = (_relative_knots(*own) for own in zip((s.knots_u, s.knots_v), s.domain, strict=True))
+        groups.setdefault((s.degree_u, s.degree_v, *(k.tobytes() for k in knots)), []).append(i)  # type: ignore[arg-type]
+    result: dict[int, _Cells] = {}
+    for members in groups.values():
+        for part in range(0, len(members), PATCHES_PER_BATCH):
+            own = members[part : part + PATCHES_PER_BATCH]
+            result |= dict(zip(own, _divide_like_patches([surfaces[i] for i in own]), strict=True))
+    return [result[i] for i in range(len(surfaces))]
+
+
+def _relative_knots(knots: Array, domain: tuple[float, float]) -> Array:
+    """Knots as fractions of the domain: those of patches of one span are 0 and 1."""
+    return np.asarray((knots - domain[0]) / (domain[1] - domain[0]))
+
+
+def _divide_like_patches(surfaces: list[BSplineSurface]) -> list[_Cells]:
+    """The monomials and cells of patches whose knots divide their domains alike."""
+    s = surfaces[0]
+    degrees = p, q = s.degree_u, s.degree_v
+    (_, left), (_, right) = (
+        span_powers(_relative_knots(knots, domain), degree)
+        for knots, domain, degree in zip((s.knots_u, s.knots_v), s.domain, degrees, strict=True)
     )
-    coefficients = np.ascontiguousarray(np.einsum("aku,uvc,blv->abklc", left, surface.poles, right, optimize=True))
-    nu, nv = coefficients.shape[:2]
-    parts = [-(-CELLS_PER_SIDE // n) for n in (nu, nv)]
-    (x, hx, in_u), (y, hy, in_v) = (_part_powers(n, d) for n, d in zip(parts, degrees, strict=True))
-    local = np.einsum("iKk,abklc,jLl->aibjKLc", in_u, coefficients, in_v, optimize=True)
-    p, q = degrees
-    local = local.reshape(nu * parts[0] * nv * parts[1], p + 1, q + 1, 3)
-    norms = np.linalg.norm(local, axis=3)
+    poles = np.stack([own.poles for own in surfaces])
+    coefficients = np.einsum("aku,nuvc,blv->nabklc", left, poles, right, optimize=True)
+    n, nu, nv = coefficients.shape[:3]
+    parts = [-(-CELLS_PER_SIDE // m) for m in (nu, nv)]
+    (x, hx, in_u), (y, hy, in_v) = (_part_powers(m, d) for m, d in zip(parts, degrees, strict=True))
+    local = np.einsum("iKk,nabklc,jLl->naibjKLc", in_u, coefficients, in_v, optimize=True)
+    local = local.reshape(n, nu * parts[0] * nv * parts[1], p + 1, q + 1, 3)
+    norms = np.linalg.norm(local, axis=4)
     k, m = np.arange(p + 1.0), np.arange(q + 1.0)
     bend = np.stack(
         [
-            np.einsum("nkm,k->n", norms, k * (k - 1)),
-            np.einsum("nkm,k,m->n", norms, k, m),
-            np.einsum("nkm,m->n", norms, m * (m - 1)),
+            np.einsum("nckm,k->nc", norms, k * (k - 1)),
+            np.einsum("nckm,k,m->nc", norms, k, m),
+            np.einsum("nckm,m->nc", norms, m * (m - 1)),
         ],
-        axis=1,
+        axis=2,
     )
-    middles, halves = [], []
-    for breaks, at, h in ((breaks_u, x, hx), (breaks_v, y, hy)):
-        centre, half = 0.5 * (breaks[1:] + breaks[:-1]), 0.5 * np.diff(breaks)
-        middles.append((centre[:, None] + half[:, None] * at).ravel())
-        halves.append(np.repeat(half * h, len(at)))
-    middle = np.stack(np.meshgrid(*middles, indexing="ij"), axis=2).reshape(-1, 2)
-    half = np.stack(np.meshgrid(*halves, indexing="ij"), axis=2).reshape(-1, 2)
-    radius = norms.sum(axis=(1, 2)) - norms[:, 0, 0]
-    return _Cells((breaks_u, breaks_v), coefficients, middle, half, local[:, 0, 0].copy(), radius, bend)
+    radius = norms.sum(axis=(2, 3)) - norms[:, :, 0, 0]
+    result = []
+    for i, own in enumerate(surfaces):
+        breaks = tuple(
+            np.unique(knots[degree : len(knots) - degree])
+            for knots, degree in zip((own.knots_u, own.knots_v), degrees, strict=True)
+        )
+        middles, halves = [], []
+        for ends, at, h in zip(breaks, (x, y), (hx, hy), strict=True):
+            centre, half = 0.5 * (ends[1:] + ends[:-1]), 0.5 * np.diff(ends)
+            middles.append((centre[:, None] + half[:, None] * at).ravel())
+            halves.append(np.repeat(half * h, len(at)))
+        middle, half = (np.stack(np.meshgrid(*both, indexing="ij"), axis=2).reshape(-1, 2) for both in (middles, halves))
+        result.append(
+            _Cells(
+                (breaks[0], breaks[1]),
+                np.ascontiguousarray(coefficients[i]),
+                middle,
+                half,
+                local[i, :, 0, 0].copy(),
+                radius[i],
+                bend[i],
+            )
+        )
+    return result
 
 
+@lru_cache(maxsize=32)
 def _part_powers(count: int, degree: int) -> tuple[Array, float, Array]:
     """Middles (count,) and half length of equal parts of [-1, 1], and matrices from monomials there to those of each part."""
     half = 1.0 / count
