@@ -15,7 +15,7 @@ from tpmscad._compiled_loops import njit_cached
 from tpmscad._typing import Array, BoolArray, IntArray
 from tpmscad.errors import UntracedCurve, format_point
 from tpmscad.splines.bspline import BSplineCurve
-from tpmscad.trimming.intersect.face_face import correct_point, make_work, trace_curves
+from tpmscad.trimming.intersect.face_face import correct_point, find_tangent, make_work, trace_curves
 from tpmscad.trimming.intersect.network_hits import CurveEnds, Network, evaluate_faces
 from tpmscad.trimming.operands.network_tables import PatchPolynomials
 
@@ -30,6 +30,9 @@ MAX_REFINEMENTS = 6
 
 MIN_LAST_STEP = 0.3
 """Part of the step before below which the last step is joined to it."""
+
+MAX_STEP_RATIO = 2.2
+"""Greatest ratio of adjacent steps: with four, a spline of degree 7 through the points of a hairpin swings by any length."""
 
 CHECKS = np.array([0.15, 0.38, 0.62, 0.85])
 """Fractions of the intervals between sites at which a curve is measured."""
@@ -95,7 +98,7 @@ def _fit_paths(
     first: PatchPolynomials, second: PatchPolynomials, face: IntArray, paths: list[Array], tol: float
 ) -> tuple[list[BSpline], Array]:
     """A spline (x, u, v, s, r) for each path (n, 10), and its largest distance from both faces."""
-    sites = _add_sites(first, second, face, [_join_last_step(p) for p in paths])
+    sites = _grade_sites(first, second, face, [_join_last_step(p) for p in paths])
     at = [_measure_lengths(p) for p in sites]
     values = [p[:, :7] for p in sites]
     splines = [make_interp_spline(t, v, DEGREE) for t, v in zip(at, values, strict=True)]
@@ -116,7 +119,7 @@ def _fit_paths(
         for i, new, t in zip(left, np.split(found, np.cumsum([len(t) for t in middles])[:-1]), middles, strict=True):
             order = np.argsort(np.concatenate([at[i], t]), kind="stable")
             at[i] = np.concatenate([at[i], t])[order]
-            values[i] = np.concatenate([values[i], new])[order]
+            values[i] = np.concatenate([values[i], new[:, :7]])[order]
             splines[i] = make_interp_spline(at[i], values[i], DEGREE)
     worst = left[np.argmax(deviation[left])]
     raise UntracedCurve(
@@ -133,38 +136,49 @@ def _join_last_step(path: Array) -> Array:
     return np.delete(path, -2, axis=0) if last < MIN_LAST_STEP * before else path
 
 
-def _add_sites(first: PatchPolynomials, second: PatchPolynomials, face: IntArray, paths: list[Array]) -> list[Array]:
-    """The paths, short ones with points between by Hermite interpolation, so that each has `MIN_SITES`."""
+def _grade_sites(
+    first: PatchPolynomials, second: PatchPolynomials, face: IntArray, paths: list[Array]
+) -> list[Array]:
+    """The paths with points between theirs: `MIN_SITES` at least, and no step longer than its neighbours by `MAX_STEP_RATIO`."""
     result = list(paths)
-    short = [i for i, p in enumerate(paths) if len(p) < MIN_SITES]
-    guesses, normals, owners, shapes = [], [], [], []
-    for i in short:
-        p = paths[i]
-        parts = -(-(MIN_SITES - 1) // (len(p) - 1))
-        x = np.arange(1, parts)[:, None] / parts
-        h = np.linalg.norm(np.diff(p[:, :3], axis=0), axis=1)[:, None, None]
-        a, b = p[:-1, None], p[1:, None]
-        line = a + (b - a) * x  # the parameters need a guess only
-        bulge = h * ((1 - x) * a[..., 7:] - x * b[..., 7:]) - (1 - 2 * x) * (b - a)[..., :3]
-        line[..., :3] += x * (1 - x) * bulge
-        slope = (1 - x) * a[..., 7:] + x * b[..., 7:]
-        guesses.append(line[..., :7].reshape(-1, 7))
-        normals.append(slope.reshape(-1, 3))
-        owners += [i] * len(guesses[-1])
-        shapes.append((i, parts))
-    if not short:
-        return result
-    guess, normal = np.concatenate(guesses), np.concatenate(normals)
-    found = _correct(first, second, face[np.array(owners)], guess, normal)
-    tangent = normal / np.linalg.norm(normal, axis=1, keepdims=True)
-    rows = np.column_stack([found, tangent])
-    offset = 0
-    for i, parts in shapes:
-        n = len(paths[i]) - 1
-        own = rows[offset : offset + n * (parts - 1)].reshape(n, parts - 1, 10)
-        offset += n * (parts - 1)
-        result[i] = np.concatenate([np.concatenate([paths[i][:-1, None], own], axis=1).reshape(-1, 10), paths[i][-1:]])
-    return result
+    parts = {i: np.full(len(p) - 1, -(-(MIN_SITES - 1) // (len(p) - 1))) for i, p in enumerate(paths)}
+    while True:
+        parts = {i: own for i, own in parts.items() if own.max() > 1}
+        if parts:
+            _insert_sites(first, second, face, result, parts)
+        parts = {}
+        for i, path in enumerate(result):
+            step = np.linalg.norm(np.diff(path[:, :3], axis=0), axis=1)
+            beside = np.full(len(step), np.inf)
+            beside[1:] = step[:-1]
+            beside[:-1] = np.minimum(beside[:-1], step[1:])
+            parts[i] = np.where(step > MAX_STEP_RATIO * beside, 2, 1)
+        if all(own.max() == 1 for own in parts.values()):
+            return result
+
+
+def _insert_sites(
+    first: PatchPolynomials, second: PatchPolynomials, face: IntArray, paths: list[Array], parts: dict[int, IntArray]
+) -> None:
+    """Divide the steps of paths, in place, into `parts` (n,), by cubic Hermite interpolation of the points and tangents."""
+    guesses, normals, owners = [], [], []
+    for i, own in parts.items():
+        path = paths[i]
+        row = np.repeat(np.arange(len(own)), own - 1)
+        x = ((np.arange(len(row)) - np.repeat(np.cumsum(own - 1) - (own - 1), own - 1) + 1) / own[row])[:, None]
+        a, b = path[row], path[row + 1]
+        chord = (b - a)[:, :3]
+        h = np.linalg.norm(chord, axis=1, keepdims=True)
+        guess = (a + (b - a) * x)[:, :7]  # the parameters need a guess only
+        bulge = h * ((1 - x) * a[:, 7:] - x * b[:, 7:]) - (1 - 2 * x) * chord
+        guess[:, :3] += x * (1 - x) * bulge
+        guesses.append(guess)
+        normals.append((1 - x) * a[:, 7:] + x * b[:, 7:])
+        owners.append(np.full(len(row), i))
+    found = _correct(first, second, face[np.concatenate(owners)], np.concatenate(guesses), np.concatenate(normals))
+    for (i, own), new in zip(parts.items(), np.split(found, np.cumsum([len(g) for g in guesses])[:-1]), strict=True):
+        at = np.repeat(np.arange(1, len(own) + 1), own - 1)
+        paths[i] = np.insert(paths[i], at, new, axis=0)
 
 
 def _measure_lengths(path: Array) -> Array:
@@ -190,7 +204,7 @@ def _measure_deviations(
 
 
 def _correct(first: PatchPolynomials, second: PatchPolynomials, face: IntArray, guess: Array, normal: Array) -> Array:
-    """Points (n, 7) on both faces in the planes through points (n, 7) near them; UntracedCurve if one is not found."""
+    """Rows (n, 10) as of a path, in the planes through points (n, 7) near the curve; UntracedCurve if one is not found."""
     found, good = _correct_all(
         first, second, np.ascontiguousarray(face), np.ascontiguousarray(guess), np.ascontiguousarray(normal)
     )
@@ -204,10 +218,18 @@ def _correct(first: PatchPolynomials, second: PatchPolynomials, face: IntArray, 
 def _correct_all(
     first: PatchPolynomials, second: PatchPolynomials, face: IntArray, guess: Array, normal: Array
 ) -> tuple[Array, BoolArray]:  # pragma: no cover - compiled
-    result, good = guess.copy(), np.empty(len(guess), np.bool_)
+    result, good = np.empty((len(guess), 10)), np.empty(len(guess), np.bool_)
     work = make_work()
+    at = np.empty(4)
     for i in range(len(guess)):
-        good[i] = correct_point(first, face[i, 0], second, face[i, 1], result[i, 3:7], guess[i, :3], normal[i], work)
+        f, g = face[i, 0], face[i, 1]
+        for c in range(4):
+            at[c] = guess[i, 3 + c]
+        good[i] = correct_point(first, f, second, g, at, guess[i, :3], normal[i], work)
+        find_tangent(first, f, second, g, work)
+        for c in range(4):
+            result[i, 3 + c] = at[c]
         for d in range(3):
             result[i, d] = 0.5 * (work.jet_f[0, d] + work.jet_g[0, d])
+            result[i, 7 + d] = work.tangent[d]
     return result, good
