@@ -55,6 +55,11 @@ class NetworkReport:
     shift: Array
     reason: str
 
+    @property
+    def shifted(self) -> float:
+        """Length of the translation."""
+        return float(np.linalg.norm(self.shift))
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class NetworkResult:

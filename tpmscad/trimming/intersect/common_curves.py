@@ -37,6 +37,7 @@ MAX_STEP_RATIO = 2.2
 CHECKS = np.array([0.15, 0.38, 0.62, 0.85])
 """Fractions of the intervals between sites at which a curve is measured."""
 
+
 @dataclass(frozen=True, slots=True, eq=False)
 class CommonCurves:
     """A arcs on a face of each network, on [0, 1], with the second solid on the left seen from outside on the first network.
@@ -98,6 +99,8 @@ def _fit_paths(
     first: PatchPolynomials, second: PatchPolynomials, face: IntArray, paths: list[Array], tol: float
 ) -> tuple[list[BSpline], Array]:
     """A spline (x, u, v, s, r) for each path (n, 10), and its largest distance from both faces."""
+    if not paths:
+        return [], np.zeros(0)
     sites = _grade_sites(first, second, face, [_join_last_step(p) for p in paths])
     at = [_measure_lengths(p) for p in sites]
     values = [p[:, :7] for p in sites]
@@ -136,9 +139,7 @@ def _join_last_step(path: Array) -> Array:
     return np.delete(path, -2, axis=0) if last < MIN_LAST_STEP * before else path
 
 
-def _grade_sites(
-    first: PatchPolynomials, second: PatchPolynomials, face: IntArray, paths: list[Array]
-) -> list[Array]:
+def _grade_sites(first: PatchPolynomials, second: PatchPolynomials, face: IntArray, paths: list[Array]) -> list[Array]:
     """The paths with points between theirs: `MIN_SITES` at least, and no step longer than its neighbours by `MAX_STEP_RATIO`."""
     result = list(paths)
     parts = {i: np.full(len(p) - 1, -(-(MIN_SITES - 1) // (len(p) - 1))) for i, p in enumerate(paths)}
@@ -189,7 +190,12 @@ def _measure_lengths(path: Array) -> Array:
 
 
 def _measure_deviations(
-    first: PatchPolynomials, second: PatchPolynomials, face: IntArray, splines: list[BSpline], at: list[Array], index: IntArray
+    first: PatchPolynomials,
+    second: PatchPolynomials,
+    face: IntArray,
+    splines: list[BSpline],
+    at: list[Array],
+    index: IntArray,
 ) -> Array:
     """Largest distances (m,) of the splines `index` (m,) from both their faces at equal parameters."""
     checks = [(t[:-1, None] + np.diff(t)[:, None] * CHECKS).ravel() for t in (at[i] for i in index)]

@@ -14,12 +14,19 @@ import numpy as np
 
 from tpmscad._compiled_loops import njit_cached
 from tpmscad._typing import Array, IntArray
-from tpmscad.trimming.operands.network_tables import EdgeTable, FaceTable, evaluate_face, evaluate_piece, grow_rows
+from tpmscad.trimming.operands.network_tables import (
+    EdgeTable,
+    FaceTable,
+    evaluate_face,
+    evaluate_piece,
+    grow_rows,
+    is_in_region,
+)
 
 MAX_DIVISIONS = 14
 """Halvings of a box. Curves that come nearer than 2^-28 of a cell's bulge without a crossing count as touching."""
 
-MAX_BOXES = 20_000
+MAX_BOXES = 10_000
 """Boxes of one edge and one face, after which they count as lying in one another."""
 
 INJECTIVE = 0.7
@@ -41,7 +48,8 @@ SAME_ROOT = 1e-9
 class EdgeHits(NamedTuple):
     """The H roots of n pairs of an edge and a face, and the places (m, 3) of contacts that were not resolved.
 
-    `pair` (H,): the row of the pair. `t` (H,), `uv` (H, 2): parameters. `touching_pair` (m,): rows of the unresolved ones.
+    `pair` (H,): the row of the pair. `t` (H,), `uv` (H, 2): parameters. `touching_pair` (m,): rows of the unresolved ones, which lie
+    in the loops of the face, or are too many.
     """
 
     pair: IntArray
@@ -54,7 +62,7 @@ class EdgeHits(NamedTuple):
 def intersect_edges_with_faces(edges: EdgeTable, faces: FaceTable, pairs: IntArray) -> EdgeHits:
     """All intersections of the pairs (n, 2) of an edge and a face, each once, by pair and parameter of the edge.
 
-    The face is its whole carrier here, whose domain the trimming loops may cut.
+    Roots are sought on the whole carrier of the face, whose domain the trimming loops may cut.
     """
     found, touching = _find_roots(edges, faces, np.ascontiguousarray(pairs, np.int64))
     order = np.lexsort((found[:, 4], found[:, 3], found[:, 1], found[:, 0]))
@@ -68,7 +76,9 @@ def intersect_edges_with_faces(edges: EdgeTable, faces: FaceTable, pairs: IntArr
 
 
 @njit_cached
-def _find_roots(edges: EdgeTable, faces: FaceTable, pairs: IntArray) -> tuple[Array, Array]:  # pragma: no cover - compiled
+def _find_roots(
+    edges: EdgeTable, faces: FaceTable, pairs: IntArray
+) -> tuple[Array, Array]:  # pragma: no cover - compiled
     """Rows (pair, t, half of t, u, v, halves of u and v) of roots, and rows (pair, x, y, z) of unresolved contacts."""
     roots, touching = np.empty((64, 7)), np.empty((16, 4))
     n_roots, n_touching = 0, 0
@@ -104,12 +114,16 @@ def _find_roots(edges: EdgeTable, faces: FaceTable, pairs: IntArray) -> tuple[Ar
                         n_roots += 1
                         continue
                     if w < 2.0**-MAX_DIVISIONS or boxes > MAX_BOXES:
-                        if n_touching == len(touching):
-                            touching = grow_rows(touching)
-                        touching[n_touching, 0] = k
-                        for d in range(3):
-                            touching[n_touching, 1 + d] = curve[0, d]
-                        n_touching += 1
+                        u = faces.cells.middle[c, 0] + faces.cells.half[c, 0] * y
+                        v = faces.cells.middle[c, 1] + faces.cells.half[c, 1] * z
+                        told = n_touching > 0 and touching[n_touching - 1, 0] == k
+                        if not told and (boxes > MAX_BOXES or is_in_region(faces.regions, f, u, v)):
+                            if n_touching == len(touching):
+                                touching = grow_rows(touching)
+                            touching[n_touching, 0] = k
+                            for d in range(3):
+                                touching[n_touching, 1 + d] = curve[0, d]
+                            n_touching += 1
                         if boxes > MAX_BOXES:
                             size = 0
                         continue
@@ -160,14 +174,20 @@ def _examine_box(
     nx, ny, nz = uy * vz - uz * vy, uz * vx - ux * vz, ux * vy - uy * vx
     area = np.sqrt(nx * nx + ny * ny + nz * nz)
     rise = tx * nx + ty * ny + tz * nz
-    off = 0.5 * w * w * (abs(nx) * tx2 + abs(ny) * ty2 + abs(nz) * tz2) + of_face * area  # of planes 0, if the edge is parallel
+    off = (
+        0.5 * w * w * (abs(nx) * tx2 + abs(ny) * ty2 + abs(nz) * tz2) + of_face * area
+    )  # of planes 0, if the edge is parallel
     if abs(dx * nx + dy * ny + dz * nz) > side * abs(rise) + off:
         return 0
     # rows of J^-1 for J = [C', -S_u, -S_v]
     ax, ay, az = nx / rise, ny / rise, nz / rise
     bx, by, bz = (ty * vz - tz * vy) / rise, (tz * vx - tx * vz) / rise, (tx * vy - ty * vx) / rise
     cx, cy, cz = (uy * tz - uz * ty) / rise, (uz * tx - ux * tz) / rise, (ux * ty - uy * tx) / rise
-    a, b, c = np.sqrt(ax * ax + ay * ay + az * az), np.sqrt(bx * bx + by * by + bz * bz), np.sqrt(cx * cx + cy * cy + cz * cz)
+    a, b, c = (
+        np.sqrt(ax * ax + ay * ay + az * az),
+        np.sqrt(bx * bx + by * by + bz * bz),
+        np.sqrt(cx * cx + cy * cy + cz * cz),
+    )
     r0 = -(ax * dx + ay * dy + az * dz)
     r1 = -(bx * dx + by * dy + bz * dz)
     r2 = -(cx * dx + cy * dy + cz * dz)

@@ -162,7 +162,10 @@ def _trace_closed_curves(
             return closed
         _check_outcome(outcome, work.jet_f[0])
         f, g = pairs[k].tolist()
-        inside = [locate_in_faces(n, np.array([i]), uv[None])[0][0] for n, i, uv in ((first, f, seed[:2]), (second, g, seed[2:]))]
+        inside = [
+            locate_in_faces(n, np.array([i]), uv[None])[0][0]
+            for n, i, uv in ((first, f, seed[:2]), (second, g, seed[2:]))
+        ]
         evaluate_face(p, f, seed[0], seed[1], work.jet_f)
         places = work.jet_f[:1].copy()
         outcome, _, count = _trace(p, f, q, g, seed, -1, places, 1, path, match_tol, work)
@@ -196,7 +199,16 @@ class Work(NamedTuple):
 
 @njit_cached
 def make_work() -> Work:  # pragma: no cover - compiled
-    return Work(np.empty((3, 3)), np.empty((3, 3)), np.empty((4, 5)), np.empty(3), np.empty(4), np.empty(4), np.empty(3), np.empty(3))
+    return Work(
+        np.empty((3, 3)),
+        np.empty((3, 3)),
+        np.empty((4, 5)),
+        np.empty(3),
+        np.empty(4),
+        np.empty(4),
+        np.empty(3),
+        np.empty(3),
+    )
 
 
 @njit_cached
@@ -208,7 +220,14 @@ def _range_of(patches: PatchPolynomials, f: int, axis: int) -> float:  # pragma:
 
 @njit_cached
 def correct_point(
-    first: PatchPolynomials, f: int, second: PatchPolynomials, g: int, at: Array, origin: Array, normal: Array, work: Work
+    first: PatchPolynomials,
+    f: int,
+    second: PatchPolynomials,
+    g: int,
+    at: Array,
+    origin: Array,
+    normal: Array,
+    work: Work,
 ) -> bool:  # pragma: no cover - compiled
     """Move (u, v, s, r) `at` onto both faces in the plane through `origin` with `normal`; whether it has converged.
 
@@ -277,8 +296,16 @@ def find_tangent(
     The normals lead out of the solids: on the first face the second solid is on the left of the tangent, seen from outside.
     """
     p, q = work.jet_f, work.jet_g
-    nx, ny, nz = p[1, 1] * p[2, 2] - p[1, 2] * p[2, 1], p[1, 2] * p[2, 0] - p[1, 0] * p[2, 2], p[1, 0] * p[2, 1] - p[1, 1] * p[2, 0]
-    mx, my, mz = q[1, 1] * q[2, 2] - q[1, 2] * q[2, 1], q[1, 2] * q[2, 0] - q[1, 0] * q[2, 2], q[1, 0] * q[2, 1] - q[1, 1] * q[2, 0]
+    nx, ny, nz = (
+        p[1, 1] * p[2, 2] - p[1, 2] * p[2, 1],
+        p[1, 2] * p[2, 0] - p[1, 0] * p[2, 2],
+        p[1, 0] * p[2, 1] - p[1, 1] * p[2, 0],
+    )
+    mx, my, mz = (
+        q[1, 1] * q[2, 2] - q[1, 2] * q[2, 1],
+        q[1, 2] * q[2, 0] - q[1, 0] * q[2, 2],
+        q[1, 0] * q[2, 1] - q[1, 1] * q[2, 0],
+    )
     n = np.sqrt(nx * nx + ny * ny + nz * nz)
     m = np.sqrt(mx * mx + my * my + mz * mz)
     tx, ty, tz = ny * mz - nz * my, nz * mx - nx * mz, nx * my - ny * mx
@@ -408,7 +435,9 @@ def _trace(
             if own < 0 and k == n_places - 1 and count < 3:
                 continue
             ahead = _pass_fraction(path, count - 1, places, k)
-            if 0.0 < ahead < nearest and _meets(first, f, second, g, path, count - 1, ahead, places, k, match_tol, work):
+            if 0.0 < ahead < nearest and _meets(
+                first, f, second, g, path, count - 1, ahead, places, k, match_tol, work
+            ):
                 best, nearest = k, ahead
         if best >= 0:
             _meets(first, f, second, g, path, count - 1, nearest, places, best, match_tol, work)
@@ -590,7 +619,24 @@ def _find_seed(
                     if (w if divide_first else x) < 2.0**-MAX_DIVISIONS or boxes > MAX_BOXES:
                         if state == UNDECIDED:
                             state = _settle_smallest_box(
-                                first, f, second, g, a, b, box, w, x, of_pair, k, bounds, points, seed, origin, normal, match_tol, work
+                                first,
+                                f,
+                                second,
+                                g,
+                                a,
+                                b,
+                                box,
+                                w,
+                                x,
+                                of_pair,
+                                k,
+                                bounds,
+                                points,
+                                seed,
+                                origin,
+                                normal,
+                                match_tol,
+                                work,
                             )
                             if state == CROSSING:
                                 return ARRIVED, k

@@ -46,6 +46,9 @@ MIN_GRAZING_SINE = 1e-6
 NEAREST_STEPS = 20
 """Newton steps to the nearest point of a loop."""
 
+SLOPE_STEP = 1e-5
+"""Step, relative to the span of an edge, of the central differences for the direction of a loop."""
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Network:
@@ -94,7 +97,9 @@ def prepare_network(brep: Brep) -> Network:
     unmatched = connectivity.find_unmatched_edges(brep)
     if len(unmatched):
         at = format_point(brep.vertices[brep.edges.start[unmatched[0]]])
-        raise InvalidRequest(f"{len(unmatched)} edges do not join two faces, the first at {at}: only closed networks can be cut")
+        raise InvalidRequest(
+            f"{len(unmatched)} edges do not join two faces, the first at {at}: only closed networks can be cut"
+        )
     uses = np.argsort(brep.uses.edge, kind="stable").reshape(-1, 2)
     return Network(brep, build_face_table(brep), build_edge_table(brep), uses)
 
@@ -108,7 +113,9 @@ def find_hits(one: Network, other: Network, tol: float) -> Hits:
     pairs = find_overlapping_boxes(edges.low, edges.high, faces.low, faces.high, SNAP_TOLS * tol)
     found = intersect_edges_with_faces(edges, faces, pairs)
     edge, face = pairs[found.pair, 0], pairs[found.pair, 1]
-    _refuse_contacts(one, other, pairs[found.touching_pair], found.touching)
+    if len(found.touching):
+        at = format_point(found.touching[0])
+        raise TrimmingError(f"an edge of one network touches a face of the other, or lies in it, at {at}")
     inside, border = locate_in_faces(other, face, found.uv)
     curves = check_spline_curves(one.brep)
     e = one.brep.edges
@@ -135,36 +142,6 @@ def find_hits(one: Network, other: Network, tol: float) -> Hits:
     normal = _outward_normals(faces, face[rows], found.uv[rows])
     leaves = np.einsum("nk,nk->n", normal, slope[rows]) > 0
     return Hits(edge[rows], found.t[rows], face[rows], found.uv[rows], point[rows], leaves)
-
-
-def _refuse_contacts(one: Network, other: Network, pairs: IntArray, places: Array) -> None:
-    """TrimmingError if an edge touches a face at one of the places (m, 3) inside the face's loops."""
-    if not len(pairs):
-        return
-    for (_, face), place in zip(pairs.tolist(), places, strict=True):
-        if touches_region(other.faces, face, place):
-            raise TrimmingError(
-                f"an edge of one network touches a face of the other, or lies in it, at {format_point(place)}"
-            )
-
-
-@njit_cached
-def touches_region(faces: FaceTable, f: int, place: Array) -> bool:  # pragma: no cover - compiled
-    """Whether the point of a face that is nearest to a place (3,) near it, among a grid in its cells, lies in its loops."""
-    jet = np.empty((3, 3))
-    best, bu, bv = np.inf, 0.0, 0.0
-    for c in range(faces.cells.first[f], faces.cells.first[f + 1]):
-        for i in range(5):
-            for j in range(5):
-                u = faces.cells.middle[c, 0] + faces.cells.half[c, 0] * (0.5 * i - 1.0)
-                v = faces.cells.middle[c, 1] + faces.cells.half[c, 1] * (0.5 * j - 1.0)
-                evaluate_face(faces.patches, f, u, v, jet)
-                apart = 0.0
-                for d in range(3):
-                    apart += (jet[0, d] - place[d]) ** 2
-                if apart < best:
-                    best, bu, bv = apart, u, v
-    return is_in_region(faces.regions, f, bu, bv)
 
 
 def _outward_normals(faces: FaceTable, face: IntArray, uv: Array) -> Array:
@@ -220,49 +197,39 @@ def locate_in_faces(network: Network, face: IntArray, uv: Array) -> tuple[BoolAr
     faces, brep = network.faces, network.brep
     inside, nearest, apart = _locate_in_polygons(faces, face, uv)
     distance = apart[:, 0].copy()
-    doubtful = np.flatnonzero((apart[:, 0] < POLYGON_DOUBT * apart[:, 1]))
+    doubtful = np.flatnonzero(apart[:, 0] < POLYGON_DOUBT * apart[:, 1])
     if not len(doubtful):
         return inside, distance
-    use, fraction = network_segment_uses(brep)
+    use, begin, length = _list_segment_uses(brep)
     for i in doubtful.tolist():
-        k = int(use[nearest[i]])
-        pcurve = brep.uses.pcurve[k]
-        jet = evaluate_faces(faces.patches, face[[i]], uv[[i]])[0]
-        e = brep.uses.edge[k]
-        low, high = brep.edges.span[e]
-        x = fraction[nearest[i]] + 0.5 * (fraction[min(nearest[i] + 1, len(fraction) - 1)] - fraction[nearest[i]])
-        t = low + (high - low) * (x if brep.uses.sense[k] > 0 else 1.0 - x)
-        step = 1e-4 * (high - low)
+        segment = nearest[i]
+        k, metric = int(use[segment]), evaluate_faces(faces.patches, face[[i]], uv[[i]])[0, 1:]
+        sense = int(brep.uses.sense[k])
+        low, high = brep.edges.span[brep.uses.edge[k]]
+        x = begin[segment] + 0.5 * length[segment]
+        t, step = low + (high - low) * (x if sense > 0 else 1.0 - x), SLOPE_STEP * (high - low)
         for _ in range(NEAREST_STEPS):
             at, before, after = evaluate_use_parameters(brep, np.full(3, k), np.array([t, t - step, t + step]))
             slope = (after - before) / (2 * step)
-            arm = (at - uv[i]) @ jet[1:]
-            along = slope @ jet[1:]
-            change = float(arm @ along) / float(along @ along)
-            new = min(max(t - change, low), high)
-            if abs(new - t) < 1e-13 * (high - low):
-                t = new
+            along = slope @ metric
+            change = float((at - uv[i]) @ metric @ along) / float(along @ along)
+            t = min(max(t - change, low), high)
+            if abs(change) < step**2:
                 break
-            t = new
-        at, before, after = evaluate_use_parameters(brep, np.full(3, k), np.array([t, t - step, t + step]))
-        slope = (after - before) * brep.uses.sense[k]
-        arm = uv[i] - at
-        apart_here = float(np.linalg.norm(arm @ jet[1:]))
-        if low < t < high:  # beside the inside of one use; at its end the polygon, whose corners are exact, decides
-            inside[i] = slope[0] * arm[1] - slope[1] * arm[0] > 0
-        del pcurve
-        distance[i] = min(distance[i], apart_here) if low < t < high else apart_here
-        if low < t < high:
-            distance[i] = apart_here
+        if low < t < high:  # else the nearest point is a vertex, which polygons hold exactly
+            at = evaluate_use_parameters(brep, np.array([k]), np.array([t]))[0]
+            arm = uv[i] - at
+            inside[i] = sense * (slope[0] * arm[1] - slope[1] * arm[0]) > 0
+            distance[i] = float(np.linalg.norm(arm @ metric))
     return inside, distance
 
 
-def network_segment_uses(brep: Brep) -> tuple[IntArray, Array]:
-    """The edge use of each polygon segment of the faces, face by face, and the fraction of the use where it starts."""
+def _list_segment_uses(brep: Brep) -> tuple[IntArray, Array, Array]:
+    """The edge use of each polygon segment, and the fraction of the use where it starts and that it covers."""
     count = count_use_segments(brep)
     owner = np.repeat(np.arange(len(brep.uses)), count)
-    first = np.concatenate([[0], np.cumsum(count)])
-    return owner, (np.arange(len(owner)) - first[owner]) / count[owner]
+    first = np.cumsum(count) - count
+    return owner, (np.arange(len(owner)) - first[owner]) / count[owner], 1.0 / count[owner]
 
 
 def collect_curve_ends(first: Network, second: Network, hits: tuple[Hits, Hits], tol: float) -> CurveEnds:
@@ -277,7 +244,10 @@ def collect_curve_ends(first: Network, second: Network, hits: tuple[Hits, Hits],
                 continue
             face = one.brep.face_of_use[use]
             uv = evaluate_use_parameters(one.brep, use, own.t)
-            jet, opposite = evaluate_faces(one.faces.patches, face, uv), evaluate_faces(other.faces.patches, own.face, own.uv)
+            jet, opposite = (
+                evaluate_faces(one.faces.patches, face, uv),
+                evaluate_faces(other.faces.patches, own.face, own.uv),
+            )
             mine, theirs = np.cross(jet[:, 1], jet[:, 2]), np.cross(opposite[:, 1], opposite[:, 2])
             along = np.cross(mine, theirs) * (one.brep.faces.sense[face] * other.brep.faces.sense[own.face])[:, None]
             along *= 1 if side == 0 else -1

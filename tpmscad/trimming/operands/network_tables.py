@@ -174,9 +174,7 @@ def build_face_table(brep: Brep) -> FaceTable:
     motion = faces.motion
     count = np.array([len(own.radius) for own in cells], np.int64)
     owner = np.repeat(np.arange(len(cells)), count)
-    placed = [
-        (own.coefficients @ motion.rotation[f].T).reshape(-1, 3) for f, own in enumerate(cells)
-    ]
+    placed = [(own.coefficients @ motion.rotation[f].T).reshape(-1, 3) for f, own in enumerate(cells)]
     for f, own in enumerate(cells):  # the constant terms alone move with the translation
         nu, nv, p, q = own.coefficients.shape[:4]
         placed[f].reshape(nu, nv, p, q, 3)[:, :, 0, 0] += motion.translation[f]
@@ -198,9 +196,7 @@ def build_face_table(brep: Brep) -> FaceTable:
         ]
     )
     return FaceTable(
-        PatchPolynomials(
-            np.ascontiguousarray(layout, np.int64), _stack(breaks), _stack([p.ravel() for p in placed])
-        ),
+        PatchPolynomials(np.ascontiguousarray(layout, np.int64), _stack(breaks), _stack([p.ravel() for p in placed])),
         FaceCells(
             first=first_cell.astype(np.int64),
             middle=_stack([own.middle for own in cells], 2),
@@ -222,9 +218,7 @@ def build_edge_table(brep: Brep) -> EdgeTable:
     return tabulate_segments(curves, edges.curve, edges.motion, edges.span)
 
 
-def tabulate_segments(
-    curves: tuple[BSplineCurve, ...], curve: IntArray, motion: Motion, span: Array
-) -> EdgeTable:
+def tabulate_segments(curves: tuple[BSplineCurve, ...], curve: IntArray, motion: Motion, span: Array) -> EdgeTable:
     """Segments of placed curves (n,), over spans (n, 2), as a table of edges."""
     n = len(curve)
     rows, row = np.unique(np.column_stack([curve, span]), axis=0, return_inverse=True)
@@ -267,7 +261,9 @@ def check_spline_curves(brep: Brep) -> tuple[BSplineCurve, ...]:
     """The curves of a network's edges; InvalidRequest if one that an edge uses is no B-spline."""
     for c in np.unique(brep.edges.curve).tolist():
         if not isinstance(brep.curves[c], BSplineCurve):
-            raise InvalidRequest(f"an edge lies on a {type(brep.curves[c]).__name__}: the edges of a network are B-splines")
+            raise InvalidRequest(
+                f"an edge lies on a {type(brep.curves[c]).__name__}: the edges of a network are B-splines"
+            )
     return tuple(c if isinstance(c, BSplineCurve) else _NO_CURVE for c in brep.curves)
 
 
@@ -404,7 +400,9 @@ def _divide_like_patches(surfaces: list[BSplineSurface]) -> list[_Cells]:
             centre, half = 0.5 * (ends[1:] + ends[:-1]), 0.5 * np.diff(ends)
             middles.append((centre[:, None] + half[:, None] * at).ravel())
             halves.append(np.repeat(half * h, len(at)))
-        middle, half = (np.stack(np.meshgrid(*both, indexing="ij"), axis=2).reshape(-1, 2) for both in (middles, halves))
+        middle, half = (
+            np.stack(np.meshgrid(*both, indexing="ij"), axis=2).reshape(-1, 2) for both in (middles, halves)
+        )
         result.append(
             _Cells(
                 (breaks[0], breaks[1]),

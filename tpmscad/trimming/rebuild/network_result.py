@@ -88,7 +88,9 @@ def rebuild_networks(operands: tuple[CutNetwork, CutNetwork], arcs: CommonCurves
         first_piece += len(own.pieces.segment)
     if not face_rows:
         raise TrimmingError("nothing is left of the two solids")
-    result = _assemble(operands, arcs, edges, vertices, np.concatenate(rows), face_rows, loop_counts, use_counts, pcurves)
+    result = _assemble(
+        operands, arcs, edges, vertices, np.concatenate(rows), face_rows, loop_counts, use_counts, pcurves
+    )
     unmatched = connectivity.find_unmatched_edges(result)
     if len(unmatched):
         at = format_point(result.vertices[result.edges.start[unmatched[0]]])
@@ -186,7 +188,9 @@ def _join_edges(operands: tuple[CutNetwork, CutNetwork], arcs: CommonCurves, ver
     first_curve = [0, len(breps[0].curves)]
     parts = [(b.edges, o.pieces, c) for b, o, c in zip(breps, operands, first_curve, strict=True)]
     edges = Edges(
-        curve=np.concatenate([*(e.curve[p.segment] + c for e, p, c in parts), sum(len(b.curves) for b in breps) + np.arange(n)]),
+        curve=np.concatenate(
+            [*(e.curve[p.segment] + c for e, p, c in parts), sum(len(b.curves) for b in breps) + np.arange(n)]
+        ),
         motion=Motion.concatenate([*(e.motion[p.segment] for e, p, _ in parts), Motion.identity(n)]),
         span=np.concatenate([*(p.span for _, p, _ in parts), np.tile([0.0, 1.0], (n, 1))]),
         start=np.concatenate([*(p.start for _, p, _ in parts), arcs.start]),
