@@ -20,7 +20,7 @@ from tpmscad.splines.bspline import BSplineSurface, line_segment
 from tpmscad.trimming.classify.network_edges import points_in_network
 from tpmscad.trimming.intersect.edge_face import intersect_edges_with_faces
 from tpmscad.trimming.intersect.network_hits import prepare_network
-from tpmscad.trimming.network_boolean import KEPT_INSIDE, NetworkResult, combine_networks
+from tpmscad.trimming.network_boolean import KEPT_INSIDE, NetworkResult, Operation, combine_networks
 from tpmscad.trimming.operands.network_tables import (
     build_edge_table,
     build_face_table,
@@ -52,7 +52,7 @@ def volume(brep: Brep) -> float:
     return float(integral_properties.volume(integral_properties.integrate_faces(brep))[0])
 
 
-def combine(first: Brep, second: Brep) -> dict[str, NetworkResult]:
+def combine(first: Brep, second: Brep) -> dict[Operation, NetworkResult]:
     """All operations, each result closed with connected loops."""
     found = {operation: combine_networks(first, second, operation) for operation in KEPT_INSIDE}
     for result in found.values():
@@ -61,7 +61,7 @@ def combine(first: Brep, second: Brep) -> dict[str, NetworkResult]:
     return found
 
 
-def assert_volumes_add_up(first: Brep, second: Brep, found: dict[str, NetworkResult]) -> None:
+def assert_volumes_add_up(first: Brep, second: Brep, found: dict[Operation, NetworkResult]) -> None:
     """Union and intersection have the volumes of the operands together; the difference is what the intersection leaves."""
     v = {operation: volume(result.brep) for operation, result in found.items()}
     total = volume(first) + volume(second)
@@ -89,7 +89,7 @@ def measure_edges(brep: Brep) -> float:
 
 
 @pytest.mark.parametrize("operation", sorted(KEPT_INSIDE))
-def test_boxes_combine_as_their_volumes_say(operation: str) -> None:
+def test_boxes_combine_as_their_volumes_say(operation: Operation) -> None:
     first, second = box((0, 0, 0), (2, 3, 4)), box((1.2, 0.7, -1), (3, 4, 3.5))
     common = 0.8 * 2.3 * 3.5
     expected = {"intersection": common, "union": 24 + 1.8 * 3.3 * 4.5 - common, "difference": 24 - common}[operation]

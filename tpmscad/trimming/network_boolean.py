@@ -1,8 +1,9 @@
 """Union, intersection and difference of two networks of patches, on the patches' own parameters, without the kernel's boolean.
 
-The edges of each network are intersected with the faces of the other; from these points the common curves of all pairs of faces are
-traced; the pieces of edges are classified by their crossings, and the faces are rebuilt from what the operation keeps. Nothing
-is matched by distance: vertices and edges are shared by number. Faces lie on spline patches or planes, whole or trimmed.
+The edges of each network are intersected with the faces of the other; from these points the common curves of all pairs of
+faces are traced; the pieces of edges are classified by their crossings, and the faces are rebuilt from what the operation
+keeps. Vertices and edges are shared by number, not matched by distance. Faces lie on spline patches or planes, whole or
+trimmed.
 """
 
 from __future__ import annotations
@@ -14,7 +15,7 @@ from typing import Any, Literal
 
 import numpy as np
 
-from tpmscad._typing import Array
+from tpmscad._typing import Array, IntArray
 from tpmscad.brep.boundary_representation import Brep, translate_brep
 from tpmscad.errors import InvalidRequest, TrimmingError, UntracedCurve
 from tpmscad.fallbacks import Fallback, Fallbacks
@@ -33,7 +34,7 @@ is nearer to it than 11 degrees."""
 
 Operation = Literal["union", "intersection", "difference"]
 
-KEPT_INSIDE: dict[str, tuple[bool, bool]] = {
+KEPT_INSIDE: dict[Operation, tuple[bool, bool]] = {
     "union": (False, False),
     "intersection": (True, True),
     "difference": (False, True),
@@ -45,8 +46,8 @@ KEPT_INSIDE: dict[str, tuple[bool, bool]] = {
 class NetworkReport:
     """Statistics of a boolean operation.
 
-    `hits`: points in which edges pierce faces. `arcs`: edges in common curves. `max_deviation`: largest deviation of an arc from its
-    two faces, model units. `shift` (3,): the translation of the second network, mostly 0, and `reason`: why it was needed.
+    `hits`: points in which edges pierce faces. `arcs`: edges in common curves. `max_deviation`: largest deviation of an arc from
+    its two faces, model units. `shift` (3,): the translation of the second network, mostly 0, and `reason`: why it was needed.
     """
 
     hits: int
@@ -132,7 +133,7 @@ def _combine_translated(
         first_hit = n_first + n_second + (counts[0] if side else 0)
         offset = n_first if side else 0
 
-        def renumber(v: Array, n_own: int = n_own, first_hit: int = first_hit, offset: int = offset) -> Array:
+        def renumber(v: IntArray, n_own: int = n_own, first_hit: int = first_hit, offset: int = offset) -> IntArray:
             return np.where(v < n_own, v + offset, v - n_own + first_hit)
 
         pieces = replace(pieces, start=renumber(pieces.start), end=renumber(pieces.end))

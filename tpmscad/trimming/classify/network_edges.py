@@ -1,14 +1,15 @@
 """Classification of the edges of two networks that cut each other: the pieces of edges inside the other solid.
 
-A hit decides the pieces before and behind it. No vertex of a network lies on the other one, so that all pieces that meet in a vertex
-are on the same side. Components without a hit are told by a ray from one of their points, the edges of a network of its own.
+A hit decides the pieces before and behind it. No vertex of a network lies on the other one, so that all pieces that meet in a
+vertex are on the same side. Components without a hit are told by a ray from one of their points, the edges of a network of
+its own.
 """
 
 from __future__ import annotations
 
 import numpy as np
 
-from tpmscad._typing import Array, BoolArray, IntArray
+from tpmscad._typing import Array, BoolArray
 from tpmscad.errors import TrimmingError, format_point
 from tpmscad.rigid_motion import Motion
 from tpmscad.splines.bspline import line_segment

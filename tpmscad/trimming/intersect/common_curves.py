@@ -1,7 +1,7 @@
 """The common curves of two networks as splines: position and parameters on both faces, interpolated together.
 
 The traced points are the first sites, at parameters near to the arc length. Where the spline misses a face, sites are added half
-way: the spline's own points, moved onto both faces in the planes normal to it, so that the parameter stays as smooth as the spline.
+way: the spline's own points, moved onto both faces in the planes normal to it, so that the parameter is as smooth as the spline.
 """
 
 from __future__ import annotations
@@ -42,8 +42,8 @@ CHECKS = np.array([0.15, 0.38, 0.62, 0.85])
 class CommonCurves:
     """A arcs on a face of each network, on [0, 1], with the second solid on the left seen from outside on the first network.
 
-    `faces` (A, 2): the faces; `start`, `end` (A,): vertices, numbered as the hits, with `points` (n, 3) for those on no edge behind
-    them; `curves`, `first_pcurves`, `second_pcurves`: position and parameters; `deviation` (A,): their measured distance.
+    `faces` (A, 2): the faces; `start`, `end` (A,): vertices, numbered as the hits, and behind them those on no edge, `points`
+    (n, 3); `curves`, `first_pcurves`, `second_pcurves`: position and parameters; `deviation` (A,): their measured distance.
     """
 
     faces: IntArray
@@ -59,14 +59,18 @@ class CommonCurves:
 def trace_common_curves(first: Network, second: Network, ends: CurveEnds, n_hits: int, tol: float) -> CommonCurves:
     """The common curves of two networks, fitted to half of `tol`; TrimmingError where one is not resolved."""
     traced = trace_curves(first, second, ends, tol)
-    paths, faces, start, end, loose = [], [], [], [], []
+    paths: list[Array] = []
+    faces: list[IntArray] = []
+    start: list[int] = []
+    end: list[int] = []
+    loose: list[Array] = []
     for curve in traced:
         own = curve.points
         if curve.start >= 0:
             paths.append(own)
             faces.append(ends.pairs[curve.pair])
-            start.append(ends.vertex[curve.start])
-            end.append(ends.vertex[curve.end])
+            start.append(int(ends.vertex[curve.start]))
+            end.append(int(ends.vertex[curve.end]))
             continue
         half = len(own) // 2  # a closed curve has two edges
         paths += [own[: half + 1], own[half:]]

@@ -1,9 +1,10 @@
 """Intersection of the edges of one network with the faces of another: all roots of C(t) = S(u, v), by bounds and Newton's method.
 
-A piece of the edge and a cell of the face are a box in (t, u, v). With D = C - S, its Jacobian J at the middle of the box and a
-bound e of the remainder of Taylor's formula, the roots lie in -J^-1 D + |rows of J^-1| e. The box is dropped if that leaves it;
-if the derivatives vary so little in it that J^-1 D is injective, it holds one root at most, which Newton's method finds; else it is
-divided. What is left at the smallest size is a contact without a crossing, or one along a length: it is told with its place.
+A piece of the edge and a cell of the face are a box in (t, u, v). With D = C - S, its Jacobian J at the middle of the box and
+a bound e of the remainder of Taylor's formula, the roots lie in -J^-1 D + |rows of J^-1| e. The box is dropped if that leaves
+it; if the derivatives vary so little in it that J^-1 D is injective, it holds one root at most, which Newton's method finds;
+else it is divided. What is left at the smallest size is a contact without a crossing, or one along a length: it is told with
+its place.
 """
 
 from __future__ import annotations
@@ -48,8 +49,8 @@ SAME_ROOT = 1e-9
 class EdgeHits(NamedTuple):
     """The H roots of n pairs of an edge and a face, and the places (m, 3) of contacts that were not resolved.
 
-    `pair` (H,): the row of the pair. `t` (H,), `uv` (H, 2): parameters. `touching_pair` (m,): rows of the unresolved ones, which lie
-    in the loops of the face, or are too many.
+    `pair` (H,): the row of the pair. `t` (H,), `uv` (H, 2): parameters. `touching_pair` (m,): rows of the unresolved ones, which
+    lie in the loops of the face, or are too many.
     """
 
     pair: IntArray

@@ -1,8 +1,8 @@
 """Tracing of the curves that two faces have in common, from their ends, and of the closed ones that no edge meets.
 
-A point of a curve is (u, v, s, r) with S(u, v) = Q(s, r). From each end at which the curve enters both faces it is traced in steps
-of a small turn, each corrected by Newton's method in the plane normal to the step, until it passes another end. Every end is
-a start or a goal, so that what does not pair up is seen.
+A point of a curve is (u, v, s, r) with S(u, v) = Q(s, r). From each end at which the curve enters both faces it is traced in
+steps of a small turn, each corrected by Newton's method in the plane normal to the step, until it passes another end. Every
+end is a start or a goal, so that what does not pair up is seen.
 
 Curves without ends are found by exclusion. Two cells, one of each face, are dropped if they are apart along a normal of one of
 them, or along the curve. Where the derivatives vary so little in them that a curve passes once at most, the point on it is found
@@ -40,8 +40,9 @@ MAX_RANGE_FRACTION = 0.12
 """Part of a face's parameter ranges that one step passes at most."""
 
 MAX_RATE_CHANGE = 0.35
-"""Relative change of d(u, v)/dx in a step. Beside a point at which a patch is singular d(u, v)/dx goes like the inverse root of the
-distance, so that steps must shrink with it; with steps of the turn alone the spline through the points swings widely there."""
+"""Relative change of d(u, v)/dx in a step. Beside a point at which a patch is singular d(u, v)/dx goes like the inverse root
+of the distance, so that steps must shrink with it; with steps of the turn alone the spline through the points swings widely
+there."""
 
 MAX_OVERSHOOT = 0.3
 """Part of the ranges by which a curve may leave a face before it is lost: it passes its end within a step."""
@@ -184,8 +185,7 @@ def _check_outcome(outcome: int, place: Array) -> None:
 
 
 class Work(NamedTuple):
-    """Arrays that the loops write to: jets (3, 3) of both faces, a linear system (4, 5), tangent (3,), rates (4,), a point (4,) on
-    both faces, and a plane."""
+    """Arrays that loops write to: both jets (3, 3), a system (4, 5), tangent (3,), rates (4,), a point (4,), and a plane."""
 
     jet_f: Array
     jet_g: Array
@@ -199,6 +199,7 @@ class Work(NamedTuple):
 
 @njit_cached
 def make_work() -> Work:  # pragma: no cover - compiled
+    """Arrays to write to."""
     return Work(
         np.empty((3, 3)),
         np.empty((3, 3)),
@@ -564,10 +565,10 @@ def _find_seed(
     match_tol: float,
     work: Work,
 ) -> tuple[int, int]:  # pragma: no cover - compiled
-    """ARRIVED and the next pair from `begin` on with a `seed` (4,) in both regions on no known curve; len(pairs) if there is none.
+    """ARRIVED and the next pair from `begin` on with a `seed` (4,) on no known curve; len(pairs) if there is none.
 
-    TOUCHING and the pair for a contact that is not resolved. Pair k has the curves of_pair[k] to of_pair[k + 1] - 1, and curve c
-    has the points bounds[c] to bounds[c + 1] - 1.
+    The seed lies in the loops of both faces. TOUCHING and the pair for a contact that is not resolved. Pair k has the curves
+    of_pair[k] to of_pair[k + 1] - 1, and curve c has the points bounds[c] to bounds[c + 1] - 1.
     """
     stack = np.empty((8 * MAX_DIVISIONS + 16, 6))
     origin, normal, box = np.empty((1, 3)), np.empty(3), np.empty(4)

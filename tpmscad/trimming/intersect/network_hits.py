@@ -64,8 +64,8 @@ class Network:
 class Hits:
     """H points in which edges of one network pierce faces of the other, by edge and parameter.
 
-    `edge`, `t`: on the one; `face`, `uv` (H, 2): on the other; `point` (H, 3); `leaves` (H,): whether the edge, in the direction of
-    its curve, leaves the other solid there.
+    `edge`, `t`: on the one; `face`, `uv` (H, 2): on the other; `point` (H, 3); `leaves` (H,): whether the edge, in the direction
+    of its curve, leaves the other solid there.
     """
 
     edge: IntArray
@@ -80,9 +80,9 @@ class Hits:
 class CurveEnds:
     """E ends of curves, by pair of faces: those of pair k are `start[k]` to `start[k + 1] - 1`.
 
-    `pairs` (n, 2): faces of the first and the second network. `parameters` (E, 4): on both faces. `enters` (E,): whether a curve
-    begins there, directed so that the second solid is on its left, seen from outside on the first network. `vertex` (E,): the hit,
-    numbered over those of the first network's edges, then the second's.
+    `pairs` (n, 2): faces of the first and the second network. `parameters` (E, 4): on both faces. `enters` (E,): whether a
+    curve begins there, directed so that the second solid is on its left, seen from outside on the first network. `vertex`
+    (E,): the hit, numbered over those of the first network's edges, then the second's.
     """
 
     pairs: IntArray

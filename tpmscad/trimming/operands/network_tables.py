@@ -1,9 +1,9 @@
 """The faces and edges of a network of patches as polynomials in space, in flat tables that compiled loops read.
 
-Every carrier becomes one tensor of monomials per knot span, in two local parameters on [-1, 1], placed by the motion of its face;
-a plane becomes a bilinear patch. Spans are divided into *cells*, edges into *pieces*, and for each the second derivatives are
-bounded by the sums of their coefficients: with the point and the first derivatives at the middle, Taylor's formula bounds the cell,
-and each smaller part of it. These bounds hold for the polynomials, round-off apart.
+Every carrier becomes one tensor of monomials per knot span, in two local parameters on [-1, 1], placed by the motion of its
+face; a plane becomes a bilinear patch. Spans are divided into *cells*, edges into *pieces*, and for each the second
+derivatives are bounded by the sums of their coefficients: with the point and the first derivatives at the middle, Taylor's
+formula bounds the cell, and each smaller part of it. These bounds hold for the polynomials, round-off apart.
 """
 
 from __future__ import annotations
@@ -61,7 +61,7 @@ class PatchPolynomials(NamedTuple):
 
 
 DEGREE_U, DEGREE_V, SPANS_U, SPANS_V, BREAK_U, BREAK_V, COEFFICIENT, SENSE = range(8)
-"""Columns of a layout: degrees, numbers of spans, where the breaks and the monomials start; +1 if S_u x S_v leads out, else -1."""
+"""Columns of a layout: degrees, numbers of spans, where breaks and monomials start; +1 if S_u x S_v leads out, else -1."""
 
 
 class FaceCells(NamedTuple):
@@ -421,7 +421,7 @@ def _divide_like_patches(surfaces: list[BSplineSurface]) -> list[_Cells]:
 def _part_powers(count: int, degree: int) -> tuple[Array, float, Array]:
     """Middles (count,) and half length of equal parts of [-1, 1], and matrices from monomials there to those of each part."""
     half = 1.0 / count
-    middle = -1.0 + half * (2 * np.arange(count) + 1)
+    middle = np.asarray(-1.0 + half * (2 * np.arange(count) + 1), np.float64)
     matrices = np.zeros((count, degree + 1, degree + 1))
     for k in range(degree + 1):
         for j in range(k + 1):

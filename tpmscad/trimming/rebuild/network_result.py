@@ -1,7 +1,7 @@
 """The boundary representation of a boolean operation on two networks, from their pieces of edges and their common curves.
 
-Each face keeps the pieces of its loops on the side that the operation asks for, and gets the arcs across it, directed so that this
-side is on their left. The directed edges are chained into loops by their vertices alone.
+Each face keeps the pieces of its loops on the side that the operation asks for, and gets the arcs across it, directed so that
+this side is on their left. The directed edges are chained into loops by their vertices alone.
 """
 
 from __future__ import annotations
@@ -17,6 +17,7 @@ from tpmscad.brep.carriers import Plane
 from tpmscad.brep.loops import LoopError, chain_loops, nest_loops
 from tpmscad.errors import TrimmingError, format_point
 from tpmscad.rigid_motion import Motion
+from tpmscad.splines.bspline import BSplineCurve
 from tpmscad.splines.curve_batch import evaluate_curves
 from tpmscad.trimming.intersect.arrangement import SubSegments
 from tpmscad.trimming.intersect.common_curves import CommonCurves
@@ -55,7 +56,7 @@ def rebuild_networks(operands: tuple[CutNetwork, CutNetwork], arcs: CommonCurves
     first_arc_pcurve = sum(len(b.pcurves) for b in breps)
     pcurves = (*breps[0].pcurves, *breps[1].pcurves, *arcs.first_pcurves, *arcs.second_pcurves)
     n_arcs, first_arc = len(arcs.curves), sum(len(o.pieces.segment) for o in operands)
-    rows: list[Array] = []
+    rows: list[IntArray] = []
     loop_counts, use_counts, face_rows = [], [], []
     first_piece = 0
     for side, own in enumerate(operands):
@@ -114,7 +115,7 @@ def _collect_uses(own: CutNetwork, kept: BoolArray, face: int, first_piece: int,
     return np.column_stack([first_piece + piece, uses.sense[owner], pcurve])
 
 
-def _original_loops(brep: Brep, face: int, uses: IntArray) -> list[Array]:
+def _original_loops(brep: Brep, face: int, uses: IntArray) -> list[IntArray]:
     """The loops of a face that no arc crosses; TrimmingError if some of its edges are kept and others are not."""
     faces = brep.faces
     own = np.diff(faces.use_start[faces.loop_start[face] : faces.loop_start[face + 1] + 1])
@@ -130,8 +131,8 @@ def _chain_face(
     edges: Edges,
     operands: tuple[CutNetwork, CutNetwork],
     arcs: CommonCurves,
-    pcurves: tuple[object, ...],
-) -> list[list[Array]]:
+    pcurves: tuple[BSplineCurve, ...],
+) -> list[list[IntArray]]:
     """The faces that edge uses bound on one face, as lists of loops of uses."""
     edge, back = uses[:, 0], uses[:, 1] < 0
     points = _sample_uses(network, face, uses, edges, operands, arcs, pcurves)
@@ -159,7 +160,7 @@ def _sample_uses(
     edges: Edges,
     operands: tuple[CutNetwork, CutNetwork],
     arcs: CommonCurves,
-    pcurves: tuple[object, ...],
+    pcurves: tuple[BSplineCurve, ...],
 ) -> Array:
     """(u, v) (n, m, 2) along edge uses, in the direction of their edges."""
     m = len(SAMPLE_FRACTIONS)
@@ -168,14 +169,14 @@ def _sample_uses(
     brep = network.brep
     carrier = brep.carriers[brep.faces.carrier[face]]
     if not isinstance(carrier, Plane):
-        return evaluate_curves(pcurves, np.repeat(uses[:, 2], m), t)[0].reshape(-1, m, 2)  # type: ignore[arg-type]
+        return evaluate_curves(pcurves, np.repeat(uses[:, 2], m), t)[0].reshape(-1, m, 2)
     edge = np.repeat(uses[:, 0], m)
     curves = _all_curves(operands, arcs)
     points = edges.motion[edge].apply(evaluate_curves(curves, edges.curve[edge], t)[0])
     return carrier.parameters(brep.faces.motion[face].apply_inverse(points)).reshape(-1, m, 2)
 
 
-def _all_curves(operands: tuple[CutNetwork, CutNetwork], arcs: CommonCurves) -> tuple[object, ...]:
+def _all_curves(operands: tuple[CutNetwork, CutNetwork], arcs: CommonCurves) -> tuple[BSplineCurve, ...]:
     """The curves of both operands, then those of the arcs."""
     one, other = (check_spline_curves(o.network.brep) for o in operands)
     return (*one, *other, *arcs.curves)
@@ -202,7 +203,7 @@ def _join_edges(operands: tuple[CutNetwork, CutNetwork], arcs: CommonCurves, ver
     curves = _all_curves(operands, arcs)
     for column, of in ((0, edges.start), (1, edges.end)):
         if len(at):
-            ends = edges.motion[at].apply(evaluate_curves(curves, edges.curve[at], edges.span[at, column])[0])  # type: ignore[arg-type]
+            ends = edges.motion[at].apply(evaluate_curves(curves, edges.curve[at], edges.span[at, column])[0])
             gap = VERTEX_MARGIN * np.linalg.norm(ends - vertices[of[at]], axis=1)
             edges.deviation[at] = np.maximum(edges.deviation[at], gap)
     return edges
@@ -217,7 +218,7 @@ def _assemble(
     face_rows: list[tuple[int, int]],
     loop_counts: list[int],
     use_counts: list[int],
-    pcurves: tuple[object, ...],
+    pcurves: tuple[BSplineCurve, ...],
 ) -> Brep:
     """The boundary representation of all faces, on the edges and vertices that they use."""
     breps = [o.network.brep for o in operands]
@@ -241,7 +242,7 @@ def _assemble(
     return Brep(
         carriers=(*breps[0].carriers, *breps[1].carriers),
         curves=(*breps[0].curves, *breps[1].curves, *arcs.curves),
-        pcurves=pcurves,  # type: ignore[arg-type]
+        pcurves=pcurves,
         vertices=vertices[kept],
         edges=Edges(edges.curve[used], edges.motion[used], edges.span[used], start, end, edges.deviation[used]),
         uses=EdgeUses(edge.ravel(), uses[:, 1], uses[:, 2]),
