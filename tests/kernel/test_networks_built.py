@@ -24,7 +24,7 @@ pytestmark = [pytest.mark.kernel, pytest.mark.slow]
 
 @pytest.fixture(scope="module")
 def operands() -> tuple[Model, Model]:
-    gyroid = tpmscad.lattice("gyroid", cell=10, thickness=1)
+    gyroid = tpmscad.lattice("gyroid", cell=10, thickness=1, phase=(0, 0, 0))  # where the nodal field is
     spheres = fields.smooth_union(fields.sphere((3.1, 4.2, 5.3), 2.7), fields.sphere((6.4, 5.1, 4.6), 2.9), 0.8)
     return gyroid, tpmscad.solidify(spheres, ((-1, -1, -1), (11, 11, 11)), tol=0.02)
 

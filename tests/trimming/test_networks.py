@@ -22,10 +22,10 @@ from tpmscad.trimming.intersect.edge_face import intersect_edges_with_faces
 from tpmscad.trimming.intersect.network_hits import prepare_network
 from tpmscad.trimming.network_boolean import KEPT_INSIDE, NetworkResult, Operation, combine_networks
 from tpmscad.trimming.operands.network_tables import (
-    build_edge_table,
-    build_face_table,
     evaluate_face,
     find_overlapping_boxes,
+    tabulate_edges,
+    tabulate_faces,
     tabulate_segments,
 )
 from tpmscad.trimming.operands.polyhedra import box
@@ -175,7 +175,7 @@ def test_every_crossing_of_a_line_with_a_face_is_found() -> None:
     begin, end = rng.uniform(-2, 2, (200, 3)), rng.uniform(-2, 2, (200, 3))
     lines = tuple(line_segment(p, q) for p, q in zip(begin, end, strict=True))
     table = tabulate_segments(lines, np.arange(200), Motion.identity(200), np.tile([0.0, 1.0], (200, 1)))
-    faces = build_face_table(sphere)
+    faces = tabulate_faces(sphere)
     pairs = find_overlapping_boxes(table.low, table.high, faces.low, faces.high, 0.0)
     hits = intersect_edges_with_faces(table, faces, pairs)
     t = np.linspace(0, 1, 4001)[:, None, None]
@@ -198,7 +198,7 @@ def test_points_are_told_from_the_network_alone() -> None:
 
 def test_tables_hold_the_carriers() -> None:
     brep = move_brep(rod(), SKEW)
-    table, jet = build_face_table(brep), np.empty((3, 3))
+    table, jet = tabulate_faces(brep), np.empty((3, 3))
     for f in range(len(brep.faces)):
         carrier = brep.carriers[brep.faces.carrier[f]]
         if not isinstance(carrier, BSplineSurface):
@@ -216,7 +216,7 @@ def test_tables_hold_the_carriers() -> None:
         points = motion.apply(carrier.grid(np.linspace(u0, u1, 19), np.linspace(v0, v1, 17)).reshape(-1, 3))
         apart = np.linalg.norm(points[:, None] - table.cells.centre[cells], axis=2)
         assert (apart <= table.cells.radius[cells]).any(axis=1).all()
-    assert len(build_edge_table(brep).low) == len(brep.edges)
+    assert len(tabulate_edges(brep).low) == len(brep.edges)
 
 
 def test_coincident_faces_are_told_apart_by_a_shift_that_is_told() -> None:

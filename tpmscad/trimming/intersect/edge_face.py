@@ -16,8 +16,8 @@ import numpy as np
 from tpmscad._compiled_loops import njit_cached
 from tpmscad._typing import Array, IntArray
 from tpmscad.trimming.operands.network_tables import (
-    EdgeTable,
-    FaceTable,
+    NetworkEdges,
+    NetworkFaces,
     evaluate_face,
     evaluate_piece,
     grow_rows,
@@ -60,7 +60,7 @@ class EdgeHits(NamedTuple):
     touching: Array
 
 
-def intersect_edges_with_faces(edges: EdgeTable, faces: FaceTable, pairs: IntArray) -> EdgeHits:
+def intersect_edges_with_faces(edges: NetworkEdges, faces: NetworkFaces, pairs: IntArray) -> EdgeHits:
     """All intersections of the pairs (n, 2) of an edge and a face, each once, by pair and parameter of the edge.
 
     Roots are sought on the whole carrier of the face, whose domain the trimming loops may cut.
@@ -78,7 +78,7 @@ def intersect_edges_with_faces(edges: EdgeTable, faces: FaceTable, pairs: IntArr
 
 @njit_cached
 def _find_roots(
-    edges: EdgeTable, faces: FaceTable, pairs: IntArray
+    edges: NetworkEdges, faces: NetworkFaces, pairs: IntArray
 ) -> tuple[Array, Array]:  # pragma: no cover - compiled
     """Rows (pair, t, half of t, u, v, halves of u and v) of roots, and rows (pair, x, y, z) of unresolved contacts."""
     roots, touching = np.empty((64, 7)), np.empty((16, 4))
@@ -143,8 +143,8 @@ def _find_roots(
 
 @njit_cached
 def _examine_box(
-    edges: EdgeTable,
-    faces: FaceTable,
+    edges: NetworkEdges,
+    faces: NetworkFaces,
     f: int,
     piece: int,
     cell: int,

@@ -27,7 +27,7 @@ from tpmscad.trimming.operands.network_tables import (
     SPANS_U,
     SPANS_V,
     FaceCells,
-    FaceTable,
+    NetworkFaces,
     PatchPolynomials,
     evaluate_face,
     is_in_region,
@@ -554,8 +554,8 @@ def _is_known(
 
 @njit_cached
 def _find_seed(
-    first: FaceTable,
-    second: FaceTable,
+    first: NetworkFaces,
+    second: NetworkFaces,
     pairs: IntArray,
     begin: int,
     of_pair: IntArray,
@@ -658,9 +658,9 @@ def _find_seed(
 
 @njit_cached
 def _settle_smallest_box(
-    first: FaceTable,
+    first: NetworkFaces,
     f: int,
-    second: FaceTable,
+    second: NetworkFaces,
     g: int,
     a: int,
     b: int,

@@ -20,17 +20,17 @@ from tpmscad.splines.curve_batch import evaluate_curves
 from tpmscad.trimming.intersect.edge_face import intersect_edges_with_faces
 from tpmscad.trimming.operands.network_tables import (
     SENSE,
-    EdgeTable,
-    FaceTable,
+    NetworkEdges,
+    NetworkFaces,
     PatchPolynomials,
-    build_edge_table,
-    build_face_table,
     check_spline_curves,
     count_use_segments,
     evaluate_face,
     evaluate_use_parameters,
     find_overlapping_boxes,
     is_in_region,
+    tabulate_edges,
+    tabulate_faces,
 )
 
 SNAP_TOLS = 2.0
@@ -55,8 +55,8 @@ class Network:
     """An operand: its boundary representation, its tables, and the edge uses of each edge, `uses` (E, 2)."""
 
     brep: Brep
-    faces: FaceTable
-    edges: EdgeTable
+    faces: NetworkFaces
+    edges: NetworkEdges
     uses: IntArray
 
 
@@ -101,7 +101,7 @@ def prepare_network(brep: Brep) -> Network:
             f"{len(unmatched)} edges do not join two faces, the first at {at}: only closed networks can be cut"
         )
     uses = np.argsort(brep.uses.edge, kind="stable").reshape(-1, 2)
-    return Network(brep, build_face_table(brep), build_edge_table(brep), uses)
+    return Network(brep, tabulate_faces(brep), tabulate_edges(brep), uses)
 
 
 def find_hits(one: Network, other: Network, tol: float) -> Hits:
@@ -144,7 +144,7 @@ def find_hits(one: Network, other: Network, tol: float) -> Hits:
     return Hits(edge[rows], found.t[rows], face[rows], found.uv[rows], point[rows], leaves)
 
 
-def _outward_normals(faces: FaceTable, face: IntArray, uv: Array) -> Array:
+def _outward_normals(faces: NetworkFaces, face: IntArray, uv: Array) -> Array:
     """Normals (n, 3) out of the solid, not normalised."""
     jets = evaluate_faces(faces.patches, face, uv)
     return faces.patches.layout[face, SENSE][:, None] * np.cross(jets[:, 1], jets[:, 2])
@@ -160,7 +160,7 @@ def evaluate_faces(patches: PatchPolynomials, face: IntArray, uv: Array) -> Arra
 
 
 @njit_cached
-def _locate_in_polygons(faces: FaceTable, face: IntArray, uv: Array) -> tuple[BoolArray, IntArray, Array]:
+def _locate_in_polygons(faces: NetworkFaces, face: IntArray, uv: Array) -> tuple[BoolArray, IntArray, Array]:
     """Of points (n, 2): whether they lie in the polygons, the nearest segment, and its distance in units of its length."""
     n = len(face)
     inside, nearest, fraction = np.empty(n, np.bool_), np.empty(n, np.int64), np.empty((n, 2))

@@ -96,7 +96,7 @@ class FaceRegions(NamedTuple):
     segments: Array
 
 
-class FaceTable(NamedTuple):
+class NetworkFaces(NamedTuple):
     """F faces of a network: surfaces, cells, regions, and the corners (F, 3) of boxes that contain the surfaces."""
 
     patches: PatchPolynomials
@@ -106,7 +106,7 @@ class FaceTable(NamedTuple):
     high: Array
 
 
-class EdgeTable(NamedTuple):
+class NetworkEdges(NamedTuple):
     """E edges of a network, a named tuple, which compiled functions take.
 
     Attributes
@@ -147,7 +147,7 @@ class _Cells(NamedTuple):
     bend: Array
 
 
-def build_face_table(brep: Brep) -> FaceTable:
+def tabulate_faces(brep: Brep) -> NetworkFaces:
     """The faces of a network; InvalidRequest if one of them is neither a spline patch nor a plane."""
     faces = brep.faces
     polygons = sample_loops(brep)
@@ -195,7 +195,7 @@ def build_face_table(brep: Brep) -> FaceTable:
             faces.sense,
         ]
     )
-    return FaceTable(
+    return NetworkFaces(
         PatchPolynomials(np.ascontiguousarray(layout, np.int64), _stack(breaks), _stack([p.ravel() for p in placed])),
         FaceCells(
             first=first_cell.astype(np.int64),
@@ -211,14 +211,14 @@ def build_face_table(brep: Brep) -> FaceTable:
     )
 
 
-def build_edge_table(brep: Brep) -> EdgeTable:
+def tabulate_edges(brep: Brep) -> NetworkEdges:
     """The edges of a network; InvalidRequest if one of them is no B-spline."""
     edges = brep.edges
     curves = check_spline_curves(brep)
     return tabulate_segments(curves, edges.curve, edges.motion, edges.span)
 
 
-def tabulate_segments(curves: tuple[BSplineCurve, ...], curve: IntArray, motion: Motion, span: Array) -> EdgeTable:
+def tabulate_segments(curves: tuple[BSplineCurve, ...], curve: IntArray, motion: Motion, span: Array) -> NetworkEdges:
     """Segments of placed curves (n,), over spans (n, 2), as a table of edges."""
     n = len(curve)
     rows, row = np.unique(np.column_stack([curve, span]), axis=0, return_inverse=True)
@@ -245,7 +245,7 @@ def tabulate_segments(curves: tuple[BSplineCurve, ...], curve: IntArray, motion:
     k = np.arange(degree + 1)
     radius = norms[:, 1:].sum(axis=1) + ROUNDOFF * np.abs(coefficients[:, 0]).max(axis=1, initial=0.0)
     low, high = coefficients[:, 0] - radius[:, None], coefficients[:, 0] + radius[:, None]
-    return EdgeTable(
+    return NetworkEdges(
         first_piece=first.astype(np.int64),
         middle=middle[piece],
         half=half[piece],
@@ -502,7 +502,7 @@ def evaluate_face(patches: PatchPolynomials, f: int, u: float, v: float, jet: Ar
 
 
 @njit_cached
-def evaluate_piece(edges: EdgeTable, piece: int, x: float, jet: Array) -> None:
+def evaluate_piece(edges: NetworkEdges, piece: int, x: float, jet: Array) -> None:
     """Fill in the point and the first derivative (2, 3) of a piece at its local parameter x on [-1, 1]."""
     for d in range(3):
         a, b = 0.0, 0.0
