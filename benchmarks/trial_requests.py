@@ -329,7 +329,7 @@ def draw_domains(rng: np.random.Generator) -> Drawn:
         found.export_step(folder / "made.step")
 
         def judge() -> list[str]:
-            f = NodalFunction(info.formula, (cell,) * 3, options.get("phase", (0, 0, 0)))
+            f = NodalFunction(info.formula, (cell,) * 3, options.get("phase", info.one_piece.phase_of()))
             smear = MINIMAL_OFF.get(name, 0.0) * cell
             faults = []
             total = sum(m.volume for m in found.domains.values())

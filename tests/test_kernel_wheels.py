@@ -191,8 +191,7 @@ def test_the_command_line_tells_in_one_line_that_the_kernel_does_not_load(tmp_pa
     found = run("-m", "tpmscad", "lattice", "P", "--cell", "1", "--thickness", "0.1", "-o", "p.step", path=tmp_path)
     assert found.returncode == 1
     assert found.stderr == (
-        "tpmscad: the CAD kernel does not load (undefined symbol: TopoDS); "
-        f"this mends it: {' && '.join(REMEDY)}\n"
+        f"tpmscad: the CAD kernel does not load (undefined symbol: TopoDS); this mends it: {' && '.join(REMEDY)}\n"
     )
     assert not list(tmp_path.glob("p.step*"))
 

@@ -101,6 +101,10 @@ class LevelSetError(TpmscadError):
     """No boundary representation of a field could be made in its box; the message says where, why and what to change."""
 
 
+class CrossingSurfaces(LevelSetError):
+    """Level sets that bound a solid cross each other, in edges that patches of a single level set cannot have."""
+
+
 class KernelError(TpmscadError):
     """The kernel refused an operation, or returned a result that its own checks reject.
 

@@ -15,9 +15,10 @@ from tpmscad.errors import KernelError, TrimmingError
 from tpmscad.kernel.body_import.cad_body import read_body
 from tpmscad.kernel.boolean.candidate_patches import classify_patches
 from tpmscad.kernel.boolean.shell_assembly import assemble_solids
+from tpmscad.kernel.measure.shape_report import check_shape
 from tpmscad.kernel.measure.shape_sampling import sample_solid
 from tpmscad.kernel.occt.bounding_boxes import enclosing_box
-from tpmscad.kernel.occt.exploration import faces_of
+from tpmscad.kernel.occt.exploration import ShapeKey, faces_of
 
 pytestmark = [pytest.mark.kernel, pytest.mark.slow]
 
@@ -53,6 +54,25 @@ def test_faces_without_a_pole_are_cut_on_the_patches_parameters(name: str) -> No
     model = tpmscad.infill(BODIES[name](), **P)
     assert model.certificate.met
     assert "trimmed on the patches' parameters" in model.certificate.notes
+
+
+def tags_of_faces(part: tpmscad.Model) -> list[str]:
+    """The tag of each face of the part's boundary representation."""
+    return [part.patches.tags[tag] for tag in part.patches.faces.tag.tolist()]
+
+
+@pytest.mark.parametrize("name", ["prism", "flask"])
+def test_fluid_domains_of_free_form_bodies_share_their_faces(name: str) -> None:
+    body = BODIES[name]()
+    found = tpmscad.fluid_domains(body, **P)
+    wall, plus, minus = (set(map(ShapeKey, faces_of(part.wrapped))) for part in (found.wall, found.plus, found.minus))
+    assert {part.trimmed_by for part in (found.wall, found.plus, found.minus)} == {"patches"}
+    assert found.certificate.met
+    assert not plus & minus
+    on_lattice = sum(tag.startswith("offset") for tag in tags_of_faces(found.wall))
+    assert len(wall & plus) + len(wall & minus) == on_lattice > 100
+    volume = check_shape(body).volume
+    assert found.wall.volume + found.plus.volume + found.minus.volume == pytest.approx(volume, rel=1e-9)
 
 
 def refuse_to_trim(*_: Any, **__: Any) -> None:

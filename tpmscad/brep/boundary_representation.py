@@ -32,7 +32,7 @@ Invariants
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -232,3 +232,50 @@ def spline_faces(brep: Brep) -> Iterator[tuple[IntArray, BSplineSurface]]:
 def reverse_faces(brep: Brep) -> Brep:
     """The same faces with reversed outward normals: they bound the complement of the solid."""
     return replace(brep, faces=replace(brep.faces, sense=-brep.faces.sense))
+
+
+def join_breps(breps: Sequence[Brep]) -> Brep:
+    """The faces of several boundary representations as one, each on its own edges and vertices; none of none."""
+    none = np.zeros(0, np.int64)
+    joined = Brep(
+        (),
+        (),
+        (),
+        np.zeros((0, 3)),
+        Edges(none, Motion.identity(0), np.zeros((0, 2)), none, none, np.zeros(0)),
+        EdgeUses(none, none, none),
+        Faces(none, Motion.identity(0), none, none, np.zeros(1, np.int64), np.zeros(1, np.int64)),
+        (),
+    )
+    for other in breps:
+        e, f, u = joined.edges, joined.faces, joined.uses
+        n_pcurves = len(joined.pcurves)
+        joined = Brep(
+            carriers=joined.carriers + other.carriers,
+            curves=joined.curves + other.curves,
+            pcurves=joined.pcurves + other.pcurves,
+            vertices=np.concatenate([joined.vertices, other.vertices]),
+            edges=Edges(
+                np.concatenate([e.curve, other.edges.curve + len(joined.curves)]),
+                Motion.concatenate([e.motion, other.edges.motion]),
+                np.concatenate([e.span, other.edges.span]),
+                np.concatenate([e.start, other.edges.start + len(joined.vertices)]),
+                np.concatenate([e.end, other.edges.end + len(joined.vertices)]),
+                np.concatenate([e.deviation, other.edges.deviation]),
+            ),
+            uses=EdgeUses(
+                np.concatenate([u.edge, other.uses.edge + len(e)]),
+                np.concatenate([u.sense, other.uses.sense]),
+                np.concatenate([u.pcurve, np.where(other.uses.pcurve < 0, -1, other.uses.pcurve + n_pcurves)]),
+            ),
+            faces=Faces(
+                np.concatenate([f.carrier, other.faces.carrier + len(joined.carriers)]),
+                Motion.concatenate([f.motion, other.faces.motion]),
+                np.concatenate([f.sense, other.faces.sense]),
+                np.concatenate([f.tag, other.faces.tag + len(joined.tags)]),
+                np.concatenate([f.loop_start, other.faces.loop_start[1:] + f.loop_start[-1]]),
+                np.concatenate([f.use_start, other.faces.use_start[1:] + f.use_start[-1]]),
+            ),
+            tags=joined.tags + other.tags,
+        )
+    return joined

@@ -2,7 +2,8 @@
 
 The solid of max(f, g) is bounded by parts of {f = 0} and {g = 0}. If the two never meet inside the box, as the two walls of a
 sheet, the boundary is both of them entirely, and each can be meshed and fitted by itself: a thin wall then needs no more patches
-than a thick one. Level sets that meet form a sharp edge, which smoothly joined patches cannot follow; such a field is rejected.
+than a thick one. Level sets that meet form a sharp edge, which smoothly joined patches cannot follow; such a field is rejected,
+for its parts to be made one by one and cut by each other.
 """
 
 from __future__ import annotations
@@ -13,10 +14,11 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from tpmscad._typing import Array, BoolArray
-from tpmscad.errors import LevelSetError, format_point
+from tpmscad.errors import CrossingSurfaces, LevelSetError, format_point
+from tpmscad.fields.analysis.quadric_leaves import find_quadric
 from tpmscad.fields.analysis.saddles import find_narrow_points, spread_directions
 from tpmscad.fields.data.sample_grid import SampleGrid
-from tpmscad.fields.field import Field, MinMaxField
+from tpmscad.fields.field import Field
 from tpmscad.fields.kinds.linear_extension import LinearExtension
 from tpmscad.levelset.quadmesh.smoothing import project_to_level_set
 from tpmscad.levelset.quadmesh.vectors import MIN_DIVISOR
@@ -58,23 +60,6 @@ CROSSINGS_PER_AREA = 1.5
 directions."""
 
 
-def decompose_level_sets(field: Field) -> tuple[Field, ...]:
-    """The fields, in order, of which `field` is the minimum or maximum."""
-    if isinstance(field, MinMaxField):
-        return (*decompose_level_sets(field.first), *decompose_level_sets(field.second))
-    return (field,)
-
-
-def replace_level_sets(field: Field, parts: tuple[Field, ...]) -> Field:
-    """`field` with the fields of `decompose_level_sets` replaced by others."""
-    if isinstance(field, MinMaxField):
-        n = len(decompose_level_sets(field.first))
-        return MinMaxField(
-            replace_level_sets(field.first, parts[:n]), replace_level_sets(field.second, parts[n:]), field.sign
-        )
-    return parts[0]
-
-
 BYTES_PER_SAMPLE = 40
 """Of a grid on which a field's level set is looked for: the values, their signs and the crossings."""
 
@@ -82,8 +67,8 @@ BYTES_PER_SAMPLE = 40
 def check_separation(field: Field, parts: tuple[Field, ...], points: list[Array], tol: float) -> float:
     """The least distance between the level sets, to first order, at `points` (n, 3) of each.
 
-    LevelSetError if it is not above 2 tol, or if `field` does not vanish all over each level set, which then bounds the solid in
-    part only.
+    CrossingSurfaces if `field` does not vanish all over each level set, which then bounds the solid in part only, or if a plane,
+    sphere or cylinder, which can be exact, is within 2 tol of another; LevelSetError if two others are.
     """
     least = np.inf
     for i, part in enumerate(parts):
@@ -92,7 +77,7 @@ def check_separation(field: Field, parts: tuple[Field, ...], points: list[Array]
         distance = np.abs(field(points[i])) / np.linalg.norm(part.gradient(points[i]), axis=1)
         if distance.max() > tol:
             crossing = np.where(distance > tol, distance, np.inf).argmin()
-            raise LevelSetError(
+            raise CrossingSurfaces(
                 f"two surfaces cross near {format_point(points[i][crossing], 5)}: an edge that smooth patches can't "
                 "follow; round it (`width` of a smooth intersection or union), or give the body that cuts the solid as `domain`"
             )
@@ -101,8 +86,11 @@ def check_separation(field: Field, parts: tuple[Field, ...], points: list[Array]
             wall = np.abs(value) / np.maximum(np.linalg.norm(gradient, axis=1), MIN_DIVISOR)
             least = min(least, float(wall.min()))
             if least <= MIN_WALL_TOLS * tol:
+                at = format_point(points[i][wall.argmin()], 5)
+                if find_quadric(part) is not None or find_quadric(other) is not None:
+                    raise CrossingSurfaces(f"two surfaces come within {wall.min():.3g} of each other near {at}")
                 raise LevelSetError(
-                    f"the wall is {wall.min():.3g} thick near {format_point(points[i][wall.argmin()], 5)}, too thin for `tol` "
+                    f"the wall is {wall.min():.3g} thick near {at}, too thin for `tol` "
                     f"{tol:g}: use one below {wall.min() / 2:.2g}, or a thicker wall"
                 )
     return least

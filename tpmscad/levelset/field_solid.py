@@ -17,6 +17,7 @@ from tpmscad.brep.boundary_representation import Brep
 from tpmscad.brep.deviation import Deviation
 from tpmscad.brep.edge_continuity import EdgeContinuity
 from tpmscad.errors import InvalidRequest, LevelSetError
+from tpmscad.fields.analysis.outermost_extremes import expose_extremes, list_leaves, replace_leaves
 from tpmscad.fields.field import Field
 from tpmscad.fields.kinds.linear_extension import LinearExtension, extend_linearly
 from tpmscad.levelset.adaptive_search import fit_level_set_adaptively, split_hidden_crossings
@@ -24,9 +25,7 @@ from tpmscad.levelset.boundary_level_sets import (
     NarrowPlaces,
     box_corners,
     check_separation,
-    decompose_level_sets,
     find_narrow_places,
-    replace_level_sets,
     sample_level_set,
     sample_narrow_places,
     shift_level_off_corners,
@@ -126,11 +125,12 @@ def fit_field(
     Raises LevelSetError where the level set cannot be fitted, and InvalidRequest for a bad box or tolerance.
     """
     lo, hi = validate_box(lo, hi, tol)
+    field = expose_extremes(field)
     parts, notes = _prepare_parts(field, lo, hi, tol)
     if detect_hidden_crossings:
         parts = [part.with_narrow_places(lo, hi) for part in parts]
     level_sets = tuple(part.field for part in parts)
-    fitted_field = replace_level_sets(field, level_sets)
+    fitted_field = replace_leaves(field, level_sets)
     min_wall = check_separation(fitted_field, level_sets, [part.samples for part in parts], tol)
     fits = []
     for i, part in enumerate(parts):
@@ -177,9 +177,10 @@ def simplify_field_fit(fit: FieldFit, progress: FractionProgress | None = None) 
 def check_field_in_box(field: Field, lo: Array, hi: Array, tol: float) -> None:
     """Raise what `fit_field_solid` would raise before it fits: bad box or tolerance, no surface, crossings, thin walls."""
     lo, hi = validate_box(lo, hi, tol)
+    field = expose_extremes(field)
     parts, _ = _prepare_parts(field, lo, hi, tol)
     level_sets = tuple(part.field for part in parts)
-    check_separation(replace_level_sets(field, level_sets), level_sets, [part.samples for part in parts], tol)
+    check_separation(replace_leaves(field, level_sets), level_sets, [part.samples for part in parts], tol)
 
 
 def validate_box(lo: Array, hi: Array, tol: float) -> tuple[Array, Array]:
@@ -194,14 +195,19 @@ def validate_box(lo: Array, hi: Array, tol: float) -> tuple[Array, Array]:
     return low, high
 
 
+def find_sample_spacing(field: Field, lo: Array, hi: Array) -> float:
+    """The spacing at which the level sets that bound a field's solid are sampled in a box, model units."""
+    periods = [leaf.periods() for leaf in list_leaves(expose_extremes(field))]
+    lengths = [length / SAMPLES_PER_PERIOD for period in periods for length in period or () if length > 0]
+    return min([float((hi - lo).max()) / MIN_SAMPLE_LINES, *lengths])
+
+
 def _prepare_parts(field: Field, lo: Array, hi: Array, tol: float) -> tuple[list[_LevelSetPart], tuple[str, ...]]:
     """The level sets that bound the solid, sampled and shifted off the corners of the box, and a note on each shift."""
     parts = []
-    spacing = float((hi - lo).max()) / MIN_SAMPLE_LINES
-    for level_set in decompose_level_sets(field):
+    spacing = find_sample_spacing(field, lo, hi)
+    for level_set in list_leaves(field):
         extended = extend_linearly(level_set, lo, hi)
-        if (period := extended.periods()) is not None:
-            spacing = min([spacing, *(length / SAMPLES_PER_PERIOD for length in period if length > 0)])
         parts.append(_LevelSetPart(extended, sample_level_set(extended, lo, hi, spacing)))
     if not any(len(part.samples) for part in parts):  # a speck, perhaps, between the lines of the grid
         parts = [part.with_narrow_places(lo, hi) for part in parts]

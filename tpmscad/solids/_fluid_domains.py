@@ -1,7 +1,7 @@
 """The three domains of a heat exchanger: the wall of a sheet lattice in a body, and the two channels that it separates.
 
-If the body consists of planes and quadrics, lattice and body are intersected once on the patches' parameter domains, and the
-three domains are rebuilt from that arrangement; common faces, edges and vertices are the same by construction. Otherwise the
+Lattice and body are intersected once on the patches' parameter domains, and the three domains are rebuilt from that arrangement;
+common faces, edges and vertices are the same by construction. Where that fails, as for free-form faces that leave gaps, the
 kernel splits the body by the lattice's surfaces.
 """
 
@@ -18,7 +18,7 @@ from tpmscad.brep.boundary_representation import Brep
 from tpmscad.brep.moments import integral_properties
 from tpmscad.errors import KernelError, MissingDomain, TrimmingError
 from tpmscad.fallbacks import Fallback, Fallbacks
-from tpmscad.kernel.body_import.body_brep import brep_from_shape
+from tpmscad.kernel.body_import.body_brep import FreeFormBody
 from tpmscad.kernel.body_import.cad_body import CadBody, read_body
 from tpmscad.kernel.boolean.body_split import SplitSolid, split_body
 from tpmscad.kernel.boolean.boolean_operations import OcctSolids
@@ -38,6 +38,8 @@ from tpmscad.solids.boolean_strategies import (
     TRIMMED_PATCHES,
     certify_cut_solids,
     corner_clearance,
+    numerical_failures,
+    read_trimming_body,
 )
 from tpmscad.solids.lattice_block import LatticeBlock, build_lattice_block
 from tpmscad.stage_timer import StageTimer
@@ -137,7 +139,13 @@ def _compute_domains(block: LatticeBlock, body: CadBody) -> dict[str, DomainSoli
 
 def _trim_domains(block: LatticeBlock, body: CadBody) -> dict[str, DomainSolids]:
     """The three domains rebuilt from one arrangement of the patches and the body."""
-    brep, patches = brep_from_shape(body.shape, body.face_labels), block.patches
+    read, patches = read_trimming_body(body), block.patches
+    with numerical_failures(read.free_form):
+        return _trim_domains_by(read, patches, block, body)
+
+
+def _trim_domains_by(read: FreeFormBody, patches: Brep, block: LatticeBlock, body: CadBody) -> dict[str, DomainSolids]:
+    """As `_trim_domains`, of the body's boundary representation."""
     bounds = {
         WALL: LatticeDomain(np.arange(len(patches.faces)), 1),
         PLUS: LatticeDomain(patches.faces_with_tag("offset+"), -1),
@@ -145,15 +153,16 @@ def _trim_domains(block: LatticeBlock, body: CadBody) -> dict[str, DomainSolids]
     }
     trimmed, report = trim_domains(
         patches,
-        brep,
+        read.brep,
         list(bounds.values()),
+        free_form=read.free_form,
         clearance=corner_clearance(patches),
         max_shift=block.max_shift,
     )
     for name, domain in zip(bounds, trimmed.breps, strict=True):
         if not len(domain.faces):
             raise _missing_domain(body, name)
-    first, n_faces = len(patches.tags), len(brep.tags)
+    first, n_faces = len(patches.tags), len(read.brep.tags)
     openings = (*patches.tags, *[OPENING] * n_faces)
     domains = [trimmed.breps[0], *(replace(channel, tags=openings) for channel in trimmed.breps[1:])]
     built = build_regions(trimmed.shared, domains, trimmed.members)
@@ -198,8 +207,14 @@ def _label_solids(domain: str, cells: Sequence[SplitSolid], block: LatticeBlock,
 
 DOMAIN_METHODS = Fallbacks(
     (
-        Fallback("trimming on the patches' parameters", _trim_domains, "about a second for ten cells"),
-        Fallback("splitting by the kernel", _split_domains, "about ten times as long; for bodies with free-form faces"),
+        Fallback(
+            "trimming on the patches' parameters",
+            _trim_domains,
+            "about a second for ten cells; several with free-form faces",
+        ),
+        Fallback(
+            "splitting by the kernel", _split_domains, "about ten times as long; for free-form faces that leave gaps"
+        ),
     )
 )
 """How a body is divided into the domains."""

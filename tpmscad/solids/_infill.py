@@ -13,19 +13,28 @@ import numpy as np
 
 from tpmscad.api.public_calls import validate_options
 from tpmscad.brep.boundary_representation import translate_brep
-from tpmscad.errors import InvalidRequest
-from tpmscad.kernel.body_import.cad_body import read_body
+from tpmscad.errors import CrossingSurfaces, InvalidRequest
+from tpmscad.fields.field import Field, as_field
+from tpmscad.kernel.body_import.cad_body import CadBody, read_body
 from tpmscad.kernel.boolean.boolean_operations import OcctSolids
-from tpmscad.kernel.boolean.cut_faces import label_cut_solids
+from tpmscad.kernel.boolean.cut_faces import UNKNOWN, label_cut_solids
 from tpmscad.kernel.boolean.hollow_body import resolve_open_faces
 from tpmscad.kernel.measure.envelope import Envelope
+from tpmscad.kernel.occt.bounding_boxes import enclosing_box
 from tpmscad.requests.face_selection import resolve_face_selectors
 from tpmscad.requests.lattice_options import InfillOptions
 from tpmscad.requests.lattice_request import LatticeRequest, lattice_in_body, resolve_lattice_request, rotation_matrix
+from tpmscad.results.certificate import certify_kernel_solids
 from tpmscad.results.loose_pieces import DroppedPieces, drop_loose_pieces, drop_loose_solids
 from tpmscad.results.model import Model
-from tpmscad.solids.boolean_strategies import BooleanResult, certify_cut_solids, intersect_body_with_lattice
-from tpmscad.solids.lattice_block import build_field_block, build_lattice_block
+from tpmscad.solids.boolean_strategies import (
+    KERNEL_BOOLEAN,
+    BooleanResult,
+    certify_cut_solids,
+    intersect_body_with_lattice,
+)
+from tpmscad.solids.combined_solids import SURFACE, combine_field_solids
+from tpmscad.solids.lattice_block import build_field_block, build_lattice_block, expand_body_box
 from tpmscad.solids.reference_distance import field_distance, lattice_distance
 from tpmscad.solids.skin import fill_within_skin
 from tpmscad.stage_timer import StageTimer
@@ -76,7 +85,14 @@ def infill(options: InfillOptions) -> Model:
         distance = lattice_distance(request, None, turn)
     else:
         _reject_lattice_options(options)
-        block, name = build_field_block(surface, read, options.tol, stages), "field infill"
+        try:
+            block, name = build_field_block(surface, read, options.tol, stages), "field infill"
+        except CrossingSurfaces as error:
+            if skin is not None:
+                raise InvalidRequest(
+                    f"{error}: within a skin the field must be smooth; leave skin out, and make it one of the field's operands"
+                ) from error
+            return _infill_crossing(as_field(surface), read, options, stages)
         distance = field_distance(surface)
     with stages("trim"):
         if skin is not None:
@@ -102,6 +118,30 @@ def infill(options: InfillOptions) -> Model:
         trimmed_by=result.method,
         distance_to_reference=distance,
         envelope=Envelope(read.name, read.volume, read.shape),
+    )
+
+
+def _infill_crossing(field: Field, body: CadBody, options: InfillOptions, stages: StageTimer) -> Model:
+    """The solid of a field whose level sets cross, in a body."""
+    assert options.tol is not None  # `build_field_block` asks for it
+    box = expand_body_box(*enclosing_box(body.shape))
+    combined = combine_field_solids(field, *box, options.tol, stages, body)
+    solids, dropped = drop_loose_solids(combined.solids, options.loose)
+    with stages("check"):
+        labelled = label_cut_solids(solids, [combined.patches], body)
+        labels = tuple(tuple(SURFACE if label == UNKNOWN else label for label in of) for of in labelled.labels)
+        notes = (*body.notes, *dropped.notes)
+        certificate = certify_kernel_solids(
+            solids, combined.patches, combined.measures, notes=notes, dropped=dropped.volumes
+        )
+    return Model(
+        "field infill",
+        combined.patches,
+        certificate.with_seconds(stages.seconds),
+        OcctSolids(solids, labels),
+        trimmed_by=KERNEL_BOOLEAN,
+        distance_to_reference=field_distance(field),
+        envelope=Envelope(body.name, body.volume, body.shape),
     )
 
 

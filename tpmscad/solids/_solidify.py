@@ -20,7 +20,7 @@ from tpmscad.api.argument_kinds import show_value
 from tpmscad.api.public_calls import validate_call
 from tpmscad.api.shared_arguments import LoosePieces, StageProgress
 from tpmscad.api.shared_kinds import DOMAIN, EXECUTOR, FIELD, POSITIVE
-from tpmscad.errors import InvalidRequest
+from tpmscad.errors import CrossingSurfaces, InvalidRequest
 from tpmscad.fields.field import Field, as_field
 from tpmscad.fields.kinds.linear_extension import extend_level_sets_linearly
 from tpmscad.kernel.body_import.cad_body import read_body
@@ -28,10 +28,12 @@ from tpmscad.kernel.build.solids import build_solids
 from tpmscad.kernel.measure.envelope import Envelope
 from tpmscad.kernel.occt.bounding_boxes import enclosing_box
 from tpmscad.lattices.spline_maps import SplineMap
-from tpmscad.results.certificate import certify_built_solids
-from tpmscad.results.loose_pieces import drop_loose_pieces
+from tpmscad.results.certificate import certify_built_solids, certify_kernel_solids
+from tpmscad.results.loose_pieces import drop_loose_pieces, drop_loose_solids
 from tpmscad.results.model import Model
 from tpmscad.solids._infill import infill
+from tpmscad.solids.boolean_strategies import KERNEL_BOOLEAN
+from tpmscad.solids.combined_solids import combine_field_solids, label_combined_solids
 from tpmscad.solids.field_mapping import solidify_mapped
 from tpmscad.solids.field_patches import fit_field_patches
 from tpmscad.solids.patch_measures import measure_field_patches
@@ -107,7 +109,10 @@ def solidify(
             domain, extend_level_sets_linearly(as_field(field), *bounds), tol=tol, loose=loose, progress=progress
         )
     stages = StageTimer(progress)
-    found = fit_field_patches(field, *parse_corners(domain), tol, stages, executor=executor)
+    try:
+        found = fit_field_patches(field, *parse_corners(domain), tol, stages, executor=executor)
+    except CrossingSurfaces:
+        return _solidify_crossing(as_field(field), domain, tol, loose, stages)
     with stages("build"):
         brep, built, dropped = drop_loose_pieces(
             found.fitted.brep, build_solids(found.fitted.brep, found.moments), loose
@@ -126,6 +131,25 @@ def solidify(
         brep,
         certificate.with_seconds(stages.seconds),
         built,
+        distance_to_reference=field_distance(field),
+        envelope=Envelope.of_box("the field's box", *parse_corners(domain)),
+    )
+
+
+def _solidify_crossing(field: Field, domain: BoxCorners, tol: float, loose: str, stages: StageTimer) -> Model:
+    """The solid of a field whose level sets cross, in a box."""
+    combined = combine_field_solids(field, *parse_corners(domain), tol, stages)
+    solids, dropped = drop_loose_solids(combined.solids, loose)
+    with stages("check"):
+        certificate = certify_kernel_solids(
+            solids, combined.patches, combined.measures, notes=dropped.notes, dropped=dropped.volumes
+        )
+    return Model(
+        "field solid",
+        combined.patches,
+        certificate.with_seconds(stages.seconds),
+        label_combined_solids(solids, *parse_corners(domain)),
+        trimmed_by=KERNEL_BOOLEAN,
         distance_to_reference=field_distance(field),
         envelope=Envelope.of_box("the field's box", *parse_corners(domain)),
     )

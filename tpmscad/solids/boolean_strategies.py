@@ -9,20 +9,20 @@ which no boolean takes part in.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 from scipy.spatial import cKDTree
 
-from tpmscad._typing import Array
+from tpmscad._typing import Array, BoolArray
 from tpmscad.brep.boundary_representation import Brep, reverse_faces, spline_faces
-from tpmscad.brep.free_form_surface import FreeFormSurface
 from tpmscad.brep.moments import integral_properties
 from tpmscad.errors import KernelError, NotQuadric, TpmscadError, TrimmingError
 from tpmscad.fallbacks import Fallback, Fallbacks
-from tpmscad.kernel.body_import.body_brep import brep_from_shape, read_free_form_body
+from tpmscad.kernel.body_import.body_brep import FreeFormBody, brep_from_shape, read_free_form_body
 from tpmscad.kernel.body_import.cad_body import CadBody
 from tpmscad.kernel.boolean.boolean_operations import OcctSolids, estimate_volume, intersect_solids, subtract_solid
 from tpmscad.kernel.boolean.local_intersection import intersect_locally
@@ -149,33 +149,43 @@ def trim_on_parameters(patches: Brep, body: CadBody, max_shift: float) -> Boolea
 
     InvalidRequest or TrimmingError if that is impossible, KernelError if the volume of the result is wrong.
     """
+    read = read_trimming_body(body)
+    with numerical_failures(read.free_form):
+        return _trim_by_brep(patches, body, read, max_shift)
+
+
+def read_trimming_body(body: CadBody) -> FreeFormBody:
+    """The body as `trimming` takes it, with free-form faces if it has some; NotQuadric if that is impossible."""
     try:
-        brep = brep_from_shape(body.shape, body.face_labels)
+        return FreeFormBody(brep_from_shape(body.shape, body.face_labels), {})
     except NotQuadric:
-        return _trim_by_free_form_faces(patches, body, max_shift)
-    return _trim_by_brep(patches, body, brep, {}, max_shift)
+        with numerical_failures(True):
+            return read_free_form_body(body.shape, body.face_labels)
 
 
-def _trim_by_free_form_faces(patches: Brep, body: CadBody, max_shift: float) -> BooleanResult:
-    """The patches trimmed by a body with free-form faces; errors as in `trim_on_parameters`, whatever goes wrong."""
+@contextmanager
+def numerical_failures(free_form: object) -> Iterator[None]:
+    """Exceptions of the kernel and of singular systems, as TrimmingError if there are free-form faces.
+
+    OCCT's exceptions have no common base class.
+    """
     try:
-        read = read_free_form_body(body.shape, body.face_labels)
-        return _trim_by_brep(patches, body, read.brep, read.free_form, max_shift)
+        yield
     except TpmscadError:
         raise
-    except Exception as error:  # OCCT's exceptions have no common base class, and systems of equations may be singular
+    except Exception as error:
+        if not free_form:
+            raise
         raise TrimmingError(f"the cut by free-form faces failed: {error}") from error
 
 
-def _trim_by_brep(
-    patches: Brep, body: CadBody, brep: Brep, free_form: Mapping[int, FreeFormSurface], max_shift: float
-) -> BooleanResult:
+def _trim_by_brep(patches: Brep, body: CadBody, read: FreeFormBody, max_shift: float) -> BooleanResult:
     """The patches trimmed by the boundary representation of the body."""
     cut = trim(
         patches,
-        brep,
+        read.brep,
         build=_build_valid_solids,
-        free_form=free_form,
+        free_form=read.free_form,
         clearance=corner_clearance(patches),
         max_shift=max_shift,
     )
@@ -250,9 +260,14 @@ def _check_volume_by_sampling(volume: float, patches: Brep, body: CadBody) -> No
 def sample_lattice_fraction(patches: Brep, body: CadBody) -> tuple[float, float]:
     """Fraction of an even sample of points in the body that lies in the lattice, and the error allowed for it."""
     points = sample_solid(body.shape, N_SAMPLE_LINES, POINTS_PER_LINE)
-    fraction = float((signed_distances_to_nodes(patches, points) < 0).mean())
-    variance = max(fraction * (1 - fraction), 1 / len(points)) / len(points)
-    return fraction, MAX_STANDARD_ERRORS * np.sqrt(variance)
+    return estimate_fraction(signed_distances_to_nodes(patches, points) < 0)
+
+
+def estimate_fraction(inside: BoolArray) -> tuple[float, float]:
+    """The fraction of a sample (n,) that is inside, and the error allowed for it."""
+    fraction = float(inside.mean())
+    variance = max(fraction * (1 - fraction), 1 / len(inside)) / len(inside)
+    return fraction, MAX_STANDARD_ERRORS * float(np.sqrt(variance))
 
 
 def signed_distances_to_nodes(patches: Brep, points: Array) -> Array:

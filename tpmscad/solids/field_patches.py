@@ -25,18 +25,20 @@ from tpmscad.brep.deviation import Deviation
 from tpmscad.brep.moments import integral_properties
 from tpmscad.brep.moments.integral_properties import FaceMoments
 from tpmscad.brep.solid_properties import SolidProperties, measure_solid
-from tpmscad.errors import LevelSetError, format_point
+from tpmscad.errors import CrossingSurfaces, LevelSetError, format_point
 from tpmscad.fields.analysis import volume_quadrature
 from tpmscad.fields.analysis.betti_numbers import FINER_LINES, Betti, compute_betti_numbers
 from tpmscad.fields.data.field_notes import collect_notes
 from tpmscad.fields.field import Field, as_field
 from tpmscad.fields.kinds.linear_extension import LinearExtension, extend_linearly
 from tpmscad.levelset import field_solid
+from tpmscad.levelset.crossing_operands import split_crossing_operands
 from tpmscad.levelset.edge_rounding import round_edges
 from tpmscad.levelset.field_solid import (
     FieldFit,
     FieldSolid,
     find_places_of_fit,
+    find_sample_spacing,
     fit_field,
     measure_field_fit,
     refine_field_fit,
@@ -178,7 +180,10 @@ def check_field_in_box(field: Field | Callable[..., Any], lo: Any, hi: Any, tol:
     field = as_field(field)
     low, high = validate_box(lo, hi, tol)
     rounded, moved, _ = _round_field_edges(field, low, high, tol)
-    field_solid.check_field_in_box(rounded, low, high, tol - moved)
+    try:
+        field_solid.check_field_in_box(rounded, low, high, tol - moved)
+    except CrossingSurfaces:  # they are made one by one (`combined_solids`)
+        split_crossing_operands(rounded, low, high, tol - moved, find_sample_spacing(rounded, low, high))
 
 
 def _round_field_edges(field: Field, lo: Array, hi: Array, tol: float) -> tuple[Field, float, tuple[str, ...]]:

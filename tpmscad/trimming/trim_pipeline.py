@@ -143,6 +143,7 @@ def trim_domains(
     body: Brep,
     domains: Sequence[LatticeDomain],
     *,
+    free_form: Mapping[int, FreeFormSurface] | None = None,
     clearance: float = 0.0,
     max_shift: float = 0.0,
 ) -> tuple[TrimmedDomains, TrimReport]:
@@ -151,7 +152,9 @@ def trim_domains(
     Lattice and body are intersected and classified once; only the rebuilding is repeated for each domain.
     """
     request = _TrimRequest(domains, None, None)
-    trimmed, report = _trim_with_placements(prepare_operands(lattice, body, DEFAULT_TOL), request, clearance, max_shift)
+    trimmed, report = _trim_with_placements(
+        prepare_operands(lattice, body, DEFAULT_TOL, free_form), request, clearance, max_shift
+    )
     return trimmed.result, report
 
 

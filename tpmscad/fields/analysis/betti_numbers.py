@@ -14,6 +14,7 @@ import numpy as np
 
 from tpmscad import topology
 from tpmscad._typing import Array
+from tpmscad.fields.analysis.outermost_extremes import expose_extremes, list_leaves
 from tpmscad.fields.analysis.saddles import find_narrow_points
 from tpmscad.fields.data.sample_grid import SampleGrid
 from tpmscad.fields.field import Field, MinMaxField
@@ -63,6 +64,8 @@ def compute_betti_numbers(
     lines: float = INITIAL_LINES,
     n_agreeing: int = 2,
     confirm: Callable[[Betti], bool] = lambda betti: False,
+    *,
+    crossing: bool = False,
 ) -> Betti | None:
     """Betti numbers of {field < 0} in the box from the first successive grids that agree; None if too few do.
 
@@ -71,9 +74,10 @@ def compute_betti_numbers(
 
     The operands of a minimum or maximum must be solids whose level sets do not meet. Solids A and B that cover the box then
     satisfy b(A and B) = b(A) + b(B) except for one component (Mayer-Vietoris), so that walls thinner than any grid are counted
-    correctly.
+    correctly. If level sets are `crossing`, the field is counted as one; acute wedges at their edges may fall apart on any grid.
     """
-    operands = _list_operands(field)
+    field = expose_extremes(field)
+    operands = [field] if crossing else list_leaves(field)
     counted: list[Betti] = []
     certain = True
     for first in range(0, len(operands), SAMPLED_TOGETHER):
@@ -82,19 +86,12 @@ def compute_betti_numbers(
                 return None
             counted.append(history[-1].betti)
             certain &= _is_settled(history, n_agreeing)
-    total = _add_betti_numbers(field, iter(counted))
+    total = counted[0] if crossing else _add_betti_numbers(field, iter(counted))
     return total if certain or confirm(total) else None
 
 
-def _list_operands(field: Field) -> list[Field]:
-    """The fields whose minima and maxima the field is."""
-    if isinstance(field, MinMaxField):
-        return _list_operands(field.first) + _list_operands(field.second)
-    return [field]
-
-
 def _add_betti_numbers(field: Field, counted: Iterator[Betti]) -> Betti:
-    """Betti numbers of minima and maxima from those of their operands, in the order of `_list_operands`."""
+    """Betti numbers of minima and maxima from those of their operands, in the order of `list_leaves`."""
     if not isinstance(field, MinMaxField):
         return next(counted)
     first, second = _add_betti_numbers(field.first, counted), _add_betti_numbers(field.second, counted)

@@ -8,6 +8,7 @@ even if f and g are.
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Annotated
 
@@ -221,8 +222,13 @@ def smooth_difference(
 def _fold_min_max(fields: tuple[FieldLike, ...], sign: int) -> Field:
     if not fields:
         raise InvalidRequest("a union or intersection needs at least one field")
-    parts = [as_field(field) for field in fields]
-    while len(parts) > 1:  # neighbours in pairs: the depth is the logarithm of the number, not the number
+    return join_extremes(sign, [as_field(field) for field in fields])
+
+
+def join_extremes(sign: int, fields: Sequence[Field]) -> Field:
+    """The maximum (sign +1) or minimum (-1) of fields, in pairs of neighbours: the depth is the logarithm of their number."""
+    parts = list(fields)
+    while len(parts) > 1:
         pairs = [MinMaxField(f, g, sign) for f, g in zip(parts[::2], parts[1::2], strict=False)]
         parts = [*pairs, *parts[len(parts) - len(parts) % 2 :]]
     return parts[0]

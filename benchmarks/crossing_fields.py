@@ -1,0 +1,121 @@
+"""Random unions, intersections and differences of fields as solids, judged apart.
+
+    python -m benchmarks.crossing_fields [--seed 1] [--count 60] [--only 7] [--quadrics]
+
+Trees of two to five leaves (half-spaces, balls, struts, finite cylinders, boxes, sheets, rods, formulas) in a box of 10 mm at
+four tolerances. Columns: the tree, tolerance, outcome, faces, volume and its difference from one random point in each of 160^3
+cells in standard errors, Betti numbers, creases and the sharpest wedge, CPU seconds. WRONG is a file that does not read back
+valid, or a volume that is more than 4 standard errors, and the area times the deviation, off. --quadrics leaves out fields that
+are fitted.
+"""
+
+from __future__ import annotations
+
+import argparse
+import tempfile
+import time
+from pathlib import Path
+
+import numpy as np
+
+import tpmscad
+from tpmscad import fields
+
+SIZE, CELLS = 10.0, 160
+TOLS = (0.05, 0.02, 0.01, 0.005)
+STANDARD_ERRORS = 4.0
+
+
+def draw_leaf(rng: np.random.Generator, quadrics: bool) -> tuple[str, fields.Field]:
+    """A random solid and its name."""
+    middle = rng.uniform(2, 8, 3)
+    axis = rng.normal(size=3)
+    kinds = ["half-space", "ball", "strut", "pin", "box"] + ([] if quadrics else ["sheet", "rod", "formula"])
+    kind = str(rng.choice(kinds))
+    if kind == "half-space":
+        return kind, fields.halfspace(tuple(middle), tuple(axis))
+    if kind == "ball":
+        return kind, fields.sphere(tuple(middle), rng.uniform(1.5, 4))
+    if kind == "strut":
+        return kind, fields.cylinder(tuple(middle), rng.uniform(0.6, 2), tuple(axis))
+    if kind == "pin":
+        return kind, fields.cylinder(tuple(middle), rng.uniform(0.8, 2.5), tuple(axis), rng.uniform(3, 8))
+    if kind == "box":
+        half = rng.uniform(1, 3, 3)
+        return kind, fields.box(tuple(middle - half), tuple(middle + half))
+    if kind == "formula":
+        a, b = rng.uniform(0.5, 1.2, 2)
+        return kind, fields.expression(f"(x-5)^2 + {a:.3f}*(y-5)^2 + {b:.3f}*(z-4.6)^2 - 9 + 2*sin(x)*cos(y)")
+    name, period = str(rng.choice(["gyroid", "schwarz_p", "diamond"])), float(rng.choice([8.0, 10.0, 13.0]))
+    surface = fields.tpms(name, period)
+    if kind == "sheet":
+        return f"{name} sheet", fields.sheet(surface, -0.3, rng.uniform(-0.05, 0.4))
+    return f"{name} rod", fields.rod(surface, rng.uniform(-0.6, 0.3))
+
+
+def draw_tree(rng: np.random.Generator, quadrics: bool) -> tuple[str, fields.Field]:
+    """A random tree and its formula."""
+    name, field = draw_leaf(rng, quadrics)
+    for _ in range(int(rng.integers(1, 5))):
+        other_name, other = draw_leaf(rng, quadrics)
+        sign = str(rng.choice(["|", "&", "-"]))
+        field = {"|": field | other, "&": field & other, "-": field & ~other}[sign]
+        name = f"({name} {sign} {other_name})"
+    if rng.random() < 0.2:
+        name, field = f"~{name}", ~field
+    return name, field
+
+
+def judge(field: fields.Field, model: tpmscad.Model) -> tuple[float, bool]:
+    """How many standard errors the volume is from a stratified sample's, and whether the file reads back valid."""
+    grid = np.stack(np.meshgrid(*(np.arange(CELLS),) * 3, indexing="ij"), axis=-1).reshape(-1, 3)
+    rng = np.random.default_rng(3)
+    inside = np.concatenate(
+        [field((part + rng.random(part.shape)) * (SIZE / CELLS)) < 0 for part in np.array_split(grid, 16)]
+    )
+    cell = (SIZE / CELLS) ** 3
+    crossed = 1.5 * model.area / cell ** (2 / 3) + 8  # only cells that the surface passes vary
+    error = 0.5 * np.sqrt(crossed) * cell + model.certificate.rms_deviation * model.area / STANDARD_ERRORS
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / "made.step"
+        model.export_step(path)
+        valid = tpmscad.check_step(path).ok
+    return float((model.volume - inside.sum() * cell) / error), valid
+
+
+def main(arguments: list[str] | None = None) -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--seed", type=int, default=1)
+    parser.add_argument("--count", type=int, default=60)
+    parser.add_argument("--only", type=int)
+    parser.add_argument("--quadrics", action="store_true")
+    options = parser.parse_args(arguments)
+    counts: dict[str, int] = {}
+    for case in range(options.count) if options.only is None else [options.only]:
+        rng = np.random.default_rng([options.seed, case])
+        name, field = draw_tree(rng, options.quadrics)
+        tol = TOLS[case % len(TOLS)]
+        begun, words = time.process_time(), ""
+        try:
+            model = tpmscad.solidify(field, ((0, 0, 0), (SIZE,) * 3), tol=tol, loose="keep", progress=False)
+        except tpmscad.TpmscadError as error:
+            outcome, words = "refused", str(error)
+        else:
+            seconds = time.process_time() - begun
+            off, valid = judge(field, model)
+            outcome = "met" if model.certificate.met else "not met"
+            if outcome == "met" and not (valid and abs(off) <= STANDARD_ERRORS):
+                outcome = "WRONG"
+            figures = model.certificate.figures
+            words = (
+                f"{model.certificate.n_faces} faces, volume {model.volume:.6g} ({off:+.1f}), Betti {model.certificate.betti}, "
+                f"{figures.get('creases', 0):g} creases, wedge {figures.get('least wedge in degrees', 180):.1f}, {seconds:.1f} s"
+                f"{'' if valid else ', file not valid'} {'; '.join(model.certificate.shortfalls)}"
+            )
+        counts[outcome] = counts.get(outcome, 0) + 1
+        print(f"{case:>3} {tol:5g} {outcome:>8}  {name}: {words}", flush=True)
+    print(counts)
+
+
+if __name__ == "__main__":
+    main()

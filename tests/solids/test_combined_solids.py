@@ -1,0 +1,106 @@
+"""Fields whose level sets cross, as solids with exact edges: in boxes, in bodies, from recipes."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import build123d as bd
+import numpy as np
+import pytest
+
+import tpmscad
+from tpmscad import fields
+from tpmscad.errors import InvalidRequest, LevelSetError
+
+pytestmark = [pytest.mark.kernel, pytest.mark.slow]
+
+BOX = ((0, 0, 0), (10, 10, 10))
+DIAGONALS = ((1, 1, 1), (1, -1, 1), (-1, 1, 1), (1, 1, -1))
+
+
+def sample_volume(field: fields.Field, n: int = 120) -> float:
+    """Volume in BOX by one random point in each of n^3 cells."""
+    grid = np.stack(np.meshgrid(*(np.arange(n),) * 3, indexing="ij"), axis=-1).reshape(-1, 3)
+    points = (grid + np.random.default_rng(0).random(grid.shape)) * (10 / n)
+    return float((field(points) < 0).mean() * 1000)
+
+
+def test_four_struts_meet_in_a_node_of_exact_cylinders(tmp_path: Path) -> None:
+    struts = fields.union(*(fields.cylinder((5, 5, 5), 1.0, axis) for axis in DIAGONALS))
+    model = tpmscad.solidify(struts, BOX, tol=0.02)
+    certificate = model.certificate
+    assert certificate.met
+    assert certificate.max_deviation == 0
+    assert certificate.betti == (1, 0, 0)
+    assert certificate.n_faces == 32
+    assert certificate.figures["least wedge in degrees"] > 0
+    assert model.volume == pytest.approx(sample_volume(struts), rel=2e-3)
+    model.export_step(tmp_path / "node.step")
+    assert tpmscad.check_step(tmp_path / "node.step").ok
+    assert bd.import_step(tmp_path / "node.step").volume == pytest.approx(model.volume, rel=1e-3)
+
+
+def test_a_sheet_within_a_ball_keeps_its_deviation_and_ends_in_edges() -> None:
+    field = fields.sheet(fields.tpms("gyroid", 10.0), -0.3, 0.3) & fields.sphere((5, 5, 5), 4.0)
+    model = tpmscad.solidify(field, BOX, tol=0.02)
+    assert model.certificate.met
+    assert 0 < model.certificate.max_deviation <= 0.02
+    assert model.volume == pytest.approx(sample_volume(field), rel=5e-3)
+    assert set(model.named_solids()[0].labels) == {"surface"}
+    low, high = np.array(model.bounding_box)
+    assert (low > 0.999).all()
+    assert (high < 9.001).all()
+    tall = tpmscad.infill(
+        bd.Pos(5, 5, 5) * bd.Sphere(4), fields.sheet(fields.tpms("gyroid", 10.0), -0.3, 0.3), tol=0.02
+    )
+    assert model.volume == pytest.approx(tall.volume, rel=1e-3)
+
+
+def test_the_complement_of_a_union_has_a_cavity_with_an_edge() -> None:
+    pair = fields.sphere((4, 5, 5), 2.0) | fields.sphere((6, 5, 5), 2.2)
+    model = tpmscad.solidify(~pair, BOX, tol=0.02)
+    assert model.certificate.met
+    assert model.certificate.betti == (1, 0, 1)
+    outside = tpmscad.solidify(pair, BOX, tol=0.02)
+    assert model.volume + outside.volume == pytest.approx(1000, rel=1e-9)
+    labels = model.named_solids()[0].labels
+    assert sorted(set(labels)) == ["cap X+", "cap X-", "cap Y+", "cap Y-", "cap Z+", "cap Z-", "surface"]
+
+
+def test_a_box_and_a_finite_cylinder_are_trees_of_their_sides() -> None:
+    model = tpmscad.solidify(fields.cylinder((5, 5, 5), 2.0, "z", 6.0), BOX, tol=0.02)
+    assert model.volume == pytest.approx(24 * np.pi, rel=1e-9)
+    block = tpmscad.solidify(fields.box((1, 2, 3), (8, 7, 9)), BOX, tol=0.02)
+    assert block.volume == pytest.approx(7 * 5 * 6, rel=1e-9)
+    assert block.certificate.n_faces == 6
+
+
+def test_crossing_fields_fill_a_body() -> None:
+    struts = fields.union(*(fields.cylinder((5, 5, 5), 1.0, axis) for axis in DIAGONALS[:2]))
+    body = bd.Pos(5, 5, 5) * bd.Cylinder(4, 6)
+    model = tpmscad.infill(body, struts, tol=0.02)
+    assert model.certificate.met
+    rng = np.random.default_rng(1)
+    points = rng.uniform(0, 10, (400_000, 3))
+    inside = (np.hypot(points[:, 0] - 5, points[:, 1] - 5) < 4) & (np.abs(points[:, 2] - 5) < 3) & (struts(points) < 0)
+    assert model.volume == pytest.approx(1000 * inside.mean(), rel=0.02)
+    labels = set(model.named_solids()[0].labels)
+    assert "surface" in labels
+    assert any(label.startswith("body") for label in labels)
+    with pytest.raises(InvalidRequest, match="skin"):
+        tpmscad.infill(body, struts, tol=0.02, skin=0.5)
+
+
+def test_leaves_that_do_not_reach_the_box_are_left_out() -> None:
+    ball, far = fields.sphere((5, 5, 5), 2.0), fields.tpms("gyroid", 10.0) + 5.0
+    crossing = ball & fields.halfspace((5, 5, 5), "z")
+    assert tpmscad.solidify(crossing | far, BOX, tol=0.02).volume == pytest.approx(16 / 3 * np.pi, rel=1e-9)
+    assert tpmscad.solidify(crossing & ~far, BOX, tol=0.02).volume == pytest.approx(16 / 3 * np.pi, rel=1e-9)
+    with pytest.raises(LevelSetError, match="no surface inside the box"):
+        tpmscad.solidify((crossing & far) | far, BOX, tol=0.02)
+
+
+def test_a_wall_thinner_than_the_tolerance_is_still_refused() -> None:
+    thin = fields.sheet(fields.tpms("gyroid", 10.0), -0.002, 0.002) & fields.sphere((5, 5, 5), 4.0)
+    with pytest.raises(LevelSetError, match="too thin"):
+        tpmscad.solidify(thin, BOX, tol=0.05)
