@@ -118,7 +118,7 @@ def prepare_foot_surface(
     poles = surface.poles - centre
     local = BSplineSurface(poles, surface.knots_u - origin[0], surface.knots_v - origin[1], *degrees)
     (breaks_u, left), (breaks_v, right) = (
-        _span_powers(knots, degree) for knots, degree in zip((local.knots_u, local.knots_v), degrees, strict=True)
+        span_powers(knots, degree) for knots, degree in zip((local.knots_u, local.knots_v), degrees, strict=True)
     )
     box = np.array(local.domain)
     is_point = find_point_sides(surface)
@@ -150,7 +150,7 @@ def find_point_sides(surface: BSplineSurface) -> BoolArray:
     return np.array([np.ptp(surface.side(i).poles, axis=0).max() <= POLE_SPREAD * size for i in range(4)])
 
 
-def _span_powers(knots: Array, degree: int) -> tuple[Array, Array]:
+def span_powers(knots: Array, degree: int) -> tuple[Array, Array]:
     """Ends (m + 1,) of the spans, and matrices (m, degree + 1, n) from poles to monomials in each span's parameter on [-1, 1]."""
     ends = np.unique(knots[degree : len(knots) - degree])
     half = 0.5 * np.diff(ends)
