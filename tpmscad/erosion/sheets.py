@@ -25,6 +25,7 @@ from tpmscad.brep.carriers import (
     SphericalSurface,
     ToroidalSurface,
 )
+from tpmscad.brep.foot_surface import find_point_sides
 from tpmscad.brep.free_form_surface import BodyCarrier, FreeFormSurface
 from tpmscad.brep.loops import points_in_polygons
 from tpmscad.errors import TrimmingError
@@ -157,6 +158,8 @@ def _fit_offset(carrier: FreeFormSurface, by: float, polygons: tuple[Array, ...]
     Where a strip goes on beyond the surface, the polynomials of the end spans do, by half a span at most.
     """
     spline = carrier.spline
+    if find_point_sides(spline).any():
+        raise TrimmingError("a free-form face with a pole has no sheet: its normal is undefined there")
     low, high = bounding_box(polygons[:1])
     wide_low, wide_high = bounding_box(polygons)
     step = WIDENING * (high - low)

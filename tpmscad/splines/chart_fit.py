@@ -11,7 +11,8 @@ from collections.abc import Callable
 import numpy as np
 
 from tpmscad._typing import Array
-from tpmscad.splines.bspline import BSplineSurface
+from tpmscad.splines.basis import design_matrix
+from tpmscad.splines.bspline import BSplineCurve, BSplineSurface
 from tpmscad.splines.quadrature import composite_gauss_legendre
 from tpmscad.splines.spline_axis import SplineAxis, sampled_axis
 from tpmscad.splines.surface_fit import fit_surface
@@ -123,3 +124,24 @@ def measure_grid_error(spline: BSplineSurface, sample: Sampler) -> float:
     """Greatest distance of equal parameters on a grid, between the spline and what is fitted."""
     u, v = (np.linspace(*interval, count) for interval, count in zip(spline.domain, CHECK_LINES, strict=True))
     return float(np.linalg.norm(spline.grid(u, v) - sample(u, v), axis=2).max())
+
+
+def fit_curve_samples(
+    sample: Callable[[Array], Array], breaks: Array, continuity: Array, tol: float
+) -> BSplineCurve | None:
+    """A curve, points (n, 3) at parameters (n,), as a spline of degree 9, as smooth at its breaks; None if not within `tol`."""
+    knots = make_break_knots(breaks, continuity, CHART_DEGREE)
+    while True:
+        ends = np.unique(knots)
+        own = _make_axis(knots, CHART_DEGREE)
+        rows = np.sqrt(own.weights)[:, None] * design_matrix(knots, CHART_DEGREE, own.points)
+        poles = np.linalg.lstsq(rows, np.sqrt(own.weights)[:, None] * sample(own.points), rcond=None)[0]
+        curve = BSplineCurve(np.asarray(poles, float), knots, CHART_DEGREE)
+        at = ends[:-1, None] + np.diff(ends)[:, None] * SPAN_CHECKS
+        missed = np.linalg.norm(curve(at.ravel()) - sample(at.ravel()), axis=1).reshape(at.shape).max(axis=1)
+        bad = missed > tol
+        if not bad.any():
+            return curve
+        if len(ends) - 1 + bad.sum() > MAX_SPANS:
+            return None
+        knots = np.sort(np.concatenate([knots, 0.5 * (ends[1:] + ends[:-1])[bad]]))

@@ -19,6 +19,7 @@ from typing import Any
 
 import numpy as np
 from OCP.BRep import BRep_Tool
+from OCP.BRepAdaptor import BRepAdaptor_Curve
 from OCP.BRepTools import BRepTools
 from OCP.Geom import (
     Geom_BezierCurve,
@@ -50,12 +51,13 @@ from tpmscad.brep.free_form_surface import SEAM_ANGLE, FreeFormSurface, find_smo
 from tpmscad.kernel.occt import convert
 from tpmscad.kernel.recognise.edge_curves import UnsupportedFace
 from tpmscad.kernel.recognise.face_carriers import EXACT_REL_TOL
-from tpmscad.splines.bspline import BSplineSurface
+from tpmscad.splines.bspline import BSplineCurve, BSplineSurface
 from tpmscad.splines.chart_fit import (
     FIT_LINES,
     Sampler,
     Space,
     find_space,
+    fit_curve_samples,
     fit_in_spaces,
     make_break_knots,
     measure_grid_error,
@@ -103,7 +105,7 @@ def convert_free_form(face: TopoDS_Face, size: float, reach: float = REACH) -> C
     Parameters
     ----------
     face : TopoDS_Face
-        A face on an extrusion, a revolution, a Bezier, B-spline or offset surface.
+        A face on an extrusion, a revolution, a Bezier, B-spline or offset surface, or a torus that intersects itself.
     size : float
         Size of the body in model units; the carrier is to be within 1e-10 of it.
     reach : float, optional
@@ -117,12 +119,12 @@ def convert_free_form(face: TopoDS_Face, size: float, reach: float = REACH) -> C
     Raises
     ------
     UnsupportedFace
-        If the surface is a plane or a quadric, or has a crease inside the face.
+        If the surface is a plane or a quadric, but for a torus that intersects itself, or has a crease inside the face.
     """
     surface = BRep_Tool.Surface_s(face)
     while isinstance(surface, Geom_RectangularTrimmedSurface):
         surface = surface.BasisSurface()
-    if isinstance(surface, Geom_ElementarySurface):
+    if isinstance(surface, Geom_ElementarySurface) and not _intersects_itself(surface):
         raise UnsupportedFace("is on a plane or a quadric, which has a carrier of its own")
     u0, u1, v0, v1 = BRepTools.UVBounds_s(face)
     face_box = np.array([[u0, u1], [v0, v1]])
@@ -134,12 +136,26 @@ def convert_free_form(face: TopoDS_Face, size: float, reach: float = REACH) -> C
     return ConvertedSurface(FreeFormSurface(spline, closed), max(error, measure_grid_error(spline, sample)))
 
 
+def _intersects_itself(surface: Geom_Surface) -> bool:
+    """Whether a surface is a torus whose tube reaches its axis: its faces end there in poles."""
+    return isinstance(surface, Geom_ToroidalSurface) and surface.MajorRadius() <= surface.MinorRadius()
+
+
 def convert_box(surface: Geom_Surface, box: Array, tol: float) -> tuple[BSplineSurface, float]:
     """Any OCCT surface over a box (2, 2) of its parameters as a polynomial spline, and its greatest measured error.
 
     The error, in model units, exceeds `tol` if `chart_fit.MAX_SPANS` were not enough.
     """
     return _convert_box(surface, box, tol)[:2]
+
+
+def convert_curve(adaptor: BRepAdaptor_Curve, tol: float) -> BSplineCurve | None:
+    """The curve of an edge as a polynomial spline with its parameter, as smooth as it is; None if it is not within `tol`."""
+
+    def sample(t: Array) -> Array:
+        return np.array([adaptor.Value(x).Coord() for x in t.tolist()])
+
+    return fit_curve_samples(sample, *_read_breaks(adaptor, None), tol)
 
 
 def _widen(surface: Geom_Surface, face_box: Array, reach: float, beyond: float) -> Array:
@@ -297,13 +313,17 @@ def _curve_degree(curve: Geom_Curve) -> int | None:
     return None
 
 
-def _read_breaks(adaptor: GeomAdaptor_Surface, axis: int) -> tuple[Array, Array]:
+def _read_breaks(adaptor: GeomAdaptor_Surface | BRepAdaptor_Curve, axis: int | None) -> tuple[Array, Array]:
     """Ends (n + 1,) of the intervals on which the surface is smooth along a parameter, and the continuity (n - 1,) between them.
 
-    The continuity is 0 to 3: more is not told apart.
+    The continuity is 0 to 3: more is not told apart. For a curve `axis` is None.
     """
 
     def intervals(kind: Any) -> Array:
+        if axis is None:
+            values = convert.real_array(adaptor.NbIntervals(kind) + 1)
+            adaptor.Intervals(values, kind)
+            return np.array([values.Value(i) for i in range(1, values.Length() + 1)])
         count = adaptor.NbUIntervals(kind) if axis == 0 else adaptor.NbVIntervals(kind)
         values = convert.real_array(count + 1)
         (adaptor.UIntervals if axis == 0 else adaptor.VIntervals)(values, kind)

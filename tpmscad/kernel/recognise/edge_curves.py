@@ -18,7 +18,8 @@ from tpmscad._typing import Array
 from tpmscad.brep.carriers import ConicalSurface, EdgeCurve, Quadric, SphericalSurface
 from tpmscad.brep.conics import TWO_PI
 from tpmscad.brep.free_form_surface import BodyCarrier, FreeFormSurface
-from tpmscad.splines.adaptive_curve_fit import fit_adaptively
+from tpmscad.splines.adaptive_curve_fit import FIT_DEGREE, fit_adaptively, knots_and_sites
+from tpmscad.splines.basis import design_matrix
 from tpmscad.splines.bspline import BSplineCurve, line_segment
 from tpmscad.splines.quadrature import gauss_legendre
 
@@ -52,7 +53,8 @@ ARC_LENGTH_PASSES = 2
 """Reparametrisations by arc length: the first starts from chord lengths, the second from arc lengths."""
 
 POLE_REL_TOL = 1e-7
-"""Distance from the axis, in body sizes, below which a point is a pole of a sphere or the apex of a cone."""
+"""Distance from the axis, in body sizes, below which a point is a pole of a sphere or the apex of a cone; from the pole of a
+free-form surface."""
 
 
 class UnsupportedFace(Exception):
@@ -60,10 +62,14 @@ class UnsupportedFace(Exception):
 
 
 def is_at_pole(carrier: BodyCarrier, points: Array, size: float) -> NDArray[np.bool_]:
-    """Mask of the points (n, 3) that are a pole of a sphere or the apex of a cone: (n,).
-
-    Faces with a pole of a free-form surface are not represented (`exact_faces`).
-    """
+    """Mask of the points (n, 3) that are a pole of a sphere or of a free-form surface, or the apex of a cone: (n,)."""
+    if isinstance(carrier, FreeFormSurface):
+        away = [np.linalg.norm(points - pole, axis=1) for _, pole in carrier.poles_across_v()]
+        return (
+            np.asarray(np.min(away, axis=0, initial=np.inf) < POLE_REL_TOL * size, bool)
+            if away
+            else np.zeros(len(points), bool)
+        )
     if not isinstance(carrier, SphericalSurface | ConicalSurface):
         return np.zeros(len(points), bool)
     arm = points - carrier.origin
@@ -175,19 +181,96 @@ def _require_fit(fit: BSplineCurve | None) -> BSplineCurve:
     return fit
 
 
-def project_to_carriers(carriers: Sequence[BodyCarrier], points: Array) -> Array:
-    """Points (n, 3) projected onto all the surfaces at once by least-norm Newton steps; they must start close to them."""
+def project_to_carriers(
+    carriers: Sequence[BodyCarrier], points: Array, least_sine: float = MIN_TRANSVERSE_ANGLE
+) -> Array:
+    """Points (n, 3) projected onto all the surfaces at once by least-norm Newton steps; they must start close to them.
+
+    Surfaces at a smaller angle than `least_sine` count as tangent: between two that miss each other points end in the middle.
+    """
     for _ in range(MAX_NEWTON_STEPS):
         off = np.stack([c.distance(points) for c in carriers], axis=1)
         slope = np.stack([c.gradient(points) for c in carriers], axis=1)
-        step = np.einsum("nij,nj->ni", np.linalg.pinv(slope, rcond=MIN_TRANSVERSE_ANGLE), off)
+        step = np.einsum("nij,nj->ni", np.linalg.pinv(slope, rcond=least_sine), off)
         points = points - step
         if np.abs(step).max() <= NEWTON_REL_TOL * np.abs(points).max():
             break
     return points
 
 
+TANGENT_STEPS = 12
+"""Newton steps to the points in which surfaces are tangent."""
+
+DIFFERENCE_FRACTION = 1e-6
+"""Of the largest coordinate: step of the differences of normals."""
+
+TANGENT_RCOND = 1e-3
+"""Ratio of singular values below which a direction along a tangent edge counts as free."""
+
+
+def project_to_tangency(carriers: Sequence[BodyCarrier], tangent: Sequence[tuple[int, int]], points: Array) -> Array:
+    """Points (n, 3) moved to where surfaces meet, and those of the pairs `tangent` with parallel normals, by Newton's method.
+
+    The distances of tangent surfaces say nothing about the place across their common edge; n_1 x n_2 = 0 does. Steps are of least
+    norm.
+    """
+    for _ in range(TANGENT_STEPS):
+        normals = [c.gradient(points) for c in carriers]
+        bends = [difference_gradients(c, points) for c in carriers]
+        off = [c.distance(points)[:, None] for c in carriers]
+        slope = [n[:, None] for n in normals]
+        for i, j in tangent:
+            n, m, h, k = normals[i], normals[j], bends[i], bends[j]
+            scale = 1.0 / np.maximum(np.linalg.norm(h - k, axis=(1, 2)), 1e-300)[:, None]
+            turn = np.cross(h, m[:, None], axisb=2, axisa=1, axisc=1) + np.cross(
+                n[:, None], k, axisa=2, axisb=1, axisc=1
+            )
+            off.append(scale * np.cross(n, m))
+            slope.append(scale[..., None] * turn)
+        rows = np.concatenate(slope, axis=1)
+        step = np.einsum("nij,nj->ni", np.linalg.pinv(rows, rcond=TANGENT_RCOND), np.concatenate(off, axis=1))
+        points = points - step
+        if np.abs(step).max() <= NEWTON_REL_TOL * np.abs(points).max():
+            break
+    return points
+
+
+def difference_gradients(carrier: BodyCarrier, points: Array) -> Array:
+    """Second derivatives (n, 3, 3) of the distance by differences, as good as a Newton step needs."""
+    step = DIFFERENCE_FRACTION * max(float(np.abs(points).max()), 1e-300)
+    ways = step * np.eye(3)
+    return np.stack([carrier.gradient(points + w) - carrier.gradient(points - w) for w in ways], axis=2) / (2.0 * step)
+
+
 ARC_LENGTH_GAUSS_POINTS = 6
+
+MIN_STEP_FRACTION = 1e-9
+"""Of the size of a curve: nearer points are one."""
+
+SMOOTH_SPANS = (1, 2, 4, 8, 16, 32)
+"""Numbers of spans of a smooth curve that are tried."""
+
+
+def smooth_path(path: Array, tol: float) -> Array:
+    """Points (m, 3) of a smooth curve from the first to the last of the points of a path, within `tol` of all if it can be."""
+    t = np.append(0.0, np.cumsum(np.linalg.norm(np.diff(path, axis=0), axis=1)))
+    t /= max(t[-1], 1e-300)
+    chord = path[0] + np.multiply.outer(t, path[-1] - path[0])
+    best, least = path, np.inf
+    for spans in SMOOTH_SPANS:
+        if spans + FIT_DEGREE > len(path) // 3:
+            break
+        knots, _ = knots_and_sites(np.linspace(0.0, 1.0, spans + 1))
+        rows = design_matrix(knots, FIT_DEGREE, t)[:, 1:-1]
+        found = chord + rows @ np.linalg.lstsq(rows, path - chord, rcond=None)[0]
+        off = float(np.linalg.norm(found - path, axis=1).max())
+        if off < least:
+            best, least = found, off
+        if least <= tol:
+            break
+    best = best.copy()
+    best[[0, -1]] = path[[0, -1]]
+    return best
 
 
 def fit_intersection_curve(first: BodyCarrier, second: BodyCarrier, path: Array, tol: float) -> BSplineCurve:
@@ -195,21 +278,31 @@ def fit_intersection_curve(first: BodyCarrier, second: BodyCarrier, path: Array,
 
     The points are close to both surfaces; they are projected onto them first.
     """
-    points = project_to_carriers((first, second), path)
+    return fit_curve_on_carriers((first, second), project_to_carriers((first, second), path), tol)
+
+
+def fit_curve_on_carriers(carriers: Sequence[BodyCarrier], points: Array, tol: float) -> BSplineCurve:
+    """B-spline through points (m, 3) on surfaces, if any, within `tol` of all of them, parametrised by arc length."""
+    far = np.append(True, np.linalg.norm(np.diff(points, axis=0), axis=1) > MIN_STEP_FRACTION * np.ptp(points))
+    far[-1] = True
+    points = points[far]
     t = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(points, axis=0), axis=1))])
     for _ in range(ARC_LENGTH_PASSES):
         dense = make_interp_spline(t, points, 5)
         t = _arc_lengths(dense, t)
     dense = make_interp_spline(t, points, 5)
 
-    def values(sites: Array) -> Array:
-        through = project_to_carriers((first, second), dense(sites))
-        through[[0, -1]] = points[[0, -1]]
+    def values(sites: Array, ends: bool = True) -> Array:
+        through = project_to_carriers(carriers, dense(sites)) if carriers else dense(sites)
+        if ends:
+            through[[0, -1]] = points[[0, -1]]
         return through
 
     def error(fit: BSplineCurve, checks: Array) -> Array:
         at = fit(checks)
-        return np.maximum(np.abs(first.distance(at)), np.abs(second.distance(at)))
+        if len(carriers) < 2:  # surfaces alone do not say where the curve is
+            return np.asarray(np.linalg.norm(at - values(checks, ends=False), axis=1))
+        return np.asarray(np.max([np.abs(c.distance(at)) for c in carriers], axis=0))
 
     return _require_fit(fit_adaptively(values, np.array([0.0, t[-1]]), error, tol))
 

@@ -1,0 +1,266 @@
+"""Two networks of patches that cut each other: closed results, exact volumes, shared curves, and refusals that name the place."""
+
+from __future__ import annotations
+
+from functools import lru_cache
+
+import numpy as np
+import pytest
+
+from tests.trimming.conftest import Cover, cover
+from tpmscad import fields
+from tpmscad.brep import connectivity
+from tpmscad.brep.boundary_representation import Brep, move_brep, reverse_faces, select_faces, translate_brep
+from tpmscad.brep.free_form_surface import FreeFormSurface
+from tpmscad.brep.moments import integral_properties
+from tpmscad.errors import InvalidRequest, TrimmingError
+from tpmscad.levelset.field_solid import fit_field
+from tpmscad.rigid_motion import Motion
+from tpmscad.splines.bspline import BSplineSurface, line_segment
+from tpmscad.trimming.classify.network_edges import points_in_network
+from tpmscad.trimming.intersect.edge_face import intersect_edges_with_faces
+from tpmscad.trimming.intersect.network_hits import prepare_network
+from tpmscad.trimming.network_boolean import KEPT_INSIDE, NetworkResult, Operation, combine_networks
+from tpmscad.trimming.operands.network_tables import (
+    evaluate_face,
+    find_overlapping_boxes,
+    tabulate_edges,
+    tabulate_faces,
+    tabulate_segments,
+)
+from tpmscad.trimming.operands.polyhedra import box
+from tpmscad.trimming.trim_pipeline import trim
+
+__all__ = ["cover"]
+
+LOW, HIGH = np.full(3, -2.0), np.full(3, 2.0)
+SKEW = Motion(np.array([[0.36, 0.48, -0.8], [-0.8, 0.6, 0.0], [0.48, 0.64, 0.6]]), np.array([0.11, -0.23, 0.31]))
+
+
+@lru_cache
+def ball(centre: tuple[float, float, float], radius: float) -> Brep:
+    return fit_field(fields.sphere(centre, radius), LOW, HIGH, 1e-2).brep
+
+
+@lru_cache
+def rod() -> Brep:
+    """A solid with caps at its box, and patches with T-vertices."""
+    return fit_field(fields.rod(fields.tpms("schwarz_p", 3.0), -0.6), LOW + 0.13, HIGH - 0.07, 2e-2).brep
+
+
+def volume(brep: Brep) -> float:
+    return float(integral_properties.volume(integral_properties.integrate_faces(brep))[0])
+
+
+def combine(first: Brep, second: Brep) -> dict[Operation, NetworkResult]:
+    """All operations, each result closed with connected loops."""
+    found = {operation: combine_networks(first, second, operation) for operation in KEPT_INSIDE}
+    for result in found.values():
+        assert connectivity.is_closed(result.brep)
+        assert not len(connectivity.find_broken_loops(result.brep))
+    return found
+
+
+def assert_volumes_add_up(first: Brep, second: Brep, found: dict[Operation, NetworkResult]) -> None:
+    """Union and intersection have the volumes of the operands together; the difference is what the intersection leaves."""
+    v = {operation: volume(result.brep) for operation, result in found.items()}
+    total = volume(first) + volume(second)
+    assert v["union"] + v["intersection"] == pytest.approx(total, rel=1e-9)
+    assert v["difference"] + v["intersection"] == pytest.approx(volume(first), abs=1e-9 * total)
+
+
+def measure_edges(brep: Brep) -> float:
+    """The largest distance of edges between spline faces from both of them, by foot points on their carriers."""
+    worst = 0.0
+    uses = np.argsort(brep.uses.edge, kind="stable").reshape(-1, 2)
+    for f in range(len(brep.faces)):
+        carrier = brep.carriers[brep.faces.carrier[f]]
+        own = np.flatnonzero((brep.face_of_use[uses] == f).any(axis=1))
+        if not isinstance(carrier, BSplineSurface):
+            continue
+        surface = FreeFormSurface(carrier.moved(brep.faces.motion[f]), continuation=0.1)
+        points = []
+        for e in own.tolist():
+            low, high = brep.edges.span[e]
+            local = brep.curves[brep.edges.curve[e]](low + (high - low) * np.linspace(0.0, 1.0, 31))
+            points.append(brep.edges.motion[e].apply(local))
+        worst = max(worst, float(np.abs(surface.distance(np.concatenate(points))).max()))
+    return worst
+
+
+@pytest.mark.parametrize("operation", sorted(KEPT_INSIDE))
+def test_boxes_combine_as_their_volumes_say(operation: Operation) -> None:
+    first, second = box((0, 0, 0), (2, 3, 4)), box((1.2, 0.7, -1), (3, 4, 3.5))
+    common = 0.8 * 2.3 * 3.5
+    expected = {"intersection": common, "union": 24 + 1.8 * 3.3 * 4.5 - common, "difference": 24 - common}[operation]
+    result = combine_networks(first, second, operation)
+    assert connectivity.is_closed(result.brep)
+    assert volume(result.brep) == pytest.approx(expected, rel=1e-12)
+    assert result.report.shift.tolist() == [0.0, 0.0, 0.0]
+
+
+def test_two_balls_meet_in_a_lens() -> None:
+    first, second = ball((-0.41, 0.05, 0.13), 1.2), ball((0.53, 0.21, -0.07), 0.9)
+    found = combine(first, second)
+    assert_volumes_add_up(first, second, found)
+    d, r, s = float(np.linalg.norm([0.94, 0.16, -0.2])), 1.2, 0.9
+    lens = np.pi * (r + s - d) ** 2 * (d * d + 2 * d * (r + s) - 3 * (r - s) ** 2) / (12 * d)
+    assert volume(found["intersection"].brep) == pytest.approx(lens, abs=1e-2 * 4 * np.pi)
+    assert euler(found["intersection"].brep) == [2]
+
+
+def euler(brep: Brep) -> list[int]:
+    return sorted(connectivity.euler_characteristic(brep, connectivity.label_shells(brep)[1]).tolist())
+
+
+def test_the_edges_lie_on_both_networks() -> None:
+    found = combine(ball((-0.41, 0.05, 0.13), 1.2), ball((0.53, 0.21, -0.07), 0.9))
+    for result in found.values():
+        assert result.report.max_deviation <= 5e-8
+        assert measure_edges(result.brep) <= 1e-7
+
+
+def test_caps_and_t_vertices_are_cut_as_patches_are() -> None:
+    first, second = rod(), move_brep(ball((0.1, 0.2, -0.3), 1.4), SKEW)
+    assert_volumes_add_up(first, second, combine(first, second))
+    third = move_brep(rod(), SKEW)
+    assert_volumes_add_up(first, third, combine(first, third))
+
+
+def test_a_closed_curve_inside_one_pair_of_faces_is_found() -> None:
+    """A plane cuts a small circle out of the middle of a patch: no edge meets the other operand."""
+    sphere = ball((0.0, 0.0, 0.0), 1.3)
+    centres = [np.asarray(c(*np.mean(c.domain, axis=1))) for c in sphere.carriers if isinstance(c, BSplineSurface)]
+    middle = max(centres, key=lambda c: float(np.linalg.norm(c)))
+    height = float(np.linalg.norm(middle))
+    across = np.linalg.svd(middle[None])[2][1:]
+    frame = np.column_stack([*across, middle / height])
+    frame[:, 0] *= np.linalg.det(frame)
+    half_space = move_brep(box((-3, -3, -3), (3, 3, height - 0.004)), Motion(frame, np.zeros(3)))
+    found = combine(sphere, half_space)
+    assert found["intersection"].report.hits == 0
+    assert found["intersection"].report.arcs == 2
+    cap = volume(sphere) - volume(found["intersection"].brep)
+    assert cap == pytest.approx(np.pi * 0.004**2 * (3 * 1.3 - 0.004) / 3, rel=0.05)
+    assert_volumes_add_up(sphere, half_space, found)
+
+
+def test_operands_apart_and_inside_one_another() -> None:
+    outer, inner = ball((0.0, 0.1, 0.0), 1.5), ball((0.2, 0.0, 0.3), 0.6)
+    found = combine(outer, inner)
+    assert volume(found["intersection"].brep) == pytest.approx(volume(inner), rel=1e-12)
+    assert volume(found["difference"].brep) == pytest.approx(volume(outer) - volume(inner), rel=1e-12)
+    away = translate_brep(inner, np.array([9.0, 0.0, 0.0]))
+    assert volume(combine_networks(outer, away, "union").brep) == pytest.approx(
+        volume(outer) + volume(inner), rel=1e-12
+    )
+    with pytest.raises(TrimmingError, match="nothing is left"):
+        combine_networks(outer, away, "intersection")
+
+
+def test_the_cut_by_a_box_is_that_of_the_trim(cover: Cover) -> None:
+    """Two routes: the lattice trimmed by both boxes at once, and first by one, then by the other as a network."""
+    lattice = cover("gyroid", (1, 1, 1), (0.0, 0.0, 0.0), (-0.05, 0.05))
+    whole = trim(lattice, box(np.zeros(3), np.full(3, 10.0))).brep
+    lo, hi = np.array([2.13, -1.0, 3.21]), np.array([11.0, 7.77, 9.13])
+    expected = trim(lattice, box(np.maximum(lo, 0.0), np.minimum(hi, 10.0))).brep
+    found = combine_networks(whole, box(lo, hi), "intersection").brep
+    assert volume(found) == pytest.approx(volume(expected), rel=1e-8)
+
+
+def test_every_crossing_of_a_line_with_a_face_is_found() -> None:
+    """Against a dense search for changes of sign of the sphere's equation along lines."""
+    sphere = ball((0.0, 0.0, 0.0), 1.3)
+    rng = np.random.default_rng(5)
+    begin, end = rng.uniform(-2, 2, (200, 3)), rng.uniform(-2, 2, (200, 3))
+    lines = tuple(line_segment(p, q) for p, q in zip(begin, end, strict=True))
+    table = tabulate_segments(lines, np.arange(200), Motion.identity(200), np.tile([0.0, 1.0], (200, 1)))
+    faces = tabulate_faces(sphere)
+    pairs = find_overlapping_boxes(table.low, table.high, faces.low, faces.high, 0.0)
+    hits = intersect_edges_with_faces(table, faces, pairs)
+    t = np.linspace(0, 1, 4001)[:, None, None]
+    radius = np.linalg.norm(begin + t * (end - begin), axis=2)
+    crossings = (np.diff(radius < 1.3, axis=0)).sum(axis=0)
+    clear = np.abs(radius.min(axis=0) - 1.3) > 1e-2
+    counted = np.bincount(pairs[hits.pair, 0], minlength=200)
+    assert clear.sum() > 150
+    assert np.array_equal(counted[clear], crossings[clear])
+
+
+def test_points_are_told_from_the_network_alone() -> None:
+    rng = np.random.default_rng(7)
+    points = rng.uniform(-1.7, 1.7, (300, 3))
+    value = fields.rod(fields.tpms("schwarz_p", 3.0), -0.6)(points)
+    clear = np.abs(value) > 0.1
+    inside = points_in_network(prepare_network(rod()), points[clear])
+    assert np.array_equal(inside, value[clear] < 0)
+
+
+def test_tables_hold_the_carriers() -> None:
+    brep = move_brep(rod(), SKEW)
+    table, jet = tabulate_faces(brep), np.empty((3, 3))
+    for f in range(len(brep.faces)):
+        carrier = brep.carriers[brep.faces.carrier[f]]
+        if not isinstance(carrier, BSplineSurface):
+            continue
+        (u0, u1), (v0, v1) = carrier.domain
+        u, v = u0 + 0.31 * (u1 - u0), v0 + 0.83 * (v1 - v0)
+        evaluate_face(table.patches, f, u, v, jet)
+        motion = brep.faces.motion[f]
+        expected = [
+            motion.apply(carrier(u, v)),
+            *(motion.apply_to_vectors(carrier(u, v, *d)) for d in ((1, 0), (0, 1))),
+        ]
+        np.testing.assert_allclose(jet, expected, atol=1e-12)
+        cells = slice(table.cells.first[f], table.cells.first[f + 1])
+        points = motion.apply(carrier.grid(np.linspace(u0, u1, 19), np.linspace(v0, v1, 17)).reshape(-1, 3))
+        apart = np.linalg.norm(points[:, None] - table.cells.centre[cells], axis=2)
+        assert (apart <= table.cells.radius[cells]).any(axis=1).all()
+    assert len(tabulate_edges(brep).low) == len(brep.edges)
+
+
+def test_coincident_faces_are_told_apart_by_a_shift_that_is_told() -> None:
+    first = box((0, 0, 0), (2, 2, 2))
+    result = combine_networks(first, first, "intersection")
+    shift = result.report.shift
+    assert (shift > 0).all()
+    assert result.report.reason
+    assert volume(result.brep) == pytest.approx(float(np.prod(2 - shift)), rel=1e-12)
+
+
+def test_contact_over_an_area_is_refused_with_the_place() -> None:
+    """A network and its own image a hair away: the faces coincide over an area within the tolerance."""
+    sphere = ball((0.0, 0.0, 0.0), 1.3)
+    with pytest.raises(TrimmingError, match=r"\("):
+        combine_networks(sphere, translate_brep(sphere, np.array([2e-9, 1e-9, 0.0])), "intersection")
+
+
+def test_aligned_edges_are_resolved_by_a_shift_that_is_told() -> None:
+    """Both boxes have edges in the plane z = 0 that cross: the second one moves by a few tolerances."""
+    first, second = box((0, 0, 0), (2, 2, 2)), box((1, 1, 0), (3, 3, 1))
+    result = combine_networks(first, second, "intersection")
+    assert 0 < np.linalg.norm(result.report.shift) < 1e-5
+    assert result.report.reason
+    assert volume(result.brep) == pytest.approx(1.0, abs=1e-5)
+
+
+def test_requests_are_checked() -> None:
+    cube = box((0, 0, 0), (1, 1, 1))
+    with pytest.raises(InvalidRequest, match="tol"):
+        combine_networks(cube, cube, "union", -1.0)
+    with pytest.raises(InvalidRequest, match="operation 'sum'"):
+        combine_networks(cube, cube, "sum")  # type: ignore[arg-type]
+    with pytest.raises(InvalidRequest, match="not join two faces"):
+        combine_networks(cube, _open(cube), "union")
+
+
+def _open(brep: Brep) -> Brep:
+    return select_faces(brep, np.arange(len(brep.faces) - 1))
+
+
+def test_a_reversed_operand_is_a_hole() -> None:
+    """The intersection with the complement is the difference."""
+    first, second = ball((-0.41, 0.05, 0.13), 1.2), ball((0.53, 0.21, -0.07), 0.9)
+    difference = combine_networks(first, second, "difference").brep
+    hole = combine_networks(first, reverse_faces(second), "difference").brep
+    assert volume(hole) + volume(difference) == pytest.approx(volume(first), rel=1e-9)

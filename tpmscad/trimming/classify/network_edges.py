@@ -1,0 +1,105 @@
+"""Classification of the edges of two networks that cut each other: the pieces of edges inside the other solid.
+
+A hit decides the pieces before and behind it. No vertex of a network lies on the other one, so that all pieces that meet in a
+vertex are on the same side. Components without a hit are told by a ray from one of their points, the edges of a network of
+its own.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from tpmscad._typing import Array, BoolArray
+from tpmscad.errors import TrimmingError, format_point
+from tpmscad.rigid_motion import Motion
+from tpmscad.splines.bspline import line_segment
+from tpmscad.splines.curve_batch import evaluate_curves
+from tpmscad.trimming.classify.propagation import InsideVotes
+from tpmscad.trimming.intersect.arrangement import CurveSegments, SubSegments
+from tpmscad.trimming.intersect.curve_surface import split_segments
+from tpmscad.trimming.intersect.edge_face import intersect_edges_with_faces
+from tpmscad.trimming.intersect.network_hits import Hits, Network
+from tpmscad.trimming.operands.network_tables import (
+    are_in_regions,
+    check_spline_curves,
+    find_overlapping_boxes,
+    tabulate_segments,
+)
+
+RAY_DIRECTIONS = np.array([[0.61, 0.37, 0.70], [-0.43, 0.81, 0.40], [0.29, -0.52, -0.80], [0.05, 0.17, 0.98]])
+"""Directions of rays, tried one after another while a ray touches a face or meets an edge."""
+
+RAY_CLEARANCE = 1e-6
+"""Distance, relative to the size of the networks, by which a ray must clear the edges of the faces it pierces."""
+
+
+def split_network_edges(network: Network, hits: Hits, first_vertex: int) -> SubSegments:
+    """The network's edges split at its hits, whose vertices are numbered from `first_vertex`."""
+    e = network.brep.edges
+    segments = CurveSegments(e.curve, e.motion, e.span, e.start, e.end)
+    return split_segments(segments, hits.edge, hits.t, first_vertex + np.arange(len(hits.edge)))
+
+
+def classify_pieces(network: Network, other: Network, hits: Hits, pieces: SubSegments) -> BoolArray:
+    """Pieces of the network's edges inside the other solid (M,); TrimmingError if hits contradict each other."""
+    m, n_vertices = len(pieces.segment), len(network.brep.vertices)
+    piece = np.concatenate([np.arange(m), np.arange(m)])
+    vertex = np.concatenate([pieces.start, pieces.end])
+    own = vertex < n_vertices
+    votes = InsideVotes.of_links(m + n_vertices, np.column_stack([piece[own], m + vertex[own]]))
+    before = pieces.first[hits.edge] + np.arange(len(hits.edge)) - np.searchsorted(hits.edge, hits.edge)
+    for p, leaves in zip(before.tolist(), hits.leaves.tolist(), strict=True):
+        votes.add(p, leaves)
+        votes.add(p + 1, not leaves)
+    torn = votes.find_contradiction()
+    if torn is not None:
+        e = int(pieces.segment[torn]) if torn < m else 0
+        at = format_point(network.brep.vertices[network.brep.edges.start[e]])
+        raise TrimmingError(f"crossings disagree on whether one network near {at} is inside the other")
+    undecided = votes.undecided_components()
+    if len(undecided):
+        first = np.full(len(votes.count), m)
+        np.minimum.at(first, votes.component[:m], np.arange(m))
+        undecided = undecided[first[undecided] < m]
+        one = first[undecided]
+        segment = pieces.segment[one]
+        e = network.brep.edges
+        points = evaluate_curves(check_spline_curves(network.brep), e.curve[segment], pieces.span[one].mean(axis=1))[0]
+        votes.count[undecided, 1] = points_in_network(other, e.motion[segment].apply(points))
+    return votes.inside()[:m]
+
+
+def points_in_network(network: Network, points: Array) -> BoolArray:
+    """Points (n, 3) inside the solid of a network, by the crossings of rays with its faces."""
+    faces = network.faces
+    result = np.zeros(len(points), bool)
+    if not len(points):
+        return result
+    low, high = faces.low.min(axis=0), faces.high.max(axis=0)
+    reach = 2.0 * float(np.linalg.norm(np.maximum(high, points.max(axis=0)) - np.minimum(low, points.min(axis=0))))
+    left = np.flatnonzero(((points >= low) & (points <= high)).all(axis=1))
+    for direction in RAY_DIRECTIONS / np.linalg.norm(RAY_DIRECTIONS, axis=1, keepdims=True):
+        if not len(left):
+            return result
+        rays = tuple(line_segment(p, p + reach * direction) for p in points[left])
+        n = len(rays)
+        edges = tabulate_segments(rays, np.arange(n), Motion.identity(n), np.tile([0.0, 1.0], (n, 1)))
+        pairs = find_overlapping_boxes(edges.low, edges.high, faces.low, faces.high, 0.0)
+        hits = intersect_edges_with_faces(edges, faces, pairs)
+        doubtful = np.zeros(n, bool)
+        doubtful[pairs[hits.touching_pair, 0]] = True
+        ray, face = pairs[hits.pair, 0], pairs[hits.pair, 1]
+        inside = are_in_regions(faces.regions, face, np.ascontiguousarray(hits.uv))
+        for step in (-1.0, 1.0):  # a crossing next to a loop is one of the face beside as well, or of neither
+            for axis in (0, 1):
+                moved = hits.uv.copy()
+                moved[:, axis] += step * RAY_CLEARANCE * reach
+                doubtful[ray[are_in_regions(faces.regions, face, moved) != inside]] = True
+        count = np.bincount(ray[inside], minlength=n)
+        result[left] = count % 2 == 1
+        left = left[doubtful]
+    if len(left):
+        raise TrimmingError(
+            f"whether {format_point(points[left[0]])} is inside a network could not be told: every ray meets an edge"
+        )
+    return result

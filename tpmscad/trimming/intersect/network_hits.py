@@ -1,0 +1,281 @@
+"""The points in which the edges of one network pierce the faces of another: where the networks' common curves begin and end.
+
+A hit is a vertex of both networks. The edge has two faces, and in each of them one curve begins or ends at the hit: of each pair
+of faces, then, as many curves begin as end. A hit next to a vertex, or next to an edge of the other network, is refused, for
+the order of what meets there is round-off: another placement resolves it.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from tpmscad._compiled_loops import njit_cached
+from tpmscad._typing import Array, BoolArray, IntArray
+from tpmscad.brep import connectivity
+from tpmscad.brep.boundary_representation import Brep
+from tpmscad.errors import InvalidRequest, TrimmingError, format_point
+from tpmscad.splines.curve_batch import evaluate_curves
+from tpmscad.trimming.intersect.edge_face import intersect_edges_with_faces
+from tpmscad.trimming.operands.network_tables import (
+    SENSE,
+    NetworkEdges,
+    NetworkFaces,
+    PatchPolynomials,
+    check_spline_curves,
+    count_use_segments,
+    evaluate_face,
+    evaluate_use_parameters,
+    find_overlapping_boxes,
+    is_in_region,
+    tabulate_edges,
+    tabulate_faces,
+)
+
+SNAP_TOLS = 2.0
+"""Distance in tolerances of a hit from a vertex or an edge below which it is refused: kernels take both for one point."""
+
+POLYGON_DOUBT = 0.1
+"""Distance from a polygon's segment, in lengths of it, below which the loop itself decides on which side a point is: a segment
+of a quarter circle divided by `SEGMENTS_PER_USE` bulges by an 80th part of that."""
+
+MIN_GRAZING_SINE = 1e-6
+"""Sine of the angle between a curve and the edge it ends at, below which the side it goes to is round-off."""
+
+NEAREST_STEPS = 20
+"""Newton steps to the nearest point of a loop."""
+
+SLOPE_STEP = 1e-5
+"""Step, relative to the span of an edge, of the central differences for the direction of a loop."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Network:
+    """An operand: its boundary representation, its tables, and the edge uses of each edge, `uses` (E, 2)."""
+
+    brep: Brep
+    faces: NetworkFaces
+    edges: NetworkEdges
+    uses: IntArray
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Hits:
+    """H points in which edges of one network pierce faces of the other, by edge and parameter.
+
+    `edge`, `t`: on the one; `face`, `uv` (H, 2): on the other; `point` (H, 3); `leaves` (H,): whether the edge, in the direction
+    of its curve, leaves the other solid there.
+    """
+
+    edge: IntArray
+    t: Array
+    face: IntArray
+    uv: Array
+    point: Array
+    leaves: BoolArray
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class CurveEnds:
+    """E ends of curves, by pair of faces: those of pair k are `start[k]` to `start[k + 1] - 1`.
+
+    `pairs` (n, 2): faces of the first and the second network. `parameters` (E, 4): on both faces. `enters` (E,): whether a
+    curve begins there, directed so that the second solid is on its left, seen from outside on the first network. `vertex`
+    (E,): the hit, numbered over those of the first network's edges, then the second's.
+    """
+
+    pairs: IntArray
+    start: IntArray
+    parameters: Array
+    enters: BoolArray
+    vertex: IntArray
+
+
+def prepare_network(brep: Brep) -> Network:
+    """An operand of a cut; InvalidRequest if it is not closed, or of other faces than patches and planes."""
+    unmatched = connectivity.find_unmatched_edges(brep)
+    if len(unmatched):
+        at = format_point(brep.vertices[brep.edges.start[unmatched[0]]])
+        raise InvalidRequest(
+            f"{len(unmatched)} edges do not join two faces, the first at {at}: only closed networks can be cut"
+        )
+    uses = np.argsort(brep.uses.edge, kind="stable").reshape(-1, 2)
+    return Network(brep, tabulate_faces(brep), tabulate_edges(brep), uses)
+
+
+def find_hits(one: Network, other: Network, tol: float) -> Hits:
+    """The points in which the edges of one network pierce the faces of the other.
+
+    TrimmingError if one of them lies next to a vertex or an edge, or an edge touches a face.
+    """
+    edges, faces = one.edges, other.faces
+    pairs = find_overlapping_boxes(edges.low, edges.high, faces.low, faces.high, SNAP_TOLS * tol)
+    found = intersect_edges_with_faces(edges, faces, pairs)
+    edge, face = pairs[found.pair, 0], pairs[found.pair, 1]
+    if len(found.touching):
+        at = format_point(found.touching[0])
+        raise TrimmingError(f"an edge of one network touches a face of the other, or lies in it, at {at}")
+    inside, border = locate_in_faces(other, face, found.uv)
+    curves = check_spline_curves(one.brep)
+    e = one.brep.edges
+    point, slope = (
+        (np.zeros((0, 3)), np.zeros((0, 3)))
+        if not len(edge)
+        else evaluate_curves(curves, e.curve[edge], found.t, (0, 1))
+    )
+    point, slope = e.motion[edge].apply(point), e.motion[edge].apply_to_vectors(slope)
+    snap = SNAP_TOLS * tol
+    near = border < snap
+    if near.any():
+        at = format_point(point[np.flatnonzero(near)[0]])
+        raise TrimmingError(f"an edge of one network meets an edge of the other within {snap:.2g} at {at}")
+    ends = one.brep.vertices[np.column_stack([e.start[edge], e.end[edge]])]
+    near = inside & (np.linalg.norm(ends - point[:, None], axis=2) < snap).any(axis=1)
+    if near.any():
+        at = format_point(point[np.flatnonzero(near)[0]])
+        raise TrimmingError(f"a vertex of one network lies within {snap:.2g} of a face of the other at {at}")
+    span = e.span[edge]
+    inside &= (found.t > span[:, 0]) & (found.t < span[:, 1])
+    rows = np.flatnonzero(inside)
+    rows = rows[np.lexsort((found.t[rows], edge[rows]))]
+    normal = _outward_normals(faces, face[rows], found.uv[rows])
+    leaves = np.einsum("nk,nk->n", normal, slope[rows]) > 0
+    return Hits(edge[rows], found.t[rows], face[rows], found.uv[rows], point[rows], leaves)
+
+
+def _outward_normals(faces: NetworkFaces, face: IntArray, uv: Array) -> Array:
+    """Normals (n, 3) out of the solid, not normalised."""
+    jets = evaluate_faces(faces.patches, face, uv)
+    return faces.patches.layout[face, SENSE][:, None] * np.cross(jets[:, 1], jets[:, 2])
+
+
+@njit_cached
+def evaluate_faces(patches: PatchPolynomials, face: IntArray, uv: Array) -> Array:  # pragma: no cover - compiled
+    """S, S_u and S_v (n, 3, 3) of the faces (n,) named at (u, v) (n, 2)."""
+    result = np.empty((len(face), 3, 3))
+    for i in range(len(face)):
+        evaluate_face(patches, face[i], uv[i, 0], uv[i, 1], result[i])
+    return result
+
+
+@njit_cached
+def _locate_in_polygons(faces: NetworkFaces, face: IntArray, uv: Array) -> tuple[BoolArray, IntArray, Array]:
+    """Of points (n, 2): whether they lie in the polygons, the nearest segment, and its distance in units of its length."""
+    n = len(face)
+    inside, nearest, fraction = np.empty(n, np.bool_), np.empty(n, np.int64), np.empty((n, 2))
+    jet = np.empty((3, 3))
+    for i in range(n):
+        f = face[i]
+        inside[i] = is_in_region(faces.regions, f, uv[i, 0], uv[i, 1])
+        evaluate_face(faces.patches, f, uv[i, 0], uv[i, 1], jet)
+        best = np.inf
+        for k in range(faces.regions.first[f], faces.regions.first[f + 1]):
+            du = faces.regions.segments[k, 1, 0] - faces.regions.segments[k, 0, 0]
+            dv = faces.regions.segments[k, 1, 1] - faces.regions.segments[k, 0, 1]
+            au, av = uv[i, 0] - faces.regions.segments[k, 0, 0], uv[i, 1] - faces.regions.segments[k, 0, 1]
+            # lengths in space, by the first fundamental form at the point
+            along, square = 0.0, 0.0
+            for d in range(3):
+                t = jet[1, d] * du + jet[2, d] * dv
+                a = jet[1, d] * au + jet[2, d] * av
+                along += t * a
+                square += t * t
+            x = min(max(along / max(square, 1e-300), 0.0), 1.0)
+            apart = 0.0
+            for d in range(3):
+                apart += (jet[1, d] * (au - x * du) + jet[2, d] * (av - x * dv)) ** 2
+            if apart < best:
+                best = apart
+                nearest[i] = k
+                fraction[i, 0], fraction[i, 1] = np.sqrt(apart), np.sqrt(square)
+    return inside, nearest, fraction
+
+
+def locate_in_faces(network: Network, face: IntArray, uv: Array) -> tuple[BoolArray, Array]:
+    """Whether points (n, 2) lie in the loops of faces (n,), and their distances from the loops in space, to first order."""
+    faces, brep = network.faces, network.brep
+    inside, nearest, apart = _locate_in_polygons(faces, face, uv)
+    distance = apart[:, 0].copy()
+    doubtful = np.flatnonzero(apart[:, 0] < POLYGON_DOUBT * apart[:, 1])
+    if not len(doubtful):
+        return inside, distance
+    use, begin, length = _list_segment_uses(brep)
+    for i in doubtful.tolist():
+        segment = nearest[i]
+        k, metric = int(use[segment]), evaluate_faces(faces.patches, face[[i]], uv[[i]])[0, 1:]
+        sense = int(brep.uses.sense[k])
+        low, high = brep.edges.span[brep.uses.edge[k]]
+        x = begin[segment] + 0.5 * length[segment]
+        t, step = low + (high - low) * (x if sense > 0 else 1.0 - x), SLOPE_STEP * (high - low)
+        for _ in range(NEAREST_STEPS):
+            at, before, after = evaluate_use_parameters(brep, np.full(3, k), np.array([t, t - step, t + step]))
+            slope = (after - before) / (2 * step)
+            along = slope @ metric
+            change = float((at - uv[i]) @ metric @ along) / float(along @ along)
+            t = min(max(t - change, low), high)
+            if abs(change) < step**2:
+                break
+        if low < t < high:  # else the nearest point is a vertex, which polygons hold exactly
+            at = evaluate_use_parameters(brep, np.array([k]), np.array([t]))[0]
+            arm = uv[i] - at
+            inside[i] = sense * (slope[0] * arm[1] - slope[1] * arm[0]) > 0
+            distance[i] = float(np.linalg.norm(arm @ metric))
+    return inside, distance
+
+
+def _list_segment_uses(brep: Brep) -> tuple[IntArray, Array, Array]:
+    """The edge use of each polygon segment, and the fraction of the use where it starts and that it covers."""
+    count = count_use_segments(brep)
+    owner = np.repeat(np.arange(len(brep.uses)), count)
+    first = np.cumsum(count) - count
+    return owner, (np.arange(len(owner)) - first[owner]) / count[owner], 1.0 / count[owner]
+
+
+def collect_curve_ends(first: Network, second: Network, hits: tuple[Hits, Hits], tol: float) -> CurveEnds:
+    """The ends of curves at all hits, and all pairs of faces whose boxes overlap."""
+    parts = []
+    offset = 0
+    for side, (one, other, own) in enumerate(((first, second, hits[0]), (second, first, hits[1]))):
+        n = len(own.edge)
+        for column in (0, 1):
+            use = one.uses[own.edge, column]
+            if not n:
+                continue
+            face = one.brep.face_of_use[use]
+            uv = evaluate_use_parameters(one.brep, use, own.t)
+            jet, opposite = (
+                evaluate_faces(one.faces.patches, face, uv),
+                evaluate_faces(other.faces.patches, own.face, own.uv),
+            )
+            mine, theirs = np.cross(jet[:, 1], jet[:, 2]), np.cross(opposite[:, 1], opposite[:, 2])
+            along = np.cross(mine, theirs) * (one.brep.faces.sense[face] * other.brep.faces.sense[own.face])[:, None]
+            along *= 1 if side == 0 else -1
+            e = one.brep.edges
+            slope = evaluate_curves(check_spline_curves(one.brep), e.curve[own.edge], own.t, (1,))[0]
+            slope = e.motion[own.edge].apply_to_vectors(slope) * one.brep.uses.sense[use][:, None]
+            into = np.cross(mine, slope)
+            turn = np.einsum("nk,nk->n", along, into)
+            sine = np.abs(turn) / (np.linalg.norm(along, axis=1) * np.linalg.norm(into, axis=1))
+            if not (sine > MIN_GRAZING_SINE).all():
+                at = format_point(own.point[np.flatnonzero(~(sine > MIN_GRAZING_SINE))[0]])
+                raise TrimmingError(f"a common curve of two networks runs along an edge at {at}")
+            columns = (face, own.face, uv, own.uv) if side == 0 else (own.face, face, own.uv, uv)
+            parts.append((*columns, turn > 0, offset + np.arange(n)))
+        offset += n
+    boxes = (first.faces.low, first.faces.high, second.faces.low, second.faces.high)
+    pairs = find_overlapping_boxes(*boxes, SNAP_TOLS * tol)
+    if not parts:
+        return CurveEnds(
+            pairs, np.zeros(len(pairs) + 1, np.int64), np.zeros((0, 4)), np.zeros(0, bool), np.zeros(0, np.int64)
+        )
+    f, g, uv, sr, enters, vertex = (np.concatenate(column) for column in zip(*parts, strict=True))
+    n_second = len(second.brep.faces)
+    key, keys = f * n_second + g, pairs[:, 0] * n_second + pairs[:, 1]
+    row = np.searchsorted(keys, key)
+    if not np.array_equal(keys[np.minimum(row, len(keys) - 1)], key):
+        raise TrimmingError("an edge pierces a face whose box its own faces do not meet")
+    order = np.argsort(row, kind="stable")
+    start = np.searchsorted(row[order], np.arange(len(pairs) + 1))
+    parameters = np.ascontiguousarray(np.concatenate([uv, sr], axis=1)[order])
+    return CurveEnds(pairs, start.astype(np.int64), parameters, enters[order], vertex[order])

@@ -1,0 +1,155 @@
+"""Union, intersection and difference of two networks of patches, on the patches' own parameters, without the kernel's boolean.
+
+The edges of each network are intersected with the faces of the other; from these points the common curves of all pairs of
+faces are traced; the pieces of edges are classified by their crossings, and the faces are rebuilt from what the operation
+keeps. Vertices and edges are shared by number, not matched by distance. Faces lie on spline patches or planes, whole or
+trimmed.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from functools import partial
+from typing import Any, Literal
+
+import numpy as np
+
+from tpmscad._typing import Array, IntArray
+from tpmscad.brep.boundary_representation import Brep, translate_brep
+from tpmscad.errors import InvalidRequest, TrimmingError, UntracedCurve
+from tpmscad.fallbacks import Fallback, Fallbacks
+from tpmscad.trimming.classify.network_edges import classify_pieces, split_network_edges
+from tpmscad.trimming.intersect.common_curves import trace_common_curves
+from tpmscad.trimming.intersect.network_hits import collect_curve_ends, find_hits, prepare_network
+from tpmscad.trimming.rebuild.network_result import CutNetwork, rebuild_networks
+from tpmscad.trimming.trim_pipeline import DEFAULT_TOL
+
+SHIFT_TOLS = (0.0, 25.0, 60.0)
+"""Lengths of the translations of the second network that are tried, in tolerances."""
+
+SHIFT_DIRECTION = np.array([0.23, 0.50, 0.83])
+"""Their direction, of about unit length: both networks have edges in mirror planes, of which none, x = y and the like included,
+is nearer to it than 11 degrees."""
+
+Operation = Literal["union", "intersection", "difference"]
+
+KEPT_INSIDE: dict[Operation, tuple[bool, bool]] = {
+    "union": (False, False),
+    "intersection": (True, True),
+    "difference": (False, True),
+}
+"""Whether the parts of the first and the second network inside the other solid are kept, or those outside."""
+
+
+@dataclass(frozen=True, slots=True)
+class NetworkReport:
+    """Statistics of a boolean operation.
+
+    `hits`: points in which edges pierce faces. `arcs`: edges in common curves. `max_deviation`: largest deviation of an arc from
+    its two faces, model units. `shift` (3,): the translation of the second network, mostly 0, and `reason`: why it was needed.
+    """
+
+    hits: int
+    arcs: int
+    max_deviation: float
+    shift: Array
+    reason: str
+
+    @property
+    def shifted(self) -> float:
+        """Length of the translation."""
+        return float(np.linalg.norm(self.shift))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class NetworkResult:
+    """A closed boundary representation, the statistics of the operation, and what the caller built of it."""
+
+    brep: Brep
+    report: NetworkReport
+    built: Any = None
+
+
+def combine_networks(
+    first: Brep,
+    second: Brep,
+    operation: Operation,
+    tol: float = DEFAULT_TOL,
+    *,
+    build: Callable[[Brep], Any] | None = None,
+) -> NetworkResult:
+    """The union, the intersection or the difference of the solids of two boundary representations.
+
+    Parameters
+    ----------
+    first, second
+        Closed boundary representations of spline patches and planes, whole or trimmed.
+    operation
+        "union", "intersection", or "difference": first without second.
+    tol
+        Largest distance between a common curve and its two faces, model units.
+    build
+        Makes `NetworkResult.built` of the result. If it raises TrimmingError, the next placement is tried.
+
+    Raises
+    ------
+    InvalidRequest
+        If an operand is not closed or has other faces, tol is not positive, or the operation is unknown.
+    TrimmingError
+        If the faces touch or coincide in a part, or an intersection is not resolved, at any placement of the second network.
+    """
+    if not (np.isfinite(tol) and tol > 0):
+        raise InvalidRequest(f"tol must be positive and finite, not {tol}")
+    if operation not in KEPT_INSIDE:
+        raise InvalidRequest(f"the operation {operation!r} is none of {', '.join(KEPT_INSIDE)}")
+    outcome = PLACEMENTS.run(first, second, operation, tol, build)
+    reason = str(outcome.failures[0]) if outcome.failures else ""
+    return replace(outcome.value, report=replace(outcome.value.report, reason=reason))
+
+
+def _combine_translated(
+    shift_tols: float, first: Brep, second: Brep, operation: Operation, tol: float, build: Callable[[Brep], Any] | None
+) -> NetworkResult:
+    """The result with the second network translated by a number of tolerances."""
+    shift = shift_tols * tol * SHIFT_DIRECTION
+    networks = prepare_network(first), prepare_network(translate_brep(second, shift) if shift_tols else second)
+    hits = find_hits(*networks, tol), find_hits(*networks[::-1], tol)
+    counts = [len(h.edge) for h in hits]
+    ends = collect_curve_ends(*networks, hits, tol)
+    arcs = trace_common_curves(*networks, ends, sum(counts), tol)
+    breps = [n.brep for n in networks]
+    n_first, n_second = (len(b.vertices) for b in breps)
+    # The vertices are those of the first network, those of the second, the hits, and the points of closed curves. Each network's
+    # pieces are classified with its own vertices first, and numbered over all afterwards.
+    vertices = np.concatenate([breps[0].vertices, breps[1].vertices, hits[0].point, hits[1].point, arcs.points])
+    keep = KEPT_INSIDE[operation]
+    operands = []
+    for side in (0, 1):
+        own, other = networks[side], networks[1 - side]
+        n_own = (n_first, n_second)[side]
+        pieces = split_network_edges(own, hits[side], n_own)
+        inside = classify_pieces(own, other, hits[side], pieces)
+        first_hit = n_first + n_second + (counts[0] if side else 0)
+        offset = n_first if side else 0
+
+        def renumber(v: IntArray, n_own: int = n_own, first_hit: int = first_hit, offset: int = offset) -> IntArray:
+            return np.where(v < n_own, v + offset, v - n_own + first_hit)
+
+        pieces = replace(pieces, start=renumber(pieces.start), end=renumber(pieces.end))
+        reverse = operation == "difference" and side == 1
+        operands.append(CutNetwork(own, pieces, inside, keep[side], reverse))
+    arcs = replace(arcs, start=arcs.start + n_first + n_second, end=arcs.end + n_first + n_second)
+    brep = rebuild_networks((operands[0], operands[1]), arcs, vertices)
+    report = NetworkReport(sum(counts), len(arcs.curves), float(arcs.deviation.max(initial=0.0)), shift, "")
+    return NetworkResult(brep, report, build(brep) if build else None)
+
+
+PLACEMENTS: Fallbacks[..., NetworkResult] = Fallbacks(
+    tuple(
+        Fallback(f"the second network moved by {m:g} tolerances", partial(_combine_translated, m)) for m in SHIFT_TOLS
+    ),
+    retry_on=(TrimmingError,),
+    final=(UntracedCurve,),
+)
+"""Placements of the second network that are tried while an intersection is not resolved, or the kernel rejects what is built."""

@@ -1,0 +1,534 @@
+"""The faces and edges of a network of patches as polynomials in space, in flat tables that compiled loops read.
+
+Every carrier becomes one tensor of monomials per knot span, in two local parameters on [-1, 1], placed by the motion of its
+face; a plane becomes a bilinear patch. Spans are divided into *cells*, edges into *pieces*, and for each the second
+derivatives are bounded by the sums of their coefficients: with the point and the first derivatives at the middle, Taylor's
+formula bounds the cell, and each smaller part of it. These bounds hold for the polynomials, round-off apart.
+"""
+
+from __future__ import annotations
+
+from functools import lru_cache
+from math import comb
+from typing import NamedTuple, TypeVar
+
+import numpy as np
+
+from tpmscad._compiled_loops import njit_cached
+from tpmscad._typing import Array, BoolArray, IntArray
+from tpmscad.brep.boundary_representation import Brep
+from tpmscad.brep.carriers import Plane
+from tpmscad.brep.foot_surface import MAX_DEGREE, span_powers
+from tpmscad.errors import InvalidRequest
+from tpmscad.rigid_motion import Motion
+from tpmscad.splines.bspline import BSplineCurve, BSplineSurface, is_segment
+from tpmscad.splines.curve_batch import evaluate_curves
+
+T = TypeVar("T", Array, IntArray)
+
+CELLS_PER_SIDE = 6
+"""Cells along each parameter of a patch of one span, and pieces of an edge of one span; a span is never shared by two."""
+
+PATCHES_PER_BATCH = 64
+"""Patches divided at once: their arrays stay below a few tens of megabytes."""
+
+SEGMENTS_PER_USE = 24
+"""Segments of the polygon that stands for a curved edge in (u, v)."""
+
+PLANE_MARGIN = 0.02
+"""Enlargement of the rectangle that stands for a plane, relative to the face."""
+
+ROUNDOFF = 1e-12
+"""Enlargement of the bounds of cells, relative to the distance of the face from the origin."""
+
+
+class PatchPolynomials(NamedTuple):
+    """The surfaces of F faces, a named tuple, which compiled functions take.
+
+    Attributes
+    ----------
+    layout : (F, 8)
+        Of each face the columns `DEGREE_U` to `SENSE`.
+    breaks : (B,)
+        Ends of the spans, of u and then of v of each face.
+    coefficients : (C,)
+        Monomials in space, model units, face by face: spans of u, of v, powers of u, of v, coordinates.
+    """
+
+    layout: IntArray
+    breaks: Array
+    coefficients: Array
+
+
+DEGREE_U, DEGREE_V, SPANS_U, SPANS_V, BREAK_U, BREAK_V, COEFFICIENT, SENSE = range(8)
+"""Columns of a layout: degrees, numbers of spans, where breaks and monomials start; +1 if S_u x S_v leads out, else -1."""
+
+
+class FaceCells(NamedTuple):
+    """The cells of F faces.
+
+    Attributes
+    ----------
+    first : (F + 1,)
+        Where the cells of a face start.
+    middle, half : (N, 2)
+        Middle and half of the parameter ranges of a cell.
+    centre : (N, 3)
+        Its point at the middle.
+    radius : (N,)
+        Greatest distance of its points from that.
+    bend : (N, 3)
+        Bounds of |S_uu|, |S_uv| and |S_vv| in units of the half ranges.
+    """
+
+    first: IntArray
+    middle: Array
+    half: Array
+    centre: Array
+    radius: Array
+    bend: Array
+
+
+class FaceRegions(NamedTuple):
+    """The loops of F faces as polygons: face f has the segments (2, 2) in (u, v) from first[f] to first[f + 1] - 1."""
+
+    first: IntArray
+    segments: Array
+
+
+class NetworkFaces(NamedTuple):
+    """F faces of a network: surfaces, cells, regions, and the corners (F, 3) of boxes that contain the surfaces."""
+
+    patches: PatchPolynomials
+    cells: FaceCells
+    regions: FaceRegions
+    low: Array
+    high: Array
+
+
+class NetworkEdges(NamedTuple):
+    """E edges of a network, a named tuple, which compiled functions take.
+
+    Attributes
+    ----------
+    first_piece : (E + 1,)
+        Where the pieces of an edge start, in the order of its parameter.
+    middle, half : (N,)
+        Middle and half of a piece's parameter range.
+    coefficients : (N, D, 3)
+        Monomials of a piece in a parameter on [-1, 1], model units.
+    radius : (N,)
+        Greatest distance from its middle.
+    bend : (N, 3)
+        Bounds of the coordinates of its second derivative.
+    low, high : (E, 3)
+        Corners of a box that contains the edge.
+    """
+
+    first_piece: IntArray
+    middle: Array
+    half: Array
+    coefficients: Array
+    radius: Array
+    bend: Array
+    low: Array
+    high: Array
+
+
+class _Cells(NamedTuple):
+    """The monomials of one carrier, and its cells, in its own frame."""
+
+    breaks: tuple[Array, Array]
+    coefficients: Array
+    middle: Array
+    half: Array
+    centre: Array
+    radius: Array
+    bend: Array
+
+
+def tabulate_faces(brep: Brep) -> NetworkFaces:
+    """The faces of a network; InvalidRequest if one of them is neither a spline patch nor a plane."""
+    faces = brep.faces
+    polygons = sample_loops(brep)
+    first_segment = np.concatenate([[0], np.cumsum([len(p) for p in polygons])])
+    surfaces: list[BSplineSurface] = []
+    number: dict[int, int] = {}
+    own_surface = np.empty(len(faces), np.int64)
+    for f, c in enumerate(faces.carrier.tolist()):
+        carrier = brep.carriers[c]
+        own_surface[f] = len(surfaces) if isinstance(carrier, Plane) else number.setdefault(c, len(surfaces))
+        if own_surface[f] < len(surfaces):
+            continue
+        if isinstance(carrier, Plane):
+            surfaces.append(_bound_plane(carrier, polygons[f].reshape(-1, 2)))
+        elif isinstance(carrier, BSplineSurface):
+            surfaces.append(carrier)
+        else:
+            raise InvalidRequest(
+                f"a face lies on a {type(carrier).__name__}: networks of spline patches and planes can be cut by each other, "
+                "a body of quadrics cuts a lattice by infill"
+            )
+    divided = _divide_patches(surfaces)
+    cells = [divided[i] for i in own_surface.tolist()]
+    motion = faces.motion
+    count = np.array([len(own.radius) for own in cells], np.int64)
+    owner = np.repeat(np.arange(len(cells)), count)
+    placed = [(own.coefficients @ motion.rotation[f].T).reshape(-1, 3) for f, own in enumerate(cells)]
+    for f, own in enumerate(cells):  # the constant terms alone move with the translation
+        nu, nv, p, q = own.coefficients.shape[:4]
+        placed[f].reshape(nu, nv, p, q, 3)[:, :, 0, 0] += motion.translation[f]
+    sizes = np.array([p.size for p in placed], np.int64)
+    centre = motion[owner].apply(_stack([own.centre for own in cells], 3))
+    radius = _stack([own.radius for own in cells])
+    radius = radius + ROUNDOFF * np.abs(centre).max(axis=1, initial=0.0)
+    first_cell = np.concatenate([[0], np.cumsum(count)])
+    breaks = [b for own in cells for b in own.breaks]
+    first_break = np.concatenate([[0], np.cumsum([len(b) for b in breaks])])[:-1].reshape(-1, 2)
+    low, high = centre - radius[:, None], centre + radius[:, None]
+    layout = np.column_stack(
+        [
+            np.array([own.coefficients.shape[2:4] for own in cells], np.int64).reshape(-1, 2) - 1,
+            np.array([own.coefficients.shape[:2] for own in cells], np.int64).reshape(-1, 2),
+            first_break,
+            np.cumsum(sizes) - sizes,
+            faces.sense,
+        ]
+    )
+    return NetworkFaces(
+        PatchPolynomials(np.ascontiguousarray(layout, np.int64), _stack(breaks), _stack([p.ravel() for p in placed])),
+        FaceCells(
+            first=first_cell.astype(np.int64),
+            middle=_stack([own.middle for own in cells], 2),
+            half=_stack([own.half for own in cells], 2),
+            centre=centre,
+            radius=radius,
+            bend=_stack([own.bend for own in cells], 3),
+        ),
+        FaceRegions(first_segment.astype(np.int64), np.concatenate([np.zeros((0, 2, 2)), *polygons])),
+        low=np.minimum.reduceat(low, first_cell[:-1]),
+        high=np.maximum.reduceat(high, first_cell[:-1]),
+    )
+
+
+def tabulate_edges(brep: Brep) -> NetworkEdges:
+    """The edges of a network; InvalidRequest if one of them is no B-spline."""
+    edges = brep.edges
+    curves = check_spline_curves(brep)
+    return tabulate_segments(curves, edges.curve, edges.motion, edges.span)
+
+
+def tabulate_segments(curves: tuple[BSplineCurve, ...], curve: IntArray, motion: Motion, span: Array) -> NetworkEdges:
+    """Segments of placed curves (n,), over spans (n, 2), as a table of edges."""
+    n = len(curve)
+    rows, row = np.unique(np.column_stack([curve, span]), axis=0, return_inverse=True)
+    cuts = [_cut_into_pieces(curves[int(c)], low, high) for c, low, high in rows.tolist()]
+    row = row.ravel()
+    count = np.array([len(c) - 1 for c in cuts], np.int64)
+    first_of_row = np.concatenate([[0], np.cumsum(count)])
+    middle = np.concatenate([np.zeros(0), *(0.5 * (c[1:] + c[:-1]) for c in cuts)])
+    half = np.concatenate([np.zeros(0), *(0.5 * np.diff(c) for c in cuts)])
+    of_piece = np.repeat(rows[:, 0].astype(np.int64), count)
+    degree = max((curves[c].degree for c in np.unique(of_piece).tolist()), default=1)
+    derivatives = evaluate_curves(curves, of_piece, middle, range(degree + 1)) if len(rows) else []
+    local = np.empty((len(middle), degree + 1, 3))
+    factor = np.ones(len(middle))
+    for k, values in enumerate(derivatives):
+        local[:, k] = values * factor[:, None]
+        factor = factor * half / (k + 1)
+    first = np.concatenate([[0], np.cumsum(count[row])])
+    owner = np.repeat(np.arange(n), count[row])
+    piece = first_of_row[row][owner] + np.arange(len(owner)) - first[owner]
+    coefficients = np.einsum("nij,nkj->nki", motion.rotation[owner], local[piece])
+    coefficients[:, 0] += motion.translation[owner]
+    norms = np.linalg.norm(coefficients, axis=2)
+    k = np.arange(degree + 1)
+    radius = norms[:, 1:].sum(axis=1) + ROUNDOFF * np.abs(coefficients[:, 0]).max(axis=1, initial=0.0)
+    low, high = coefficients[:, 0] - radius[:, None], coefficients[:, 0] + radius[:, None]
+    return NetworkEdges(
+        first_piece=first.astype(np.int64),
+        middle=middle[piece],
+        half=half[piece],
+        coefficients=np.ascontiguousarray(coefficients),
+        radius=radius,
+        bend=np.einsum("nkd,k->nd", np.abs(coefficients), k * (k - 1.0)),
+        low=np.minimum.reduceat(low, first[:-1]) if n else np.zeros((0, 3)),
+        high=np.maximum.reduceat(high, first[:-1]) if n else np.zeros((0, 3)),
+    )
+
+
+def check_spline_curves(brep: Brep) -> tuple[BSplineCurve, ...]:
+    """The curves of a network's edges; InvalidRequest if one that an edge uses is no B-spline."""
+    for c in np.unique(brep.edges.curve).tolist():
+        if not isinstance(brep.curves[c], BSplineCurve):
+            raise InvalidRequest(
+                f"an edge lies on a {type(brep.curves[c]).__name__}: the edges of a network are B-splines"
+            )
+    return tuple(c if isinstance(c, BSplineCurve) else _NO_CURVE for c in brep.curves)
+
+
+_NO_CURVE = BSplineCurve(np.zeros((2, 3)), np.array([0.0, 0.0, 1.0, 1.0]), 1)
+
+
+def sample_loops(brep: Brep) -> list[Array]:
+    """The loops of each face as segments (m, 2, 2) in the (u, v) of its carrier."""
+    uses, faces = brep.uses, brep.faces
+    count = count_use_segments(brep)
+    owner = np.repeat(np.arange(len(uses)), count)
+    first = np.concatenate([[0], np.cumsum(count)])
+    fraction = (np.arange(len(owner)) - first[owner]) / count[owner]
+    points = evaluate_uses(brep, owner, fraction)
+    result = []
+    for f in range(len(faces)):
+        loops = []
+        for j in range(faces.loop_start[f], faces.loop_start[f + 1]):
+            own = points[first[faces.use_start[j]] : first[faces.use_start[j + 1]]]
+            loops.append(np.stack([own, np.roll(own, -1, axis=0)], axis=1))
+        result.append(np.concatenate(loops))
+    return result
+
+
+def count_use_segments(brep: Brep) -> IntArray:
+    """The number of segments (K,) that stand for each edge use: one where it is straight in (u, v)."""
+    uses = brep.uses
+    is_line = np.array([is_segment(c) for c in brep.pcurves], bool)
+    straight_edge = np.array([is_segment(c) for c in brep.curves], bool)[brep.edges.curve[uses.edge]]
+    straight = np.where(uses.pcurve >= 0, is_line[uses.pcurve] if len(is_line) else False, straight_edge)
+    return np.where(straight, 1, SEGMENTS_PER_USE)
+
+
+def evaluate_uses(brep: Brep, use: IntArray, fraction: Array) -> Array:
+    """(u, v) (n, 2) of edge uses (n,) at fractions of their way, in their direction."""
+    uses = brep.uses
+    span = brep.edges.span[uses.edge[use]]
+    x = np.where(uses.sense[use] > 0, fraction, 1.0 - fraction)
+    return evaluate_use_parameters(brep, use, span[:, 0] + x * (span[:, 1] - span[:, 0]))
+
+
+def evaluate_use_parameters(brep: Brep, use: IntArray, t: Array) -> Array:
+    """(u, v) (n, 2) of edge uses (n,) at parameters t (n,) of their edges."""
+    uses, edges = brep.uses, brep.edges
+    result = np.empty((len(use), 2))
+    rows = np.flatnonzero(uses.pcurve[use] >= 0)
+    if len(rows):
+        result[rows] = evaluate_curves(brep.pcurves, uses.pcurve[use[rows]], t[rows])[0]
+    rows = np.flatnonzero(uses.pcurve[use] < 0)
+    if len(rows):
+        face = brep.face_of_use[use[rows]]
+        edge = uses.edge[use[rows]]
+        curves = check_spline_curves(brep)
+        points = edges.motion[edge].apply(evaluate_curves(curves, edges.curve[edge], t[rows])[0])
+        local = brep.faces.motion[face].apply_inverse(points)
+        for c in np.unique(brep.faces.carrier[face]).tolist():
+            plane, own = brep.carriers[c], brep.faces.carrier[face] == c
+            if not isinstance(plane, Plane):
+                raise InvalidRequest("an edge of a face that is no plane lacks its parameter curve")
+            result[rows[own]] = plane.parameters(local[own])
+    return result
+
+
+def _stack(parts: list[Array], columns: int = 0) -> Array:
+    empty = np.zeros((0, columns)) if columns else np.zeros(0)
+    return np.ascontiguousarray(np.concatenate([empty, *parts]))
+
+
+def _bound_plane(plane: Plane, uv: Array) -> BSplineSurface:
+    """The plane as a bilinear patch about points uv (n, 2)."""
+    margin = PLANE_MARGIN * np.ptp(uv, axis=0).max()
+    (u0, v0), (u1, v1) = uv.min(axis=0) - margin, uv.max(axis=0) + margin
+    poles = plane(np.array([[u0, u0], [u1, u1]]), np.array([[v0, v1], [v0, v1]]))
+    return BSplineSurface(poles, np.array([u0, u0, u1, u1]), np.array([v0, v0, v1, v1]), 1, 1)
+
+
+def _divide_patches(surfaces: list[BSplineSurface]) -> list[_Cells]:
+    """The monomials and cells of patches, those of equal degrees and spans at once."""
+    groups: dict[tuple[int, int, bytes, bytes], list[int]] = {}
+    for i, s in enumerate(surfaces):
+        if max(s.degree_u, s.degree_v) > MAX_DEGREE:
+            raise InvalidRequest(
+                f"a patch has degree {max(s.degree_u, s.degree_v)}: networks of degree up to {MAX_DEGREE} can be cut"
+            )
+        knots = (_relative_knots(*own) for own in zip((s.knots_u, s.knots_v), s.domain, strict=True))
+        groups.setdefault((s.degree_u, s.degree_v, *(k.tobytes() for k in knots)), []).append(i)  # type: ignore[arg-type]
+    result: dict[int, _Cells] = {}
+    for members in groups.values():
+        for part in range(0, len(members), PATCHES_PER_BATCH):
+            own = members[part : part + PATCHES_PER_BATCH]
+            result |= dict(zip(own, _divide_like_patches([surfaces[i] for i in own]), strict=True))
+    return [result[i] for i in range(len(surfaces))]
+
+
+def _relative_knots(knots: Array, domain: tuple[float, float]) -> Array:
+    """Knots as fractions of the domain: those of patches of one span are 0 and 1."""
+    return np.asarray((knots - domain[0]) / (domain[1] - domain[0]))
+
+
+def _divide_like_patches(surfaces: list[BSplineSurface]) -> list[_Cells]:
+    """The monomials and cells of patches whose knots divide their domains alike."""
+    s = surfaces[0]
+    degrees = p, q = s.degree_u, s.degree_v
+    (_, left), (_, right) = (
+        span_powers(_relative_knots(knots, domain), degree)
+        for knots, domain, degree in zip((s.knots_u, s.knots_v), s.domain, degrees, strict=True)
+    )
+    poles = np.stack([own.poles for own in surfaces])
+    coefficients = np.einsum("aku,nuvc,blv->nabklc", left, poles, right, optimize=True)
+    n, nu, nv = coefficients.shape[:3]
+    parts = [-(-CELLS_PER_SIDE // m) for m in (nu, nv)]
+    (x, hx, in_u), (y, hy, in_v) = (_part_powers(m, d) for m, d in zip(parts, degrees, strict=True))
+    local = np.einsum("iKk,nabklc,jLl->naibjKLc", in_u, coefficients, in_v, optimize=True)
+    local = local.reshape(n, nu * parts[0] * nv * parts[1], p + 1, q + 1, 3)
+    norms = np.linalg.norm(local, axis=4)
+    k, m = np.arange(p + 1.0), np.arange(q + 1.0)
+    bend = np.stack(
+        [
+            np.einsum("nckm,k->nc", norms, k * (k - 1)),
+            np.einsum("nckm,k,m->nc", norms, k, m),
+            np.einsum("nckm,m->nc", norms, m * (m - 1)),
+        ],
+        axis=2,
+    )
+    radius = norms.sum(axis=(2, 3)) - norms[:, :, 0, 0]
+    result = []
+    for i, own in enumerate(surfaces):
+        breaks = tuple(
+            np.unique(knots[degree : len(knots) - degree])
+            for knots, degree in zip((own.knots_u, own.knots_v), degrees, strict=True)
+        )
+        middles, halves = [], []
+        for ends, at, h in zip(breaks, (x, y), (hx, hy), strict=True):
+            centre, half = 0.5 * (ends[1:] + ends[:-1]), 0.5 * np.diff(ends)
+            middles.append((centre[:, None] + half[:, None] * at).ravel())
+            halves.append(np.repeat(half * h, len(at)))
+        middle, half = (
+            np.stack(np.meshgrid(*both, indexing="ij"), axis=2).reshape(-1, 2) for both in (middles, halves)
+        )
+        result.append(
+            _Cells(
+                (breaks[0], breaks[1]),
+                np.ascontiguousarray(coefficients[i]),
+                middle,
+                half,
+                local[i, :, 0, 0].copy(),
+                radius[i],
+                bend[i],
+            )
+        )
+    return result
+
+
+@lru_cache(maxsize=32)
+def _part_powers(count: int, degree: int) -> tuple[Array, float, Array]:
+    """Middles (count,) and half length of equal parts of [-1, 1], and matrices from monomials there to those of each part."""
+    half = 1.0 / count
+    middle = np.asarray(-1.0 + half * (2 * np.arange(count) + 1), np.float64)
+    matrices = np.zeros((count, degree + 1, degree + 1))
+    for k in range(degree + 1):
+        for j in range(k + 1):
+            matrices[:, j, k] = comb(k, j) * middle ** (k - j) * half**j
+    return middle, half, matrices
+
+
+def _cut_into_pieces(curve: BSplineCurve, low: float, high: float) -> Array:
+    """Ends of the pieces of a curve between two parameters."""
+    inner = np.unique(curve.knots)
+    ends = np.concatenate([[low], inner[(inner > low) & (inner < high)], [high]])
+    parts = 1 if curve.degree == 1 else -(-CELLS_PER_SIDE // (len(ends) - 1))
+    fraction = np.arange(parts) / parts
+    return np.append((ends[:-1, None] + np.diff(ends)[:, None] * fraction).ravel(), high)
+
+
+@njit_cached
+def grow_rows(table: T) -> T:  # pragma: no cover - compiled
+    """A copy of a table (n, k) with room for as many rows again; a loop compiles in a tenth of the time of np.concatenate."""
+    result = np.empty((2 * table.shape[0], table.shape[1]), table.dtype)
+    for i in range(table.shape[0]):
+        for k in range(table.shape[1]):
+            result[i, k] = table[i, k]
+    return result
+
+
+@njit_cached
+def find_overlapping_boxes(low_a: Array, high_a: Array, low_b: Array, high_b: Array, margin: float) -> IntArray:
+    """The pairs (n, 2) of boxes that come nearer to each other than `margin` along every axis."""
+    result = np.empty((64, 2), np.int64)
+    count = 0
+    for i in range(len(low_a)):
+        for j in range(len(low_b)):
+            if (
+                low_a[i, 0] <= high_b[j, 0] + margin
+                and low_b[j, 0] <= high_a[i, 0] + margin
+                and low_a[i, 1] <= high_b[j, 1] + margin
+                and low_b[j, 1] <= high_a[i, 1] + margin
+                and low_a[i, 2] <= high_b[j, 2] + margin
+                and low_b[j, 2] <= high_a[i, 2] + margin
+            ):
+                if count == len(result):
+                    result = grow_rows(result)
+                result[count, 0], result[count, 1] = i, j
+                count += 1
+    return result[:count]
+
+
+@njit_cached
+def evaluate_face(patches: PatchPolynomials, f: int, u: float, v: float, jet: Array) -> None:
+    """Fill in S, S_u and S_v (3, 3) of face f at (u, v); beyond its domain its outer polynomials go on."""
+    bu, bv = patches.layout[f, BREAK_U], patches.layout[f, BREAK_V]
+    nu, nv = patches.layout[f, SPANS_U], patches.layout[f, SPANS_V]
+    p, q = patches.layout[f, DEGREE_U], patches.layout[f, DEGREE_V]
+    i = 0
+    while i + 1 < nu and u >= patches.breaks[bu + i + 1]:
+        i += 1
+    j = 0
+    while j + 1 < nv and v >= patches.breaks[bv + j + 1]:
+        j += 1
+    hu = 0.5 * (patches.breaks[bu + i + 1] - patches.breaks[bu + i])
+    hv = 0.5 * (patches.breaks[bv + j + 1] - patches.breaks[bv + j])
+    x = (u - patches.breaks[bu + i]) / hu - 1.0
+    y = (v - patches.breaks[bv + j]) / hv - 1.0
+    base = patches.layout[f, COEFFICIENT] + (i * nv + j) * (p + 1) * (q + 1) * 3
+    for d in range(3):
+        s, su, sv = 0.0, 0.0, 0.0
+        for k in range(p, -1, -1):
+            row = base + k * (q + 1) * 3 + d
+            a, b = 0.0, 0.0
+            for m in range(q, -1, -1):
+                b = b * y + a
+                a = a * y + patches.coefficients[row + 3 * m]
+            su = su * x + s
+            s = s * x + a
+            sv = sv * x + b
+        jet[0, d], jet[1, d], jet[2, d] = s, su / hu, sv / hv
+
+
+@njit_cached
+def evaluate_piece(edges: NetworkEdges, piece: int, x: float, jet: Array) -> None:
+    """Fill in the point and the first derivative (2, 3) of a piece at its local parameter x on [-1, 1]."""
+    for d in range(3):
+        a, b = 0.0, 0.0
+        for k in range(edges.coefficients.shape[1] - 1, -1, -1):
+            b = b * x + a
+            a = a * x + edges.coefficients[piece, k, d]
+        jet[0, d], jet[1, d] = a, b
+
+
+@njit_cached
+def is_in_region(regions: FaceRegions, f: int, u: float, v: float) -> bool:
+    """Whether (u, v) lies in the polygon of a face's loops, by the even-odd rule."""
+    inside = False
+    for k in range(regions.first[f], regions.first[f + 1]):
+        y0, y1 = regions.segments[k, 0, 1], regions.segments[k, 1, 1]
+        if (y0 > v) != (y1 > v):
+            x0, x1 = regions.segments[k, 0, 0], regions.segments[k, 1, 0]
+            if x0 + (v - y0) * (x1 - x0) / (y1 - y0) > u:
+                inside = not inside
+    return inside
+
+
+@njit_cached
+def are_in_regions(regions: FaceRegions, face: IntArray, uv: Array) -> BoolArray:
+    """Whether points (n, 2) lie in the polygons of the faces (n,) named."""
+    result = np.empty(len(face), np.bool_)
+    for i in range(len(face)):
+        result[i] = is_in_region(regions, face[i], uv[i, 0], uv[i, 1])
+    return result
