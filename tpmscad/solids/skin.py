@@ -167,7 +167,8 @@ class ErosionRequest:
         return parts
 
 
-def _erode_in_arrays(request: ErosionRequest, excess: float = 0.0) -> tuple[CadBody, ...]:
+def erode_in_arrays(request: ErosionRequest, excess: float = 0.0) -> tuple[CadBody, ...]:
+    """The parts of a body deeper than (1 + excess) skins, by an arrangement of offset faces."""
     own = faces_of(request.body.shape)
     body = read_free_form_body(request.body.shape, [str(i) for i in range(len(own))])
     opened = np.array([any(face.IsSame(o) for o in request.open_faces) for face in own])
@@ -188,8 +189,8 @@ def _offset_in_kernel(request: ErosionRequest, join: str) -> tuple[CadBody, ...]
 EROSION_METHODS = Fallbacks(
     (
         Fallback("exact erosion", partial(_erode_exactly, mitres=False), "half a second for a bracket"),
-        Fallback("an arrangement of offset faces", _erode_in_arrays, "one to three seconds"),
-        Fallback("an arrangement of offset faces", partial(_erode_in_arrays, excess=SKIN_EXCESS), "as much again"),
+        Fallback("an arrangement of offset faces", erode_in_arrays, "one to three seconds"),
+        Fallback("an arrangement of offset faces", partial(erode_in_arrays, excess=SKIN_EXCESS), "as much again"),
         Fallback("exact erosion", partial(_erode_exactly, margin=EROSION_MARGIN), "as much as the first"),
         Fallback("the kernel's offset with arcs", partial(_offset_in_kernel, join="arc"), "up to 20 s of CPU"),
         Fallback("the kernel's offset with mitres", partial(_offset_in_kernel, join="mitre"), "up to 20 s of CPU"),
