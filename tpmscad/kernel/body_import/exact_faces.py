@@ -21,6 +21,7 @@ from OCP.TopoDS import TopoDS_Edge, TopoDS_Face
 
 from tpmscad._typing import Array
 from tpmscad.brep.carriers import Circle, EdgeCurve, Ellipse, Plane
+from tpmscad.brep.curve_recognition import recognise_line_or_circle
 from tpmscad.brep.foot_surface import find_point_sides
 from tpmscad.brep.free_form_surface import BodyCarrier, FreeFormSurface
 from tpmscad.brep.orthogonal_projection import project_to_curve
@@ -43,7 +44,6 @@ from tpmscad.kernel.recognise.edge_curves import (
     UnsupportedFace,
     fit_intersection_curve,
     project_to_carriers,
-    recognise_line_or_circle,
 )
 from tpmscad.kernel.recognise.face_carriers import CHECK_SAMPLES, EXACT_REL_TOL, evaluate_mid_face, recognise_carrier
 from tpmscad.splines.bspline import is_segment, isoparametric_curve, line_segment

@@ -19,6 +19,7 @@ import numpy as np
 
 from tpmscad._typing import Array
 from tpmscad.brep.carriers import EdgeCurve, Plane
+from tpmscad.brep.curve_recognition import recognise_line_or_circle
 from tpmscad.brep.free_form_surface import BodyCarrier, FreeFormSurface
 from tpmscad.kernel.recognise.edge_curves import (
     UnsupportedFace,
@@ -26,7 +27,6 @@ from tpmscad.kernel.recognise.edge_curves import (
     fit_curve_on_carriers,
     project_to_carriers,
     project_to_tangency,
-    recognise_line_or_circle,
     smooth_path,
 )
 from tpmscad.kernel.recognise.face_carriers import EXACT_REL_TOL

@@ -15,17 +15,13 @@ from numpy.typing import NDArray
 from scipy.interpolate import make_interp_spline
 
 from tpmscad._typing import Array
-from tpmscad.brep.carriers import Circle, ConicalSurface, EdgeCurve, Quadric, SphericalSurface
+from tpmscad.brep.carriers import ConicalSurface, EdgeCurve, Quadric, SphericalSurface
 from tpmscad.brep.conics import TWO_PI
 from tpmscad.brep.free_form_surface import BodyCarrier, FreeFormSurface
+from tpmscad.splines.adaptive_curve_fit import FIT_DEGREE, fit_adaptively, make_knots_and_sites
 from tpmscad.splines.basis import design_matrix
 from tpmscad.splines.bspline import BSplineCurve, line_segment
 from tpmscad.splines.quadrature import gauss_legendre
-
-FIT_DEGREE = 7
-
-MAX_FIT_SPANS = 400
-"""Most spans of a fitted curve; half an ellipse on a cylinder takes 8 for a relative error of 1e-10."""
 
 EDGE_SAMPLES = 65
 """Points along an edge at which surface parameters are followed."""
@@ -41,12 +37,6 @@ MIN_INTERVAL_FRACTION = 1e-9
 
 REFIT_SAMPLES = 257
 """Points of the OCCT curve that are projected onto both surfaces before the curve is reparametrised."""
-
-WORST_ERROR_FRACTION = 0.03
-"""Fraction of the largest error: spans with a larger error are bisected together."""
-
-ERROR_CHECKS_PER_SPAN = 5
-"""Points per knot span at which a fit's error is measured."""
 
 AFFINE_TOL = 1e-11
 """Radians, or body sizes: deviation up to which a pcurve is an affine function of the curve's parameter."""
@@ -177,42 +167,18 @@ def fit_pcurve(
     def error(fit: BSplineCurve, checks: Array) -> Array:
         return np.asarray(np.linalg.norm(carrier(*fit(checks).T) - curve(checks), axis=1))
 
-    return _fit_adaptively(
-        lambda s: follow_parameters(carrier, curve, span, near, s, size), np.union1d(span, inner), error, tol
+    return _require_fit(
+        fit_adaptively(
+            lambda s: follow_parameters(carrier, curve, span, near, s, size), np.union1d(span, inner), error, tol
+        )
     )
 
 
-def _fit_adaptively(
-    values: Callable[[Array], Array], breaks: Array, error: Callable[[BSplineCurve, Array], Array], tol: float
-) -> BSplineCurve:
-    """Spline through values(t); spans with an error above `tol` are bisected and the spline is fitted again.
-
-    Raises UnsupportedFace if MAX_FIT_SPANS spans do not suffice.
-    """
-    inside = (np.arange(ERROR_CHECKS_PER_SPAN) + 0.5) / ERROR_CHECKS_PER_SPAN
-    while len(breaks) <= MAX_FIT_SPANS:
-        knots, sites = _knots_and_sites(breaks)
-        try:
-            poles = np.asarray(np.linalg.solve(design_matrix(knots, FIT_DEGREE, sites), values(sites)), float)
-        except np.linalg.LinAlgError:
-            break
-        fit = BSplineCurve(poles, knots, FIT_DEGREE)
-        checks = (breaks[:-1, None] + np.diff(breaks)[:, None] * inside).ravel()
-        worst = error(fit, checks).reshape(-1, ERROR_CHECKS_PER_SPAN).max(axis=1)
-        if (worst <= tol).all():
-            return fit
-        bad = np.flatnonzero(
-            ~(worst <= max(tol, WORST_ERROR_FRACTION * worst.max()))
-        )  # the largest errors dominate those of neighbouring spans
-        breaks = np.union1d(breaks, 0.5 * (breaks[bad] + breaks[bad + 1]))
-    raise UnsupportedFace("has an edge that turns too sharply for a spline fit")
-
-
-def _knots_and_sites(breaks: Array) -> tuple[Array, Array]:
-    """Knots at the breaks, and the Greville abscissae."""
-    knots = np.concatenate([np.repeat(breaks[0], FIT_DEGREE), breaks, np.repeat(breaks[-1], FIT_DEGREE)])
-    sites = np.array([knots[i + 1 : i + FIT_DEGREE + 1].mean() for i in range(len(knots) - FIT_DEGREE - 1)])
-    return knots, np.clip(sites, breaks[0], breaks[-1])
+def _require_fit(fit: BSplineCurve | None) -> BSplineCurve:
+    """The fit; UnsupportedFace if there is none."""
+    if fit is None:
+        raise UnsupportedFace("has an edge that turns too sharply for a spline fit")
+    return fit
 
 
 def project_to_carriers(
@@ -294,7 +260,7 @@ def smooth_path(path: Array, tol: float) -> Array:
     for spans in SMOOTH_SPANS:
         if spans + FIT_DEGREE > len(path) // 3:
             break
-        knots, _ = _knots_and_sites(np.linspace(0.0, 1.0, spans + 1))
+        knots, _ = make_knots_and_sites(np.linspace(0.0, 1.0, spans + 1))
         rows = design_matrix(knots, FIT_DEGREE, t)[:, 1:-1]
         found = chord + rows @ np.linalg.lstsq(rows, path - chord, rcond=None)[0]
         off = float(np.linalg.norm(found - path, axis=1).max())
@@ -338,7 +304,7 @@ def fit_curve_on_carriers(carriers: Sequence[BodyCarrier], points: Array, tol: f
             return np.asarray(np.linalg.norm(at - values(checks, ends=False), axis=1))
         return np.asarray(np.max([np.abs(c.distance(at)) for c in carriers], axis=0))
 
-    return _fit_adaptively(values, np.array([0.0, t[-1]]), error, tol)
+    return _require_fit(fit_adaptively(values, np.array([0.0, t[-1]]), error, tol))
 
 
 def _arc_lengths(dense: Callable[..., Array], t: Array) -> Array:
@@ -348,30 +314,3 @@ def _arc_lengths(dense: Callable[..., Array], t: Array) -> Array:
     nodes = (t[:-1] + half)[:, None] + half[:, None] * x
     speed = np.linalg.norm(dense(nodes.ravel(), 1), axis=1).reshape(nodes.shape)
     return np.concatenate([[0.0], np.cumsum(half * (speed @ w))])
-
-
-def recognise_line_or_circle(points: Array, tol: float) -> tuple[EdgeCurve, tuple[float, float]] | None:
-    """Line or circle on which points (m, 3) along a curve lie, with its span from the first to the last; or None."""
-    start, end, middle = points[0], points[-1], points[len(points) // 2]
-    chord = end - start
-    length = float(np.linalg.norm(chord))
-    if length > tol:
-        off = points - start
-        off = off - np.multiply.outer(off @ chord / length**2, chord)
-        if np.linalg.norm(off, axis=1).max() <= tol:
-            return line_segment(start, end, (0.0, length)), (0.0, length)
-    else:  # a closed curve: points at thirds
-        end, middle = points[2 * len(points) // 3], points[len(points) // 3]
-    a, b = middle - start, end - start
-    normal = np.cross(a, b)
-    if np.linalg.norm(normal) <= tol * max(np.linalg.norm(a), np.linalg.norm(b)):
-        return None
-    arm = np.cross(normal, a) * (b @ b) + np.cross(b, normal) * (a @ a)
-    arm = arm / (2.0 * normal @ normal)  # from the first point to the center
-    centre, radius = start + arm, float(np.linalg.norm(arm))
-    circle = Circle(centre, -arm / radius, normal / np.linalg.norm(normal), radius)
-    out = points - centre
-    if max(np.abs(out @ circle.normal).max(), np.abs(np.linalg.norm(out, axis=1) - radius).max()) > tol:
-        return None
-    angle = np.unwrap(np.arctan2(out @ circle.y_axis, out @ circle.x_axis))
-    return (circle, (0.0, float(angle[-1]))) if (np.diff(angle) > 0).all() else None
