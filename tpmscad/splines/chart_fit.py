@@ -52,7 +52,9 @@ def fit_chart(sample: Sampler, tol: float) -> tuple[BSplineSurface, float]:
     return fit_in_spaces(sample, spaces, [True, True], tol)
 
 
-def fit_curve(sample: Callable[[Array], Array], breaks: Array, continuity: Array | IntArray, tol: float) -> BSplineCurve | None:
+def fit_curve(
+    sample: Callable[[Array], Array], breaks: Array, continuity: Array | IntArray, tol: float
+) -> BSplineCurve | None:
     """A curve of degree `CHART_DEGREE` through points (n, 3) at t (n,), with spans bisected until it is within `tol`; else None.
 
     It has the given continuity at the inner breaks.
@@ -117,7 +119,9 @@ def _bisect_all(space: Space) -> Space:
     return np.sort(np.concatenate([knots, 0.5 * (ends[1:] + ends[:-1])])), degree
 
 
-def find_space(sample: Sampler, axis: int, box: Array, breaks: Array, continuity: Array | IntArray, tol: float) -> Space:
+def find_space(
+    sample: Sampler, axis: int, box: Array, breaks: Array, continuity: Array | IntArray, tol: float
+) -> Space:
     """A space of degree `CHART_DEGREE` whose fits to lines of the surface along one parameter are within LINE_TOL."""
     knots = make_break_knots(breaks, continuity, CHART_DEGREE)
     low, high = box[1 - axis]
