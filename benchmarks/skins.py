@@ -26,6 +26,12 @@ from OCP.Geom import Geom_BSplineSurface, Geom_OffsetSurface
 from scipy.spatial import cKDTree
 
 import tpmscad
+from tpmscad.kernel.body_import.cad_body import read_body
+from tpmscad.kernel.boolean.hollow_body import find_skin_faces
+from tpmscad.kernel.measure.shape_report import check_shape
+from tpmscad.kernel.measure.skin_depth import SkinDepth, measure_skin_thickness, sample_depths
+from tpmscad.kernel.occt.exploration import faces_of
+from tpmscad.solids.skin import erode_body, find_deepest
 
 DEVIATION, ANGLE = 1e-3, 0.03
 """Model units and radians: fineness of the body's triangulation."""
@@ -84,6 +90,73 @@ CASES = {
     ),
     "pierced": Case(lambda: bd.Box(30, 24, 18) - bd.Rot(90, 0, 0) * bd.Cylinder(5, 40), (UP, DOWN)),
 }
+
+
+def cam() -> bd.Shape:
+    points = [(4.0, 0), (1.8, 2.7), (-1.3, 3.1), (-4, 1), (-3.1, -2.2), (0.5, -2.6)]
+    return bd.extrude(bd.make_face(bd.Spline(*points, periodic=True)), 5)
+
+
+def turned() -> bd.Shape:
+    """A spline revolved."""
+    side = bd.Spline((3.2, 0), (3.6, 1.6), (2.4, 4), (1.6, 6))
+    profile = bd.make_face([*bd.Polyline((1.6, 6), (0, 6), (0, 0), (3.2, 0)).edges(), side])
+    return bd.revolve(bd.Plane.XZ * profile, bd.Axis.Z)
+
+
+def elbow() -> bd.Shape:
+    path = bd.Spline((0, 0, 0), (0, 0, 3), (2, 0.8, 5.2), (4.8, 1.6, 5.6))
+    return bd.sweep(bd.Plane(origin=path @ 0, z_dir=path % 0) * bd.Ellipse(2.0, 1.3), path)
+
+
+def blade() -> bd.Shape:
+    """A ruled loft between two quadratic arcs with a chord each."""
+    sections = []
+    for z, (a, b), c in ((0, ((0, 0), (7, 0)), (3.5, 6)), (5, ((1, 1), (6, 1.5)), (3.5, 6.5))):
+        ends = (*a, z), (*b, z)
+        arc = bd.Edge.make_bezier(ends[0], (*c, z), ends[1])
+        sections.append(bd.Face(bd.Wire([arc, bd.Edge.make_line(ends[1], ends[0])])))
+    return bd.loft(sections, ruled=True)
+
+
+ERODED: dict[str, Callable[[], Any]] = {
+    "box": lambda: bd.Box(30, 26, 22),
+    "bored": lambda: bd.Cylinder(12, 26) - bd.Cylinder(4, 40),
+    "pocket": lambda: bd.Box(30, 26, 22) - bd.Pos(0, 0, 6) * bd.Box(12, 10, 12),
+    **{name: case.make for name, case in CASES.items() if name != "cylinder"},
+    "cam": cam,
+    "turned": turned,
+    "elbow": elbow,
+    "ellipse": lambda: bd.extrude(bd.Ellipse(3.9, 2.4), 5),
+    "blade": blade,
+}
+"""Bodies that are eroded without being filled."""
+
+
+def erode(name: str, ratio: float, opened: bool) -> None:
+    """One row of the table of eroded bodies."""
+    shape = ERODED[name]()
+    body = read_body(shape)
+    openings = (outermost(shape, UP).wrapped,) if opened else ()
+    closed = [face for face in faces_of(body.shape) if not any(face.IsSame(o) for o in openings)]
+    depth = SkinDepth(body.shape, closed)
+    points, depths = sample_depths(depth, 0.1, 256, 0)
+    skin = float(f"{ratio * find_deepest(depth, points, depths)[1]:.3g}")
+    begun = cpu_seconds()
+    try:
+        found = erode_body(body, skin, openings)
+    except tpmscad.TpmscadError as error:
+        print(f"{name:>9} {skin:7.4g} refused after {cpu_seconds() - begun:.1f} s: {str(error)[:90]}", flush=True)
+        return
+    seconds = cpu_seconds() - begun
+    measured = measure_skin_thickness(find_skin_faces([p.shape for p in found.parts], found.parts, openings), depth)
+    valid = all(check_shape(part.shape).valid for part in found.parts)
+    volume = sum(part.volume for part in found.parts)
+    print(
+        f"{name:>9} {skin:7.4g} {found.method.removeprefix('the ').removeprefix('an '):>30} {len(found.parts):>5} "
+        f"{valid!s:>5} {volume:12.6g} {measured.least / skin:9.6f} {measured.greatest / skin:9.6f} {seconds:6.1f}",
+        flush=True,
+    )
 
 
 def outermost(body: Any, direction: bd.Vector) -> bd.Face:
@@ -234,7 +307,19 @@ def main(arguments: list[str] | None = None) -> None:
     parser.add_argument("--cell", type=float, default=8.0)
     parser.add_argument("--thickness", type=float, default=0.6)
     parser.add_argument("--skin", type=float, default=1.0)
+    parser.add_argument("--erosion", action="store_true")
+    parser.add_argument("--ratios", default="0.15,0.5,0.9")
+    parser.add_argument("--open", action="store_true", help="with --erosion: the uppermost planar face is open")
     options = parser.parse_args(arguments)
+    if options.erosion:
+        print(
+            f"{'body':>9} {'skin':>7} {'method':>30} {'parts':>5} {'valid':>5} {'volume':>12} "
+            f"{'least':>9} {'most':>9} {'CPU s':>6}"
+        )
+        for name in ERODED if options.bodies == ",".join(CASES) else options.bodies.split(","):
+            for ratio in options.ratios.split(","):
+                erode(name, float(ratio), options.open)
+        return
     print(
         f"{'body':>9} {'offset by':>26} {'solids':>6} {'shells':>6} {'Betti':>12} {'valid':>5} {'met':>5} "
         f"{'least':>8} {'most':>8} {'mitred':>7} {'points':>6} {'CPU s':>8}"

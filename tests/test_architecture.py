@@ -44,10 +44,11 @@ ROOMS: dict[str, set[str]] = {
     "levelset": {"fields", "brep", "splines", *MATHEMATICS},
     "sources": {"lattices", "levelset", "surfaces", "fields", "brep", "splines", *MATHEMATICS},
     "trimming": {"brep", "splines", *MATHEMATICS},
+    "erosion": {"trimming", "brep", "splines", *MATHEMATICS},
     "meshing": {"lattices", "brep", "splines", "gmsh", *MATHEMATICS},
     "simulation": {"meshing", "skfem", *MATHEMATICS},
     "blending": {"fields", "topology", "splines", *MATHEMATICS},
-    "kernel": {"brep", "trimming", "fields", "splines", "OCP", "PIL", "build123d", "numba", *MATHEMATICS},
+    "kernel": {"brep", "trimming", "erosion", "fields", "splines", "OCP", "PIL", "build123d", "numba", *MATHEMATICS},
 }
 """What each room may import, besides its own modules, the ground and the standard library."""
 

@@ -62,12 +62,20 @@ def blade() -> bd.Shape:
     return bd.loft(sections, ruled=True)
 
 
+def dome() -> bd.Shape:
+    """A spline revolved that meets the axis at a right angle: a pole where the surface is smooth."""
+    side = bd.Spline((4, 0), (3.2, 2.4), (0, 4), tangents=((0, 1), (-1, 0)))
+    profile = bd.make_face([side, *bd.Polyline((0, 4), (0, 0), (4, 0)).edges()])
+    return bd.revolve(bd.Plane.XZ * profile, bd.Axis.Z)
+
+
 BODIES: dict[str, Callable[[], bd.Shape]] = {
     "cam": cam,
     "handle": handle,
     "elbow": elbow,
     "ellipse": ellipse,
     "blade": blade,
+    "dome": dome,
 }
 
 
@@ -137,8 +145,47 @@ def test_tags_are_those_of_the_shapes_faces() -> None:
     assert area == pytest.approx(expected, rel=1e-4)  # the kernel's area of an extruded ellipse is 5e-6 off
 
 
-def test_poles_are_refused() -> None:
-    side = bd.Spline((7, 0), (5.5, 4), (0, 6.5), tangents=((0, 1), (-1, 0)))
-    profile = bd.make_face([side, *bd.Polyline((0, 6.5), (0, 0), (7, 0)).edges()])
-    with pytest.raises(NotQuadric, match="pole"):
-        read_free_form_body(bd.revolve(bd.Plane.XZ * profile, bd.Axis.Z))
+def lemon_volume(radius: float, offset: float) -> float:
+    """Of the lens that an arc bounds, whose centre is beyond the axis by `offset`: pi int (sqrt(R^2 - z^2) - c)^2 dz."""
+    tip = np.sqrt(radius**2 - offset**2)
+    area = offset * tip + radius**2 * np.arcsin(tip / radius)
+    return float(2 * np.pi * ((radius**2 + offset**2) * tip - tip**3 / 3 - offset * area))
+
+
+def test_a_self_intersecting_torus_is_read_with_its_tips() -> None:
+    from OCP.BRepBuilderAPI import BRepBuilderAPI_MakeFace
+    from OCP.Geom import Geom_ToroidalSurface
+    from OCP.gp import gp_Ax3, gp_Dir, gp_Pnt
+
+    surface = Geom_ToroidalSurface(gp_Ax3(gp_Pnt(1, 2, 3), gp_Dir(1, 2, 2)), 2.0, 4.0)
+    half = np.pi / 3  # of the tube, from its innermost circle to the axis
+    face = BRepBuilderAPI_MakeFace(surface, 0.0, 2 * np.pi, np.pi - half, np.pi + half, 1e-7).Face()
+    read = read_free_form_body(build_face_solid(face.Reversed()))  # the normals of the lens point into it
+    assert volume(read.brep) == pytest.approx(lemon_volume(4.0, 2.0), rel=1e-9)
+    assert len(read.brep.faces) == 2
+    solids = build_solids(read.brep)
+    assert is_brep_valid(read.brep, solids.known_faces)
+
+
+def test_a_body_with_a_sharp_tip_is_cut(cover: Cover) -> None:
+    """The distance has no gradient at the tip, and curves turn sharply beside it."""
+    side = bd.Spline((3.2, 0), (2.0, 2.4), (0, 5.2))
+    profile = bd.make_face([side, *bd.Polyline((0, 5.2), (0, 0), (3.2, 0)).edges()])
+    read = read_free_form_body(place(bd.revolve(bd.Plane.XZ * profile, bd.Axis.Z), (229.3, 97.1, 14.8)))
+    lattice = cover("gyroid", (1, 1, 1), (0.0166, 0.8133, 0.9128), (-0.04, 0.04))
+    parts = [trim(half, read.brep, free_form=read.free_form).brep for half in (lattice, reverse_faces(lattice))]
+    assert sum(map(volume, parts)) == pytest.approx(volume(read.brep), rel=1e-7)
+    for part in parts:
+        assert is_brep_valid(part, build_solids(part).known_faces)
+
+
+def build_face_solid(face: object) -> bd.Solid:
+    from OCP.BRep import BRep_Builder
+    from OCP.TopoDS import TopoDS_Shell, TopoDS_Solid
+
+    builder, shell, solid = BRep_Builder(), TopoDS_Shell(), TopoDS_Solid()
+    builder.MakeShell(shell)
+    builder.Add(shell, face)
+    builder.MakeSolid(solid)
+    builder.Add(solid, shell)
+    return bd.Solid(solid)

@@ -15,7 +15,8 @@ At the foot, with the unit normal n along S_u x S_v and J = [S_u S_v],
     d = (S - p) . n with reversed sign,    grad d = n,    Hess d = -J I^-1 II (I - d II)^-1 J^T.
 
 A foot is forced to the border if the surface ends before the normal through the point reaches it. Then d is the distance from the
-tangent plane there: continuous, in absolute value at most the distance, and no distance function.
+tangent plane there: continuous, in absolute value at most the distance, and no distance function. A foot at a pole without a
+tangent plane is forced, too; there d is the distance from the pole.
 """
 
 from __future__ import annotations
@@ -69,6 +70,10 @@ NEAR_POLE = 1e-4
 """Of the greatest |S_u|: nearer to a smooth pole the Hessian is that of the pole, for S_u . S_u has too few digits."""
 
 
+SINGULAR_AREA = 1e-12
+"""Of the product of the greatest |S_u| and |S_v|: a foot with a smaller |S_u x S_v| is at a pole without a tangent plane."""
+
+
 class FootPoints(NamedTuple):
     """Of n points.
 
@@ -83,7 +88,8 @@ class FootPoints(NamedTuple):
     parameters : (n, 2)
         u and v of the feet.
     forced : (n,)
-        Whether the foot is forced to the border: distance and gradient are those of the tangent plane there.
+        Whether the foot is forced to the border: distance and gradient are those of the tangent plane there, or to a pole
+        without one.
     runs, steps : (n,), (n,)
         Newton runs, and Newton steps of all runs.
     failures : int
@@ -356,6 +362,10 @@ def _descend(
     box, period = spans.box, spans.period
     size = spans.size
     u, v = place[0], place[1]
+    if period[0] == 0.0:  # the end of a cell may lie beyond the box by its round-off
+        u = min(max(u, box[0, 0]), box[0, 1])
+    if period[1] == 0.0:
+        v = min(max(v, box[1, 0]), box[1, 1])
     _evaluate(spans, u, v, span, jet)
     x, y, z = jet[0] - px, jet[1] - py, jet[2] - pz
     square = x * x + y * y + z * z
@@ -601,7 +611,8 @@ def _write_jet(
         ny = normal[1] - curvature[1, 0] * ox - curvature[1, 1] * oy - curvature[1, 2] * oz
         nz = normal[2] - curvature[2, 0] * ox - curvature[2, 1] * oy - curvature[2, 2] * oz
         area = np.sqrt(nx * nx + ny * ny + nz * nz)
-    elif area <= 1e-300:  # a singular point: the direction from which p is seen
+    is_singular = side < 0 and area <= SINGULAR_AREA * spans.speed[0] * spans.speed[1]
+    if is_singular:  # the direction from which p is seen
         nx, ny, nz = x, y, z
         area = max(np.sqrt(nx * nx + ny * ny + nz * nz), 1e-300)
     nx, ny, nz = nx / area, ny / area, nz / area
@@ -611,7 +622,7 @@ def _write_jet(
     on_border = period[0] == 0.0 and (u <= box[0, 0] or u >= box[0, 1])
     on_border |= period[1] == 0.0 and (v <= box[1, 0] or v >= box[1, 1])
     x, y, z = x - d * nx, y - d * ny, z - d * nz
-    forced[i] = on_border and x * x + y * y + z * z > (FORCED_TANGENT * spans.size) ** 2
+    forced[i] = is_singular or (on_border and x * x + y * y + z * z > (FORCED_TANGENT * spans.size) ** 2)
     if len(hessian) == 0:
         return
     if forced[i]:

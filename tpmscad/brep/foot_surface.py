@@ -14,7 +14,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from tpmscad._typing import Array, IntArray
+from tpmscad._typing import Array, BoolArray, IntArray
 from tpmscad.brep.foot_cells import SINGULAR_RATIO, FootCells, fine_lines, make_cells, subdivide, unit
 from tpmscad.splines.basis import design_matrices
 from tpmscad.splines.bspline import BSplineSurface
@@ -121,8 +121,7 @@ def prepare_foot_surface(
         span_powers(knots, degree) for knots, degree in zip((local.knots_u, local.knots_v), degrees, strict=True)
     )
     box = np.array(local.domain)
-    sides = np.array([np.ptp(side, axis=0).max() for side in (poles[:, 0], poles[-1], poles[:, -1], poles[0])])
-    is_point = sides <= POLE_SPREAD * size
+    is_point = find_point_sides(surface)
     for axis, breaks in enumerate((breaks_u, breaks_v)):
         for far in (0, 1):
             if closed[axis] or is_point[SIDES[axis][far]]:
@@ -143,6 +142,12 @@ def prepare_foot_surface(
         *_describe_poles(local, np.flatnonzero(is_point), speed, size),
     )
     return FootSurface(centre, origin, spans, make_cells(local, box, closed, float(speed.prod()), size))
+
+
+def find_point_sides(surface: BSplineSurface) -> BoolArray:
+    """Whether each side of a surface, numbered as by `BSplineSurface.side`, is one point: (4,)."""
+    size = float(np.linalg.norm(np.ptp(surface.poles.reshape(-1, surface.poles.shape[2]), axis=0)))
+    return np.array([np.ptp(surface.side(i).poles, axis=0).max() <= POLE_SPREAD * size for i in range(4)])
 
 
 def span_powers(knots: Array, degree: int) -> tuple[Array, Array]:

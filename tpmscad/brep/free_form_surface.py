@@ -16,7 +16,7 @@ from numpy.typing import ArrayLike
 from tpmscad._typing import Array
 from tpmscad.brep.carriers import Plane, Quadric
 from tpmscad.brep.foot_points import FootPoints, find_foot_points
-from tpmscad.brep.foot_surface import FootSurface, prepare_foot_surface
+from tpmscad.brep.foot_surface import FootSurface, find_point_sides, prepare_foot_surface
 from tpmscad.rigid_motion import Motion
 from tpmscad.splines.bspline import BSplineSurface
 
@@ -112,6 +112,11 @@ class FreeFormSurface:
     def hessian(self, points: ArrayLike) -> Array:
         """Second derivatives of the distance, zero where the foot is forced to the border: (..., 3, 3)."""
         return self.foot_points(points, 2).hessian.reshape(*np.shape(points), 3)
+
+    def poles_across_v(self) -> tuple[tuple[int, Array], ...]:
+        """The sides of constant v that are points: -1 for that of low v, 1 for that of high v, and the point (3,)."""
+        is_point, poles = find_point_sides(self.spline), self.spline.poles
+        return tuple((end, poles[0, at]) for end, side, at in ((-1, 0, 0), (1, 2, -1)) if is_point[side])
 
     def scaled(self, factor: float) -> FreeFormSurface:
         """The surface scaled about the origin of space."""

@@ -168,7 +168,7 @@ def _trim_domains_by(read: FreeFormBody, patches: Brep, block: LatticeBlock, bod
     built = build_regions(trimmed.shared, domains, trimmed.members)
     if not all(is_brep_valid(domain, of.faces) for domain, of in zip(domains, built, strict=True)):
         raise TrimmingError("the kernel's check rejects a domain")
-    notes = "trimmed on the patches' parameter domains", *report.notes
+    notes = "trimmed on the patches' parameter domains", *report.notes, *read.notes
     result = {}
     for name, domain, of in zip(bounds, domains, built, strict=True):
         area = np.bincount(domain.faces.tag, integral_properties.integrate_faces(domain).area, first + n_faces)

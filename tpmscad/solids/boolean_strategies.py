@@ -193,7 +193,7 @@ def _trim_by_brep(patches: Brep, body: CadBody, read: FreeFormBody, max_shift: f
         _check_volume_by_sampling(0.0, patches, body)
         return BooleanResult(OcctSolids(()), None, TRIMMED_PATCHES, ())
     _check_volume_by_sampling(float(integral_properties.volume(cut.built.nesting.moments)[0]), patches, body)
-    notes = "trimmed on the patches' parameters", *cut.report.notes
+    notes = "trimmed on the patches' parameters", *cut.report.notes, *read.notes
     return BooleanResult(cut.built, cut.brep, TRIMMED_PATCHES, notes, shifts=(tuple(cut.report.shift.tolist()),))
 
 
@@ -229,7 +229,7 @@ BOOLEAN_METHODS: Fallbacks[[Brep, CadBody, float, KernelBoolean], BooleanResult]
         Fallback(
             "trimming on the patches' parameters",
             lambda patches, body, max_shift, _: trim_on_parameters(patches, body, max_shift),
-            "a second for a few cells; several with free-form faces, which must have no pole and meet within 1e-10",
+            "a second for a few cells; several with free-form faces, which must meet within 1e-10",
         ),
         Fallback(
             "splitting near the body's faces",

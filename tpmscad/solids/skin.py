@@ -1,10 +1,11 @@
 """A body filled with a lattice behind a solid skin.
 
 The body is eroded by the skin, the lattice is subtracted from what is left, and the voids that remain are subtracted from the
-body. A body of planes and quadrics is eroded exactly by an arrangement of its offset surfaces; the skin then has the thickness
-asked for everywhere, round concave edges too, save where two faces meet along a concave edge that is neither straight nor
-circular: there the offset faces meet in a mitre. Free-form bodies, and what the arrangement refuses, are offset by the kernel in
-a process of its own with a time limit. Whatever the method, the thickness is measured on the offset body, and on the result.
+body. A body of planes and quadrics whose concave edges are straight or circular is eroded by the kernel's arrangement of its
+offset surfaces, which is exact and fastest. All other bodies without poles and gaps, free-form faces included, are eroded by an
+arrangement of offset faces in arrays (`tpmscad.erosion`); the skin then has the thickness asked for everywhere, round concave
+edges too. What both refuse is offset with mitres, or by the kernel in a process of its own with a time limit. Whatever the
+method, the thickness is measured, on the offset body and on the result.
 """
 
 from __future__ import annotations
@@ -15,16 +16,21 @@ from functools import partial
 from typing import Any
 
 import numpy as np
+from scipy.optimize import minimize
 
 from tpmscad._typing import Array
+from tpmscad.erosion.eroded_body import erode_body as erode_body_in_arrays
 from tpmscad.errors import InvalidRequest, KernelError, format_point
 from tpmscad.fallbacks import Fallback, Fallbacks
+from tpmscad.kernel.body_import.body_brep import read_free_form_body
 from tpmscad.kernel.body_import.cad_body import CadBody, read_body
 from tpmscad.kernel.boolean.boolean_operations import OcctSolids, betti_numbers
 from tpmscad.kernel.boolean.erosion import erode
 from tpmscad.kernel.boolean.hollow_body import count_closed_cavities, find_skin_faces, subtract_voids
 from tpmscad.kernel.boolean.inward_offset import offset_by_occt
+from tpmscad.kernel.build.solids import build_solids
 from tpmscad.kernel.measure.skin_depth import SkinDepth, SkinThickness, measure_skin_thickness, sample_depths
+from tpmscad.kernel.occt.bounding_boxes import enclosing_box
 from tpmscad.kernel.occt.exploration import faces_of
 from tpmscad.results.certificate import Check
 from tpmscad.solids.boolean_strategies import BooleanResult, subtract_lattice_from_body
@@ -36,6 +42,16 @@ MAX_THICKNESS_RATIO = 1.45
 
 EXACT_RATIO = 1.001
 """In skins: thickness up to which a point counts as exact in the note."""
+
+DEEPEST_STARTS = 3
+"""Searches for the deepest point, where no sample is deeper than the skin; each takes some 100 distances."""
+
+DEEPEST_REL_TOL = 1e-5
+"""Of the depth: accuracy of the deepest point."""
+
+SKIN_EXCESS = 1e-4
+"""In skins: by how much the skin is thicker in the second attempt. Offset surfaces of a body in round numbers may touch without
+crossing at just the thickness asked for: a tube may meet the edge between two others."""
 
 EROSION_MARGIN = 0.6
 """In skins: by how much the offset surfaces exceed their faces in the second attempt to intersect them."""
@@ -98,14 +114,37 @@ def erode_body(body: CadBody, skin: float, open_faces: Sequence[Any] = ()) -> Er
     depth = SkinDepth(body.shape, closed)
     points, depths = sample_depths(depth, skin, DEPTH_SAMPLES, INSET_SAMPLES)
     if not (depths > skin).any():
-        raise InvalidRequest(
-            f"a skin of {skin:g} is thicker than {body.name}, which is nowhere deeper than {depths.max(initial=0.0):.4g}: "
-            "make it thinner, or leave the body solid"
-        )
+        deepest, most = find_deepest(depth, points, depths)
+        if most <= skin * (1 + DEEPEST_REL_TOL):
+            raise InvalidRequest(
+                f"a skin of {skin:g} leaves nothing of {body.name}, which is nowhere deeper than {most:.6g}: "
+                "make it thinner than that, or leave the body solid"
+            )
+        points, depths = np.concatenate([points, deepest[None]]), np.append(depths, most)
 
     request = ErosionRequest(body, skin, open_faces, depth, points[depths > DEEP_RATIO * skin])
     eroded = EROSION_METHODS.run(request)
     return ErodedBody(eroded.value, depth, eroded.name)
+
+
+def find_deepest(depth: SkinDepth, points: Array, depths: Array) -> tuple[Array, float]:
+    """The deepest point (3,) of a body and its depth, by a simplex search from each of the deepest of points (n, 3)."""
+    low, high = enclosing_box(depth.solid)
+    best, most = 0.5 * (low + high), 0.0
+    for k in np.argsort(depths)[::-1][:DEEPEST_STARTS].tolist():
+        found = minimize(
+            lambda p: -float(depth(p[None])[0]),
+            points[k],
+            method="Nelder-Mead",
+            options={
+                "initial_simplex": points[k] + 0.2 * depths[k] * np.concatenate([np.zeros((1, 3)), np.eye(3)]),
+                "xatol": DEEPEST_REL_TOL * depths[k],
+                "fatol": 0.1 * DEEPEST_REL_TOL * depths[k],
+            },
+        )
+        if -found.fun > most:
+            best, most = np.asarray(found.x), -float(found.fun)
+    return best, most
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -128,8 +167,18 @@ class ErosionRequest:
         return parts
 
 
-def _erode_exactly(request: ErosionRequest, margin: float = 0.0) -> tuple[CadBody, ...]:
-    return request.check(erode(request.body, request.skin, request.open_faces, request.depth, margin))
+def _erode_in_arrays(request: ErosionRequest, excess: float = 0.0) -> tuple[CadBody, ...]:
+    own = faces_of(request.body.shape)
+    body = read_free_form_body(request.body.shape, [str(i) for i in range(len(own))])
+    opened = np.array([any(face.IsSame(o) for o in request.open_faces) for face in own])
+    eroded = erode_body_in_arrays(body.brep, body.free_form, (1 + excess) * request.skin, opened[body.brep.faces.tag])
+    if not len(eroded.faces):
+        raise KernelError("offset by the skin", "the offset is empty")
+    return request.check(build_solids(eroded).solids)
+
+
+def _erode_exactly(request: ErosionRequest, margin: float = 0.0, mitres: bool = True) -> tuple[CadBody, ...]:
+    return request.check(erode(request.body, request.skin, request.open_faces, request.depth, margin, mitres))
 
 
 def _offset_in_kernel(request: ErosionRequest, join: str) -> tuple[CadBody, ...]:
@@ -138,8 +187,10 @@ def _offset_in_kernel(request: ErosionRequest, join: str) -> tuple[CadBody, ...]
 
 EROSION_METHODS = Fallbacks(
     (
-        Fallback("exact erosion", _erode_exactly, "half a second for a bracket"),
-        Fallback("exact erosion", partial(_erode_exactly, margin=EROSION_MARGIN), "as much again"),
+        Fallback("exact erosion", partial(_erode_exactly, mitres=False), "half a second for a bracket"),
+        Fallback("an arrangement of offset faces", _erode_in_arrays, "one to three seconds"),
+        Fallback("an arrangement of offset faces", partial(_erode_in_arrays, excess=SKIN_EXCESS), "as much again"),
+        Fallback("exact erosion", partial(_erode_exactly, margin=EROSION_MARGIN), "as much as the first"),
         Fallback("the kernel's offset with arcs", partial(_offset_in_kernel, join="arc"), "up to 20 s of CPU"),
         Fallback("the kernel's offset with mitres", partial(_offset_in_kernel, join="mitre"), "up to 20 s of CPU"),
     )

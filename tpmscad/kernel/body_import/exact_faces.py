@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import contextlib
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 from OCP.BRep import BRep_Tool
@@ -19,23 +20,34 @@ from OCP.TopAbs import TopAbs_EDGE, TopAbs_FORWARD, TopAbs_WIRE
 from OCP.TopoDS import TopoDS_Edge, TopoDS_Face
 
 from tpmscad._typing import Array
-from tpmscad.brep.carriers import Circle, EdgeCurve, Ellipse
+from tpmscad.brep.carriers import Circle, EdgeCurve, Ellipse, Plane
+from tpmscad.brep.curve_recognition import recognise_line_or_circle
+from tpmscad.brep.foot_surface import find_point_sides
 from tpmscad.brep.free_form_surface import BodyCarrier, FreeFormSurface
 from tpmscad.brep.orthogonal_projection import project_to_curve
-from tpmscad.kernel.body_import.free_form_carriers import convert_free_form
+from tpmscad.brep.surface_correction import correct_surface
+from tpmscad.kernel.body_import.free_form_carriers import convert_curve, convert_free_form
+from tpmscad.kernel.body_import.gap_closing import (
+    MAX_GAP_REL,
+    are_tangent_quadrics,
+    close_edge,
+    close_vertex,
+    plane_through_seam,
+)
 from tpmscad.kernel.body_import.unrolled_faces import ImportedBody, ImportedEdge, ImportedFace, ImportedUse
 from tpmscad.kernel.occt import convert
 from tpmscad.kernel.occt.convert import axis_frame
 from tpmscad.kernel.occt.exploration import ShapeKey, first_vertex, last_vertex, list_subshapes, orientation_sign
 from tpmscad.kernel.recognise.edge_curves import (
+    POLE_REL_TOL,
     REFIT_SAMPLES,
     UnsupportedFace,
     fit_intersection_curve,
+    is_at_pole,
     project_to_carriers,
-    recognise_line_or_circle,
 )
 from tpmscad.kernel.recognise.face_carriers import CHECK_SAMPLES, EXACT_REL_TOL, evaluate_mid_face, recognise_carrier
-from tpmscad.splines.bspline import isoparametric_curve, line_segment
+from tpmscad.splines.bspline import is_segment, isoparametric_curve, line_segment
 
 VERTEX_REL_TOL = 1e-5
 """In body sizes: largest distance of an OCCT vertex from the common point of its faces' surfaces."""
@@ -49,8 +61,8 @@ beyond an edge of the body by a few steps of its marching grid."""
 def read_exact_body(faces: Sequence[TopoDS_Face], size: float, free_form: bool = False) -> ImportedBody:
     """Body of the faces, which are oriented outwards; `size` sets the tolerances.
 
-    Faces that are neither planes nor quadrics are taken if `free_form` is set. Raises UnsupportedFace if a face or an edge
-    cannot be represented exactly.
+    Faces that are neither planes nor quadrics are taken, and gaps between faces closed, if `free_form` is set. Raises
+    UnsupportedFace if a face or an edge cannot be represented exactly.
     """
     carriers = [_read_carrier(face, size, free_form) for face in faces]
     edge_of: dict[ShapeKey, int] = {}
@@ -84,13 +96,25 @@ def read_exact_body(faces: Sequence[TopoDS_Face], size: float, free_form: bool =
         faces_of_vertex[start].update(faces_of_edge[e])
         faces_of_vertex[end].update(faces_of_edge[e])
     points = [np.array(BRep_Tool.Pnt_s(key.shape).Coord()) for key in vertex_of]
-    vertices = [
-        _exact_vertex(p, [carriers[i] for i in sorted(of)], size) for p, of in zip(points, faces_of_vertex, strict=True)
-    ]
-    edges = [
-        ImportedEdge(*_exact_edge(shape, [carriers[i] for i in of], vertices[a], vertices[b], size), a, b)
-        for shape, of, (a, b) in zip(shapes, faces_of_edge, ends, strict=True)
-    ]
+    move = 0.0
+    if free_form:
+        wires = _Wires(shapes, ends, faces_of_edge, points, faces_of_vertex)
+        vertices, curves, carriers, move = _close_gaps(wires, carriers, size)
+    else:
+        vertices = [
+            _exact_vertex(p, [carriers[i] for i in sorted(of)], size)
+            for p, of in zip(points, faces_of_vertex, strict=True)
+        ]
+        curves = [
+            _exact_edge(shape, [carriers[i] for i in of], vertices[a], vertices[b], size)
+            for shape, of, (a, b) in zip(shapes, faces_of_edge, ends, strict=True)
+        ]
+        for (curve, span), of in zip(curves, faces_of_edge, strict=True):
+            if not _has_kind_of_tangent_edge(curve, span, [carriers[i] for i in of]):
+                raise UnsupportedFace(
+                    f"is tangent to its neighbour along no line or circle near {curve(span[0]).round(6)}"
+                )
+    edges = [ImportedEdge(*curve, a, b) for curve, (a, b) in zip(curves, ends, strict=True)]
     result = []
     for i, (face, carrier, loops) in enumerate(zip(faces, carriers, loops_of, strict=True)):
         _, point, normal, _ = evaluate_mid_face(face)
@@ -99,13 +123,134 @@ def read_exact_body(faces: Sequence[TopoDS_Face], size: float, free_form: bool =
             loops = [tuple(ImportedUse(u.edge, -u.sense) for u in reversed(loop)) for loop in loops]
         outward = gradient_sense * orientation_sign(face)
         result.append(ImportedFace(carrier, outward, tuple(loops), i))
-    return ImportedBody(tuple(vertices), tuple(edges), tuple(result), size)
+    return ImportedBody(tuple(vertices), tuple(edges), tuple(result), size, move)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Wires:
+    """The kernel's edges with the numbers of their vertices and faces, and its vertices with the numbers of their faces."""
+
+    edges: list[TopoDS_Edge]
+    ends: list[tuple[int, int]]
+    faces_of_edge: list[list[int]]
+    points: list[Array]
+    faces_of_vertex: list[set[int]]
+
+
+_Curve = tuple[EdgeCurve, tuple[float, float]]
+
+
+def _close_gaps(
+    wires: _Wires, carriers: list[BodyCarrier], size: float
+) -> tuple[list[Array], list[_Curve], list[BodyCarrier], float]:
+    """Vertices, curves of edges and carriers, which meet, and the largest move of a face."""
+    tol = EXACT_REL_TOL * size
+    paths = [_sample_curve(shape) for shape in wires.edges]
+    vertices = _close_vertices(wires, carriers, paths, size)
+    curves: list[_Curve | None] = []
+    for shape, of, (a, b), path in zip(wires.edges, wires.faces_of_edge, wires.ends, paths, strict=True):
+        own, start, end = [carriers[i] for i in of], vertices[a], vertices[b]
+        if len(own) == 1 and isinstance(own[0], FreeFormSurface):
+            curves.append(None)  # a seam follows its surface
+            continue
+        curve = None
+        if _max_distance(np.stack([start, end]), own) <= tol:
+            with contextlib.suppress(UnsupportedFace, ValueError):
+                curve = _exact_edge(shape, own, start, end, size)
+        if curve is None or not _has_kind_of_tangent_edge(*curve, own):
+            curve = close_edge(path, own, start, end, tol, size)
+        curves.append(curve)
+    found, move = list(carriers), 0.0
+    for i, carrier in enumerate(carriers):
+        if isinstance(carrier, FreeFormSurface):
+            border = [c for c, of in zip(curves, wires.faces_of_edge, strict=True) if i in of and c is not None]
+            found[i], moved = _close_face(carrier, border, size)
+            move = max(move, moved)
+    result = []
+    for e, curve in enumerate(curves):
+        if curve is None:
+            start, end = (vertices[v] for v in wires.ends[e])
+            curve = _exact_edge(wires.edges[e], [found[i] for i in wires.faces_of_edge[e]], start, end, size)
+        result.append(curve)
+    return vertices, result, found, move
+
+
+def _has_kind_of_tangent_edge(curve: EdgeCurve, span: tuple[float, float], carriers: list[BodyCarrier]) -> bool:
+    """Whether an edge between tangent planes and quadrics is a line or a circle, as it must be; True for other edges.
+
+    A curve that a file has rounded lies on both surfaces to second order only.
+    """
+    if isinstance(curve, Circle) or is_segment(curve):
+        return True
+    return not are_tangent_quadrics(carriers, curve(np.linspace(*span, CHECK_SAMPLES)))
+
+
+def _close_vertices(wires: _Wires, carriers: list[BodyCarrier], paths: list[Array], size: float) -> list[Array]:
+    """The vertices: common points of their surfaces, or what comes nearest."""
+    tips: list[list[Array]] = [[] for _ in wires.points]
+    seams: list[list[tuple[Plane, bool]]] = [[] for _ in wires.points]  # with marks of those of free-form surfaces
+    for (start, end), of, path in zip(wires.ends, wires.faces_of_edge, paths, strict=True):
+        for vertex, tip, beside in ((start, path[0], path[1]), (end, path[-1], path[-2])):
+            tips[vertex].append(tip)
+            at_pole = (
+                len(of) == 1 and is_at_pole(carriers[of[0]], tip[None], size)[0]
+            )  # which is the vertex, without a plane
+            if len(of) == 1 and not at_pole and np.linalg.norm(beside - tip) > 0:
+                plane = plane_through_seam(carriers[of[0]], tip, beside - tip)
+                seams[vertex].append((plane, isinstance(carriers[of[0]], FreeFormSurface)))
+    vertices = []
+    for point, of, ends, planes in zip(wires.points, wires.faces_of_vertex, tips, seams, strict=True):
+        own = [carriers[i] for i in sorted(of)]
+        with contextlib.suppress(UnsupportedFace):
+            vertex = _exact_vertex(point, own, size)
+            soft = [plane for plane, is_soft in planes if is_soft]
+            if _max_distance(vertex[None], own) <= EXACT_REL_TOL * size and (
+                not soft or _max_distance(vertex[None], soft) <= SEAM_REL_TOL * size
+            ):
+                vertices.append(vertex)
+                continue
+        vertices.append(close_vertex(np.mean(ends, axis=0), own, [plane for plane, _ in planes], size))
+    return vertices
+
+
+def _close_face(carrier: FreeFormSurface, border: list[_Curve], size: float) -> tuple[FreeFormSurface, float]:
+    """The surface of a face corrected so that its edges are on it, and how far it was moved."""
+    points = [curve(np.linspace(*span, CORRECTION_SAMPLES)) for curve, span in border]
+    if not points or _max_distance(np.concatenate(points), [carrier]) <= EXACT_REL_TOL * size:
+        return carrier, 0.0
+    corrected = correct_surface(carrier, np.concatenate(points), CLOSED_REL_TOL * size)
+    between = np.concatenate([curve(np.linspace(*span, 2 * CORRECTION_SAMPLES)) for curve, span in border])
+    gap = _max_distance(between, [carrier])
+    if corrected.move > MAX_MOVE_GAPS * gap:
+        raise UnsupportedFace(
+            f"would have to move by {corrected.move:.2g} to close a gap of {gap:.2g} near {between[0].round(6)}"
+        )
+    left = np.abs(corrected.surface.distance(between))
+    if left.max() > MAX_LEFT_REL * size:
+        raise UnsupportedFace(
+            f"could not be moved onto its edges: {left.max():.2g} is left near {between[left.argmax()].round(6)}, "
+            f"more than {MAX_LEFT_REL * size:.2g}"
+        )
+    return corrected.surface, corrected.move
+
+
+CORRECTION_SAMPLES = 241
+"""Points of each edge through which the surface of its face is to pass."""
+
+CLOSED_REL_TOL = 5e-10
+"""In body sizes: distance of edges from a corrected surface at which it is good enough."""
+
+MAX_MOVE_GAPS = 4.0
+"""Gaps by which a surface may move between its edges."""
+
+MAX_LEFT_REL = 1e-8
+"""In body sizes: the greatest distance that is taken. It is written into the tolerances of edges."""
 
 
 def _read_carrier(face: TopoDS_Face, size: float, free_form: bool) -> BodyCarrier:
     """The plane or quadric of a face, else its free-form carrier if that is asked for.
 
-    Raises UnsupportedFace if there is none, or none within EXACT_REL_TOL, or one with a pole.
+    Raises UnsupportedFace if there is none, or none within EXACT_REL_TOL, or one with poles along both parameters.
     """
     try:
         return recognise_carrier(face, size)
@@ -115,15 +260,14 @@ def _read_carrier(face: TopoDS_Face, size: float, free_form: bool) -> BodyCarrie
     converted = convert_free_form(face, size)
     if converted.error > EXACT_REL_TOL * size:
         raise UnsupportedFace(f"is free-form, and its spline is {converted.error:.2g} off")
-    if any(np.ptp(side, axis=0).max() == 0.0 for side in _sides_of(converted.carrier)):
-        raise UnsupportedFace("is free-form with a pole")
-    return replace(converted.carrier, continuation=CONTINUATION_REL * size)
-
-
-def _sides_of(carrier: FreeFormSurface) -> tuple[Array, Array, Array, Array]:
-    """The poles along the four sides of a carrier."""
-    poles = carrier.spline.poles
-    return poles[0], poles[-1], poles[:, 0], poles[:, -1]
+    carrier = replace(converted.carrier, continuation=CONTINUATION_REL * size)
+    is_point = find_point_sides(carrier.spline)
+    if is_point[[1, 3]].any():
+        if is_point[[0, 2]].any():
+            raise UnsupportedFace("is free-form with poles along both parameters")
+        # the poles lie across v then, as those of a sphere
+        carrier = replace(carrier, spline=carrier.spline.turned(1), closed=carrier.closed[::-1])
+    return carrier
 
 
 def _wire_edges(face: TopoDS_Face) -> list[list[TopoDS_Edge]]:
@@ -145,7 +289,11 @@ def _wire_edges(face: TopoDS_Face) -> list[list[TopoDS_Edge]]:
 
 
 def _exact_vertex(point: Array, carriers: Sequence[BodyCarrier], size: float) -> Array:
-    """Common point of the surfaces closest to the OCCT vertex."""
+    """Common point of the surfaces closest to the OCCT vertex, or the pole of a free-form one that is there."""
+    poles = [p for c in carriers if isinstance(c, FreeFormSurface) for _, p in c.poles_across_v()]
+    for pole in poles:
+        if np.linalg.norm(pole - point) <= POLE_REL_TOL * size:
+            return pole
     exact = project_to_carriers(carriers, point[None])[0]
     if np.linalg.norm(exact - point) > VERTEX_REL_TOL * size:
         raise UnsupportedFace(f"shares no point with its neighbouring faces near {point.round(6)}")
@@ -177,14 +325,7 @@ def _exact_edge(
         if len(carriers) == 1 and isinstance(carriers[0], FreeFormSurface):
             t = np.linspace(low, high, CHECK_SAMPLES)
             return _seam_curve(carriers[0], np.array([adaptor.Value(s).Coord() for s in t.tolist()]), start, end, size)
-    breaks = [low, high]
-    if adaptor.GetType() == GeomAbs_BSplineCurve:
-        spline = adaptor.BSpline()
-        knots = [spline.Knot(i) for i in range(1, spline.NbKnots() + 1)]
-        breaks = [low, *[k for k in knots if low < k < high], high]
-    each = max(4, REFIT_SAMPLES // (len(breaks) - 1))
-    t = np.unique(np.concatenate([np.linspace(a, b, each) for a, b in zip(breaks[:-1], breaks[1:], strict=True)]))
-    points = project_to_carriers(carriers, np.array([adaptor.Value(s).Coord() for s in t.tolist()]))
+    points = project_to_carriers(carriers, _sample_curve(shape))
     points[[0, -1]] = start, end
     known = recognise_line_or_circle(points, tol)
     if known is not None:
@@ -197,19 +338,35 @@ def _exact_edge(
     return fit, fit.domain
 
 
+def _sample_curve(shape: TopoDS_Edge) -> Array:
+    """Points (m, 3) along the kernel's curve of an edge, several in each of its spans."""
+    adaptor = BRepAdaptor_Curve(shape)
+    breaks = [adaptor.FirstParameter(), adaptor.LastParameter()]
+    if adaptor.GetType() == GeomAbs_BSplineCurve:
+        spline = adaptor.BSpline()
+        knots = [spline.Knot(i) for i in range(1, spline.NbKnots() + 1)]
+        breaks = [breaks[0], *[k for k in knots if breaks[0] < k < breaks[1]], breaks[1]]
+    each = max(4, REFIT_SAMPLES // (len(breaks) - 1))
+    t = np.unique(np.concatenate([np.linspace(a, b, each) for a, b in zip(breaks[:-1], breaks[1:], strict=True)]))
+    return np.array([adaptor.Value(s).Coord() for s in t.tolist()])
+
+
 def _occt_spline(
     adaptor: BRepAdaptor_Curve, carriers: Sequence[BodyCarrier], start: Array, end: Array, tol: float
 ) -> tuple[EdgeCurve, tuple[float, float]] | None:
-    """The kernel's own polynomial spline and its span, if it is within the tolerance of the surfaces and both vertices."""
-    if adaptor.GetType() != GeomAbs_BSplineCurve:
-        return None
-    geometry = adaptor.BSpline().Copy()
-    if geometry.IsPeriodic():
-        geometry.SetNotPeriodic()
+    """The kernel's own curve as a polynomial spline, and its span, if it is within the tolerance of the surfaces and vertices."""
     low, high = adaptor.FirstParameter(), adaptor.LastParameter()
-    if geometry.IsRational() or geometry.FirstParameter() > low or geometry.LastParameter() < high:
+    curve = None
+    if adaptor.GetType() == GeomAbs_BSplineCurve:
+        geometry = adaptor.BSpline().Copy()
+        if geometry.IsPeriodic():
+            geometry.SetNotPeriodic()
+        if not geometry.IsRational() and geometry.FirstParameter() <= low and geometry.LastParameter() >= high:
+            curve = convert.curve_from_occt(geometry)
+    if curve is None:
+        curve = convert_curve(adaptor, tol / 4)
+    if curve is None:
         return None
-    curve = convert.curve_from_occt(geometry)
     if np.abs(curve([low, high]) - np.stack([start, end])).max() > tol:
         return None
     ends = curve.knots[(curve.knots > low) & (curve.knots < high)]
@@ -218,7 +375,7 @@ def _occt_spline(
 
 
 SEAM_REL_TOL = 1e-6
-"""In body sizes, and in ranges of a parameter: largest distance of the kernel's seam from a line of the carrier."""
+"""In body sizes: largest distance of the vertices of a seam from a line of the carrier."""
 
 
 def _seam_curve(
@@ -231,7 +388,8 @@ def _seam_curve(
             continue
         (low, _), along = carrier.domain[axis], uv[:, 1 - axis]
         off = uv[:, axis] - low - period * np.round((uv[:, axis] - low) / period)
-        if np.abs(off).max() > SEAM_REL_TOL * period:
+        across = np.linalg.norm(carrier(uv[:, 0], uv[:, 1], int(axis == 0), int(axis == 1)), axis=1)
+        if (np.abs(off) * across).max() > MAX_GAP_REL * size:
             continue
         curve = isoparametric_curve(carrier.spline, axis, low)
         if along[-1] < along[0]:

@@ -21,10 +21,11 @@ from OCP.TopoDS import TopoDS_Face
 
 from tpmscad._typing import Array
 from tpmscad.errors import InvalidRequest, format_point
-from tpmscad.kernel.body_import.free_form_carriers import convert_box, fit_chart
+from tpmscad.kernel.body_import.free_form_carriers import convert_box
 from tpmscad.kernel.occt import convert
 from tpmscad.kernel.occt.exploration import list_subshapes, orientation_sign, require_shape
 from tpmscad.splines.bspline import BSplineSurface
+from tpmscad.splines.chart_fit import fit_chart
 from tpmscad.splines.knots import map_to_unit_square, turn_surface
 
 N_SIDES = 4

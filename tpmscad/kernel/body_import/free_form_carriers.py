@@ -14,12 +14,12 @@ beyond the face where the surface does, by a part of the face's range of paramet
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from OCP.BRep import BRep_Tool
+from OCP.BRepAdaptor import BRepAdaptor_Curve
 from OCP.BRepTools import BRepTools
 from OCP.Geom import (
     Geom_BezierCurve,
@@ -51,11 +51,18 @@ from tpmscad.brep.free_form_surface import SEAM_ANGLE, FreeFormSurface, find_smo
 from tpmscad.kernel.occt import convert
 from tpmscad.kernel.recognise.edge_curves import UnsupportedFace
 from tpmscad.kernel.recognise.face_carriers import EXACT_REL_TOL
-from tpmscad.splines.bspline import BSplineSurface
+from tpmscad.splines.bspline import BSplineCurve, BSplineSurface
+from tpmscad.splines.chart_fit import (
+    FIT_LINES,
+    Sampler,
+    Space,
+    find_space,
+    fit_curve,
+    fit_in_spaces,
+    make_break_knots,
+    measure_grid_error,
+)
 from tpmscad.splines.knots import restrict_surface
-from tpmscad.splines.quadrature import composite_gauss_legendre
-from tpmscad.splines.spline_axis import SplineAxis, sampled_axis
-from tpmscad.splines.surface_fit import fit_surface
 
 REACH = 0.5
 """Of the range of the face's parameters: how far the carrier goes on beyond the face on each side, on the kernel's surface."""
@@ -65,24 +72,6 @@ BEYOND_REL, BEYOND_SPANS = 0.01, 0.25
 
 ANGLE_SPAN = np.radians(15.0)
 """Span along the angle of a revolution: the error of degree 9 is 1e-17 of the radius."""
-
-FIT_LINES = 7
-"""Lines of the surface on which the spans along one parameter are bisected."""
-
-MAX_SPANS = 96
-"""Most spans along one parameter; a surface that needs more is returned with the error that is left."""
-
-MIN_POINTS = 4
-"""Fewest Gauss points in a span."""
-
-LINE_TOL = 0.25
-"""Of the tolerance: error of the lines, to leave some for what is between them."""
-
-SPAN_CHECKS = np.linspace(0.02, 0.98, 9)
-"""Places in a span at which the error of a line is measured."""
-
-CHECK_LINES = (61, 53)
-"""Lines along u and v on whose grid the error of a carrier is measured; they are on no Gauss points."""
 
 POLE_SPEED = 1e-3
 """Of the largest derivative along u on the face: where it is less, v is next to a pole; the same with u and v exchanged."""
@@ -101,12 +90,6 @@ ANGULAR: tuple[tuple[type, ...], tuple[type, ...]] = (
 )
 """Kinds of surface whose first or second parameter is an angle."""
 
-Space = tuple[Array, int]
-"""Knots and degree."""
-
-Sampler = Callable[[Array, Array], Array]
-"""Points (len(u), len(v), 3) on the grid of all u with all v."""
-
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ConvertedSurface:
@@ -122,7 +105,7 @@ def convert_free_form(face: TopoDS_Face, size: float, reach: float = REACH) -> C
     Parameters
     ----------
     face : TopoDS_Face
-        A face on an extrusion, a revolution, a Bezier, B-spline or offset surface.
+        A face on an extrusion, a revolution, a Bezier, B-spline or offset surface, or a torus that intersects itself.
     size : float
         Size of the body in model units; the carrier is to be within 1e-10 of it.
     reach : float, optional
@@ -131,17 +114,17 @@ def convert_free_form(face: TopoDS_Face, size: float, reach: float = REACH) -> C
     Returns
     -------
     ConvertedSurface
-        The carrier and its measured error, which exceeds the tolerance if `MAX_SPANS` were not enough.
+        The carrier and its measured error, which exceeds the tolerance if `chart_fit.MAX_SPANS` were not enough.
 
     Raises
     ------
     UnsupportedFace
-        If the surface is a plane or a quadric, or has a crease inside the face.
+        If the surface is a plane or a quadric, but for a torus that intersects itself, or has a crease inside the face.
     """
     surface = BRep_Tool.Surface_s(face)
     while isinstance(surface, Geom_RectangularTrimmedSurface):
         surface = surface.BasisSurface()
-    if isinstance(surface, Geom_ElementarySurface):
+    if isinstance(surface, Geom_ElementarySurface) and not _intersects_itself(surface):
         raise UnsupportedFace("is on a plane or a quadric, which has a carrier of its own")
     u0, u1, v0, v1 = BRepTools.UVBounds_s(face)
     face_box = np.array([[u0, u1], [v0, v1]])
@@ -150,22 +133,29 @@ def convert_free_form(face: TopoDS_Face, size: float, reach: float = REACH) -> C
     restricted = _cut_at_creases(spline, face_box)
     spline = _join_poles(restricted, size)
     closed = find_smooth_seams(spline)
-    return ConvertedSurface(FreeFormSurface(spline, closed), max(error, _measure(spline, sample)))
+    return ConvertedSurface(FreeFormSurface(spline, closed), max(error, measure_grid_error(spline, sample)))
+
+
+def _intersects_itself(surface: Geom_Surface) -> bool:
+    """Whether a surface is a torus whose tube reaches its axis: its faces end there in poles."""
+    return isinstance(surface, Geom_ToroidalSurface) and surface.MajorRadius() <= surface.MinorRadius()
 
 
 def convert_box(surface: Geom_Surface, box: Array, tol: float) -> tuple[BSplineSurface, float]:
     """Any OCCT surface over a box (2, 2) of its parameters as a polynomial spline, and its greatest measured error.
 
-    The error, in model units, exceeds `tol` if `MAX_SPANS` were not enough.
+    The error, in model units, exceeds `tol` if `chart_fit.MAX_SPANS` were not enough.
     """
     return _convert_box(surface, box, tol)[:2]
 
 
-def fit_chart(sample: Sampler, tol: float) -> tuple[BSplineSurface, float]:
-    """A chart of the unit square, points (n, m, 3) on the grid of s (n,) and t (m,), as `convert_box` has those of surfaces."""
-    box, ends = np.array([[0.0, 1.0], [0.0, 1.0]]), np.array([0.0, 1.0])
-    spaces = [_find_space(sample, axis, box, ends, np.empty(0, int), tol) for axis in (0, 1)]
-    return _fit_spaces(sample, spaces, [True, True], tol)
+def convert_curve(adaptor: BRepAdaptor_Curve, tol: float) -> BSplineCurve | None:
+    """The curve of an edge as a polynomial spline with its parameter, as smooth as it is; None if it is not within `tol`."""
+
+    def sample(t: Array) -> Array:
+        return np.array([adaptor.Value(x).Coord() for x in t.tolist()])
+
+    return fit_curve(sample, *_read_breaks(adaptor, None), tol)
 
 
 def _widen(surface: Geom_Surface, face_box: Array, reach: float, beyond: float) -> Array:
@@ -275,27 +265,14 @@ def _convert_box(surface: Geom_Surface, box: Array, tol: float) -> tuple[BSpline
         breaks, continuity = _read_breaks(adaptor, axis)
         if own[axis] is not None:
             degree = int(own[axis] or 1)
-            spaces.append((_make_knots(breaks, continuity, degree), degree))
+            spaces.append((make_break_knots(breaks, continuity, degree), degree))
         elif isinstance(surface, ANGULAR[axis]):
             parts = int(np.ceil((box[axis, 1] - box[axis, 0]) / ANGLE_SPAN))
             ends = np.linspace(box[axis, 0], box[axis, 1], parts + 1)
-            spaces.append((_make_knots(ends, np.full(parts - 1, MAX_DEGREE - 1), MAX_DEGREE), MAX_DEGREE))
+            spaces.append((make_break_knots(ends, np.full(parts - 1, MAX_DEGREE - 1), MAX_DEGREE), MAX_DEGREE))
         else:
-            spaces.append(_find_space(sample, axis, box, breaks, continuity, tol))
-    return *_fit_spaces(sample, spaces, [degree is None for degree in own], tol), sample
-
-
-def _fit_spaces(sample: Sampler, spaces: list[Space], adaptive: list[bool], tol: float) -> tuple[BSplineSurface, float]:
-    """The fit in both spaces and its measured error; the spans of those that are adaptive are halved until it is within `tol`."""
-    while True:
-        axes = [_make_axis(*space) for space in spaces]
-        spline = fit_surface(sample(axes[0].points, axes[1].points), axes[0], axes[1])
-        error = _measure(spline, sample)
-        finer = [_bisect_all(space) if free else space for space, free in zip(spaces, adaptive, strict=True)]
-        counts = [len(np.unique(knots)) - 1 for knots, _ in finer]
-        if error <= tol or not any(adaptive) or max(counts) > MAX_SPANS:
-            return spline, error
-        spaces = finer
+            spaces.append(find_space(sample, axis, box, breaks, continuity, tol))
+    return *fit_in_spaces(sample, spaces, [degree is None for degree in own], tol), sample
 
 
 def _restrict(spline: BSplineSurface, box: Array) -> BSplineSurface:
@@ -336,13 +313,17 @@ def _curve_degree(curve: Geom_Curve) -> int | None:
     return None
 
 
-def _read_breaks(adaptor: GeomAdaptor_Surface, axis: int) -> tuple[Array, Array]:
+def _read_breaks(adaptor: GeomAdaptor_Surface | BRepAdaptor_Curve, axis: int | None) -> tuple[Array, Array]:
     """Ends (n + 1,) of the intervals on which the surface is smooth along a parameter, and the continuity (n - 1,) between them.
 
-    The continuity is 0 to 3: more is not told apart.
+    The continuity is 0 to 3: more is not told apart. For a curve `axis` is None.
     """
 
     def intervals(kind: Any) -> Array:
+        if axis is None:
+            values = convert.real_array(adaptor.NbIntervals(kind) + 1)
+            adaptor.Intervals(values, kind)
+            return np.array([values.Value(i) for i in range(1, values.Length() + 1)])
         count = adaptor.NbUIntervals(kind) if axis == 0 else adaptor.NbVIntervals(kind)
         values = convert.real_array(count + 1)
         (adaptor.UIntervals if axis == 0 else adaptor.VIntervals)(values, kind)
@@ -355,65 +336,6 @@ def _read_breaks(adaptor: GeomAdaptor_Surface, axis: int) -> tuple[Array, Array]
         broken = np.abs(breaks[1:-1, None] - intervals(kind)[None, 1:-1]).min(axis=1, initial=np.inf) <= tiny
         continuity[broken] = order - 1
     return breaks, continuity
-
-
-def _make_knots(breaks: Array, continuity: Array, degree: int) -> Array:
-    """Clamped knots with the given continuity at the inner breaks."""
-    repeats = np.maximum(degree - continuity, 1)
-    return np.concatenate(
-        [np.repeat(breaks[0], degree + 1), np.repeat(breaks[1:-1], repeats), np.repeat(breaks[-1], degree + 1)]
-    )
-
-
-def _make_axis(knots: Array, degree: int) -> SplineAxis:
-    """The space with Gauss points, a few more than it has degrees of freedom: samples of a tensor grid are what a fit costs."""
-    ends, repeats = np.unique(knots, return_counts=True)
-    repeats[[0, -1]] = MIN_POINTS
-    spans = len(ends) - 1
-    least = max(MIN_POINTS, int(np.ceil(1.5 * (degree + spans) / spans)))
-    counts = np.clip(1 + np.maximum(repeats[:-1], repeats[1:]), least, max(least, degree + 3))
-    points, weights = zip(
-        *(composite_gauss_legendre(ends[k : k + 2], count) for k, count in enumerate(counts.tolist())), strict=True
-    )
-    return sampled_axis(knots, degree, np.concatenate(points), np.concatenate(weights))
-
-
-def _bisect_all(space: Space) -> Space:
-    """The space with every span halved."""
-    knots, degree = space
-    ends = np.unique(knots)
-    return np.sort(np.concatenate([knots, 0.5 * (ends[1:] + ends[:-1])])), degree
-
-
-def _find_space(sample: Sampler, axis: int, box: Array, breaks: Array, continuity: Array, tol: float) -> Space:
-    """A space of degree `MAX_DEGREE` whose fits to lines of the surface along one parameter are within LINE_TOL."""
-    knots = _make_knots(breaks, continuity, MAX_DEGREE)
-    low, high = box[1 - axis]
-    across = low + (high - low) * (0.5 - 0.5 * np.cos(np.pi * np.arange(FIT_LINES) / (FIT_LINES - 1)))
-
-    def lines(t: Array) -> Array:
-        """Points of all lines at parameters t: (len(t), FIT_LINES * 3)."""
-        found = sample(t, across) if axis == 0 else sample(across, t).swapaxes(0, 1)
-        return found.reshape(len(t), -1)
-
-    while True:
-        own = _make_axis(knots, MAX_DEGREE)
-        rows = own.weighted_design_matrix() * np.sqrt(own.weights)[:, None]
-        coordinates = rows.T @ lines(own.points)
-        ends = np.unique(knots)
-        at = ends[:-1, None] + np.diff(ends)[:, None] * SPAN_CHECKS
-        missed = own.design_matrix(at.ravel()) @ coordinates - lines(at.ravel())
-        distance = np.linalg.norm(missed.reshape(*at.shape, FIT_LINES, 3), axis=3).max(axis=(1, 2))
-        bad = distance > LINE_TOL * tol
-        if not bad.any() or len(ends) - 1 + bad.sum() > MAX_SPANS:
-            return knots, MAX_DEGREE
-        knots = np.sort(np.concatenate([knots, 0.5 * (ends[1:] + ends[:-1])[bad]]))
-
-
-def _measure(spline: BSplineSurface, sample: Sampler) -> float:
-    """Greatest distance of equal parameters on a grid, from the spline to the kernel's surface."""
-    u, v = (np.linspace(*interval, count) for interval, count in zip(spline.domain, CHECK_LINES, strict=True))
-    return float(np.linalg.norm(spline.grid(u, v) - sample(u, v), axis=2).max())
 
 
 def _cut_at_creases(spline: BSplineSurface, face_box: Array) -> BSplineSurface:

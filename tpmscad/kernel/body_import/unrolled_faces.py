@@ -56,12 +56,16 @@ class ImportedFace:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ImportedBody:
-    """Body before assembly; `size` is the diagonal of the box of its vertices and edges."""
+    """Body before assembly; `size` is the diagonal of the box of its vertices and edges.
+
+    `move`: how far free-form faces were moved, so that they meet.
+    """
 
     vertices: tuple[Array, ...]
     edges: tuple[ImportedEdge, ...]
     faces: tuple[ImportedFace, ...]
     size: float
+    move: float = 0.0
 
 
 def sample_use(body: ImportedBody, face: ImportedFace, use: ImportedUse, t: Array | None = None) -> Array:
@@ -148,7 +152,10 @@ def _chain_uses(body: ImportedBody, face: ImportedFace, loop: tuple[ImportedUse,
 def _pole_gap(body: ImportedBody, face: ImportedFace, use: ImportedUse, end: Array, uv: Array) -> Array:
     """Step along a pole from the end of the last half-edge to the start of this one; zero elsewhere. The face is on its left."""
     u_sense = pole_direction(body, face, use)
-    return np.array([pole_angle_step(end[0], uv[0, 0], u_sense), 0.0]) if u_sense else np.zeros(2)
+    if not u_sense:
+        return np.zeros(2)
+    assert not isinstance(face.carrier, Plane)
+    return np.array([pole_angle_step(end[0], uv[0, 0], u_sense, face.carrier.period[0]), 0.0])
 
 
 def pole_direction(body: ImportedBody, face: ImportedFace, use: ImportedUse) -> int:
@@ -157,15 +164,21 @@ def pole_direction(body: ImportedBody, face: ImportedFace, use: ImportedUse) -> 
     start = body.vertices[edge.start if use.sense > 0 else edge.end]
     if not is_at_pole(face.carrier, start[None], body.size)[0]:
         return 0
+    if isinstance(face.carrier, FreeFormSurface):
+        return -min(face.carrier.poles_across_v(), key=lambda end: float(np.linalg.norm(end[1] - start)))[0]
     if isinstance(face.carrier, ConicalSurface):
         return 1 if face.carrier.angle > 0 else -1
     assert not isinstance(face.carrier, Plane)
     return 1 if face.carrier.parameters(start)[1] < 0 else -1
 
 
-def pole_angle_step(start: float, end: float, u_sense: int) -> float:
-    """Change of u from `start` to a u equivalent to `end` with the sign of `way`: nonzero and at most one turn."""
-    turn = 2.0 * np.pi
+def pole_angle_step(start: float, end: float, u_sense: int, turn: float) -> float:
+    """Change of u from `start` to a u equivalent to `end` with the sign of `u_sense`: nonzero and at most one turn.
+
+    `turn` is the period of u; without one, 0, the step leads to `end`.
+    """
+    if not turn:
+        return end - start
     step = (end - start) % turn
     step = turn if step < ANGLE_TOL or step > turn - ANGLE_TOL else step
     if u_sense > 0:

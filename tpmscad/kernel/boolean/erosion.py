@@ -65,17 +65,23 @@ PROBE_STEP = 1e-3
 
 
 def erode(
-    body: CadBody, skin: float, open_faces: Sequence[TopoDS_Face], depth: SkinDepth, margin: float = 0.0
+    body: CadBody,
+    skin: float,
+    open_faces: Sequence[TopoDS_Face],
+    depth: SkinDepth,
+    margin: float = 0.0,
+    mitres: bool = True,
 ) -> tuple[TopoDS_Solid, ...]:
     """Solids of {depth > skin}, largest first; open faces bound it without a skin.
 
     `margin` (in skins) is that of `offset_pieces`: the kernel may intersect the surfaces with one and fail with another.
-    Raises NotQuadric for a body with free-form faces, and KernelError if the surfaces do not close.
+    Raises NotQuadric for a body with free-form faces, and KernelError if the surfaces do not close, or where a concave edge
+    between faces with a skin has no exact tube and `mitres` is not set.
     """
     carriers, source = brep_and_source_faces(body.shape)
     own = faces_of(body.shape)
     is_open = np.array([any(own[f].IsSame(face) for face in open_faces) for f in source.tolist()])
-    pieces = [*offset_pieces(carriers, is_open, skin, margin), *_corner_balls(carriers, is_open, skin, depth)]
+    pieces = [*offset_pieces(carriers, is_open, skin, margin, mitres), *_corner_balls(carriers, is_open, skin, depth)]
     if len(pieces) > MAX_SURFACES:
         raise KernelError(OPERATION, f"{len(pieces)} offset surfaces are too many to intersect, at most {MAX_SURFACES}")
     with translate_occt_errors(OPERATION, body.shape):

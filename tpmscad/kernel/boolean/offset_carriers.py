@@ -67,15 +67,18 @@ class CarrierPiece:
     margin: float
 
 
-def offset_pieces(body: Brep, is_open: NDArray[np.bool_], skin: float, margin: float) -> list[CarrierPiece]:
+def offset_pieces(
+    body: Brep, is_open: NDArray[np.bool_], skin: float, margin: float, mitres: bool = True
+) -> list[CarrierPiece]:
     """Pieces of all surfaces on which the boundary of {depth > skin} lies, but for spheres round corners.
 
     body: planes and quadrics only. is_open (F,): faces from which the depth is not measured; they bound the result themselves.
     margin: by how much, in skins, each piece exceeds its face or edge. Without a margin neighbours that join smoothly end on each
-    other; with one they cross.
+    other; with one they cross. mitres: whether offset faces may meet where a concave edge between faces with a skin has no tube;
+    else KernelError.
     """
     tol = SAME_REL_TOL * float(np.linalg.norm(np.ptp(body.vertices, axis=0)))
-    tubes, mitred = _make_tubes(body, is_open, skin, margin)
+    tubes, mitred = _make_tubes(body, is_open, skin, margin, mitres)
     pieces = []
     for face in range(len(body.faces)):
         carrier, sense = body.carriers[body.faces.carrier[face]], int(body.faces.sense[face])
@@ -121,7 +124,7 @@ def _parameter_box(body: Brep, face: int, carrier: Plane | Quadric) -> Box:
 
 
 def _make_tubes(
-    body: Brep, is_open: NDArray[np.bool_], skin: float, margin: float
+    body: Brep, is_open: NDArray[np.bool_], skin: float, margin: float, mitres: bool
 ) -> tuple[list[CarrierPiece], set[int]]:
     """Cylinders and tori round straight and circular concave edges, and the faces at edges that need extension instead."""
     tubes, mitred = [], set()
@@ -138,6 +141,9 @@ def _make_tubes(
                 f"an open face joins a face with a skin smoothly along an edge about ({x:.4g}, {y:.4g}, {z:.4g}) that is neither "
                 f"straight nor an arc of a radius above the skin, {skin:g}: the skin has no rim to end at",
             )
+        elif edge.concave and not opened.any() and not mitres:
+            x, y, z = edge.points[len(edge.points) // 2]
+            raise KernelError("offset by the skin", f"no exact tube round the edge about ({x:.4g}, {y:.4g}, {z:.4g})")
         else:
             mitred |= set(edge.faces)
     return tubes, mitred

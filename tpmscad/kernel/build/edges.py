@@ -3,9 +3,9 @@
 A straight edge that lies on planes and quadrics only becomes a line with unit speed. An edge on a spline patch keeps the
 parameter of its curve, which its pcurve shares.
 
-Where a loop passes a pole of a sphere or the apex of a cone, OCCT requires a degenerate edge. A boundary representation has no
-edge there: consecutive half-edges of the loop meet at the vertex with different u, and the step along v = const between them is
-implicit.
+Where a loop passes a pole of a sphere or of a spline surface, or the apex of a cone, OCCT requires a degenerate edge. A boundary
+representation has no edge there: consecutive half-edges of the loop meet at the vertex with different u, and the step along
+v = const between them is implicit.
 """
 
 from __future__ import annotations
@@ -21,15 +21,17 @@ from OCP.TopoDS import TopoDS_Edge, TopoDS_Face, TopoDS_Vertex
 
 from tpmscad._typing import Array, IntArray
 from tpmscad.brep.boundary_representation import Brep
-from tpmscad.brep.carriers import Circle, ConicalSurface, Ellipse, SphericalSurface
+from tpmscad.brep.carriers import Carrier, Circle, ConicalSurface, Ellipse, SphericalSurface
 from tpmscad.brep.conics import TWO_PI
+from tpmscad.brep.foot_surface import find_point_sides
 from tpmscad.kernel.occt import convert
 from tpmscad.kernel.occt.convert import CONFUSION_TOLERANCE
 from tpmscad.rigid_motion import Motion
 from tpmscad.splines.bspline import BSplineCurve, BSplineSurface, is_segment
 
 MIN_POLE_STEP_ANGLE = 1e-6
-"""Radians of u from which two consecutive half-edges meet at a pole; elsewhere their u agrees to round-off."""
+"""Radians of u, or turns of a spline surface in 2 pi, from which two consecutive half-edges meet at a pole; elsewhere their u
+agrees to round-off."""
 
 UNIT_SPEED_TOL = 1e-12
 """Deviation from unit speed up to which a straight pcurve becomes an OCCT line, which has unit speed."""
@@ -180,7 +182,7 @@ def find_pole_steps(brep: Brep) -> dict[int, PoleStep]:
     """Pole step after each half-edge that ends at a pole and whose successor starts at a different u."""
     edges, uses, faces = brep.edges, brep.uses, brep.faces
     steps = {}
-    has_pole = np.array([isinstance(c, SphericalSurface | ConicalSurface) for c in brep.carriers], bool)[faces.carrier]
+    has_pole = np.array([_has_pole(c) for c in brep.carriers], bool)[faces.carrier]
     for face in np.flatnonzero(has_pole).tolist():
         for loop in range(int(faces.loop_start[face]), int(faces.loop_start[face + 1])):
             members = list(range(int(faces.use_start[loop]), int(faces.use_start[loop + 1])))
@@ -192,6 +194,13 @@ def find_pole_steps(brep: Brep) -> dict[int, PoleStep]:
                     vertex = edges.end[e] if uses.sense[k] > 0 else edges.start[e]
                     steps[k] = PoleStep(int(vertex), u, then, v)
     return steps
+
+
+def _has_pole(carrier: Carrier) -> bool:
+    """Whether a line v = const of the carrier is a point."""
+    if isinstance(carrier, BSplineSurface):
+        return bool(find_point_sides(carrier)[[0, 2]].any())
+    return isinstance(carrier, SphericalSurface | ConicalSurface)
 
 
 def _use_end_parameters(brep: Brep, use: int) -> list[list[float]]:

@@ -18,7 +18,8 @@ GAUSS_POINTS_SINGLE_SPAN = 16
 """Gauss points of a curve with a single span, such as a whole side of a patch; volumes are converged to round-off."""
 
 GAUSS_POINTS_PER_SPAN = 6
-"""Gauss points per span of a curve with several, such as a fitted intersection curve; volumes are converged to round-off."""
+"""Gauss points per span of a curve with several, such as a fitted intersection curve; volumes are converged to round-off. A
+spline of the kernel has two more than its degree: the edge of a fillet, of a high degree, had an area 5e-5 off with 6."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -44,6 +45,8 @@ class EdgeNodeCache:
             curve = BRepAdaptor_Curve(edge)
             breaks = curve_breaks(curve)
             points = GAUSS_POINTS_PER_SPAN if len(breaks) > 2 else GAUSS_POINTS_SINGLE_SPAN
+            if curve.GetType() == GeomAbs_BSplineCurve:
+                points = max(points, curve.Degree() + 2)
             self._known[key] = nodes_on_intervals(curve, breaks, points)
         return self._known[key], orientation_sign(edge)
 

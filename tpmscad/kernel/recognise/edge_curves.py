@@ -15,17 +15,13 @@ from numpy.typing import NDArray
 from scipy.interpolate import make_interp_spline
 
 from tpmscad._typing import Array
-from tpmscad.brep.carriers import Circle, ConicalSurface, EdgeCurve, Quadric, SphericalSurface
+from tpmscad.brep.carriers import ConicalSurface, EdgeCurve, Quadric, SphericalSurface
 from tpmscad.brep.conics import TWO_PI
 from tpmscad.brep.free_form_surface import BodyCarrier, FreeFormSurface
+from tpmscad.splines.adaptive_curve_fit import FIT_DEGREE, fit_adaptively, make_knots_and_sites
 from tpmscad.splines.basis import design_matrix
 from tpmscad.splines.bspline import BSplineCurve, line_segment
 from tpmscad.splines.quadrature import gauss_legendre
-
-FIT_DEGREE = 7
-
-MAX_FIT_SPANS = 400
-"""Most spans of a fitted curve; half an ellipse on a cylinder takes 8 for a relative error of 1e-10."""
 
 EDGE_SAMPLES = 65
 """Points along an edge at which surface parameters are followed."""
@@ -42,12 +38,6 @@ MIN_INTERVAL_FRACTION = 1e-9
 REFIT_SAMPLES = 257
 """Points of the OCCT curve that are projected onto both surfaces before the curve is reparametrised."""
 
-WORST_ERROR_FRACTION = 0.03
-"""Fraction of the largest error: spans with a larger error are bisected together."""
-
-ERROR_CHECKS_PER_SPAN = 5
-"""Points per knot span at which a fit's error is measured."""
-
 AFFINE_TOL = 1e-11
 """Radians, or body sizes: deviation up to which a pcurve is an affine function of the curve's parameter."""
 
@@ -63,7 +53,8 @@ ARC_LENGTH_PASSES = 2
 """Reparametrisations by arc length: the first starts from chord lengths, the second from arc lengths."""
 
 POLE_REL_TOL = 1e-7
-"""Distance from the axis, in body sizes, below which a point is a pole of a sphere or the apex of a cone."""
+"""Distance from the axis, in body sizes, below which a point is a pole of a sphere or the apex of a cone; from the pole of a
+free-form surface."""
 
 
 class UnsupportedFace(Exception):
@@ -71,10 +62,14 @@ class UnsupportedFace(Exception):
 
 
 def is_at_pole(carrier: BodyCarrier, points: Array, size: float) -> NDArray[np.bool_]:
-    """Mask of the points (n, 3) that are a pole of a sphere or the apex of a cone: (n,).
-
-    Faces with a pole of a free-form surface are not represented (`exact_faces`).
-    """
+    """Mask of the points (n, 3) that are a pole of a sphere or of a free-form surface, or the apex of a cone: (n,)."""
+    if isinstance(carrier, FreeFormSurface):
+        away = [np.linalg.norm(points - pole, axis=1) for _, pole in carrier.poles_across_v()]
+        return (
+            np.asarray(np.min(away, axis=0, initial=np.inf) < POLE_REL_TOL * size, bool)
+            if away
+            else np.zeros(len(points), bool)
+        )
     if not isinstance(carrier, SphericalSurface | ConicalSurface):
         return np.zeros(len(points), bool)
     arm = points - carrier.origin
@@ -172,57 +167,110 @@ def fit_pcurve(
     def error(fit: BSplineCurve, checks: Array) -> Array:
         return np.asarray(np.linalg.norm(carrier(*fit(checks).T) - curve(checks), axis=1))
 
-    return _fit_adaptively(
-        lambda s: follow_parameters(carrier, curve, span, near, s, size), np.union1d(span, inner), error, tol
+    return _require_fit(
+        fit_adaptively(
+            lambda s: follow_parameters(carrier, curve, span, near, s, size), np.union1d(span, inner), error, tol
+        )
     )
 
 
-def _fit_adaptively(
-    values: Callable[[Array], Array], breaks: Array, error: Callable[[BSplineCurve, Array], Array], tol: float
-) -> BSplineCurve:
-    """Spline through values(t); spans with an error above `tol` are bisected and the spline is fitted again.
+def _require_fit(fit: BSplineCurve | None) -> BSplineCurve:
+    """The fit; UnsupportedFace if there is none."""
+    if fit is None:
+        raise UnsupportedFace("has an edge that turns too sharply for a spline fit")
+    return fit
 
-    Raises UnsupportedFace if MAX_FIT_SPANS spans do not suffice.
+
+def project_to_carriers(
+    carriers: Sequence[BodyCarrier], points: Array, least_sine: float = MIN_TRANSVERSE_ANGLE
+) -> Array:
+    """Points (n, 3) projected onto all the surfaces at once by least-norm Newton steps; they must start close to them.
+
+    Surfaces at a smaller angle than `least_sine` count as tangent: between two that miss each other points end in the middle.
     """
-    inside = (np.arange(ERROR_CHECKS_PER_SPAN) + 0.5) / ERROR_CHECKS_PER_SPAN
-    while len(breaks) <= MAX_FIT_SPANS:
-        knots, sites = _knots_and_sites(breaks)
-        try:
-            poles = np.asarray(np.linalg.solve(design_matrix(knots, FIT_DEGREE, sites), values(sites)), float)
-        except np.linalg.LinAlgError:
-            break
-        fit = BSplineCurve(poles, knots, FIT_DEGREE)
-        checks = (breaks[:-1, None] + np.diff(breaks)[:, None] * inside).ravel()
-        worst = error(fit, checks).reshape(-1, ERROR_CHECKS_PER_SPAN).max(axis=1)
-        if (worst <= tol).all():
-            return fit
-        bad = np.flatnonzero(
-            ~(worst <= max(tol, WORST_ERROR_FRACTION * worst.max()))
-        )  # the largest errors dominate those of neighbouring spans
-        breaks = np.union1d(breaks, 0.5 * (breaks[bad] + breaks[bad + 1]))
-    raise UnsupportedFace("has an edge that turns too sharply for a spline fit")
-
-
-def _knots_and_sites(breaks: Array) -> tuple[Array, Array]:
-    """Knots at the breaks, and the Greville abscissae."""
-    knots = np.concatenate([np.repeat(breaks[0], FIT_DEGREE), breaks, np.repeat(breaks[-1], FIT_DEGREE)])
-    sites = np.array([knots[i + 1 : i + FIT_DEGREE + 1].mean() for i in range(len(knots) - FIT_DEGREE - 1)])
-    return knots, np.clip(sites, breaks[0], breaks[-1])
-
-
-def project_to_carriers(carriers: Sequence[BodyCarrier], points: Array) -> Array:
-    """Points (n, 3) projected onto all the surfaces at once by least-norm Newton steps; they must start close to them."""
     for _ in range(MAX_NEWTON_STEPS):
         off = np.stack([c.distance(points) for c in carriers], axis=1)
         slope = np.stack([c.gradient(points) for c in carriers], axis=1)
-        step = np.einsum("nij,nj->ni", np.linalg.pinv(slope, rcond=MIN_TRANSVERSE_ANGLE), off)
+        step = np.einsum("nij,nj->ni", np.linalg.pinv(slope, rcond=least_sine), off)
         points = points - step
         if np.abs(step).max() <= NEWTON_REL_TOL * np.abs(points).max():
             break
     return points
 
 
+TANGENT_STEPS = 12
+"""Newton steps to the points in which surfaces are tangent."""
+
+DIFFERENCE_FRACTION = 1e-6
+"""Of the largest coordinate: step of the differences of normals."""
+
+TANGENT_RCOND = 1e-3
+"""Ratio of singular values below which a direction along a tangent edge counts as free."""
+
+
+def project_to_tangency(carriers: Sequence[BodyCarrier], tangent: Sequence[tuple[int, int]], points: Array) -> Array:
+    """Points (n, 3) moved to where surfaces meet, and those of the pairs `tangent` with parallel normals, by Newton's method.
+
+    The distances of tangent surfaces say nothing about the place across their common edge; n_1 x n_2 = 0 does. Steps are of least
+    norm.
+    """
+    for _ in range(TANGENT_STEPS):
+        normals = [c.gradient(points) for c in carriers]
+        bends = [difference_gradients(c, points) for c in carriers]
+        off = [c.distance(points)[:, None] for c in carriers]
+        slope = [n[:, None] for n in normals]
+        for i, j in tangent:
+            n, m, h, k = normals[i], normals[j], bends[i], bends[j]
+            scale = 1.0 / np.maximum(np.linalg.norm(h - k, axis=(1, 2)), 1e-300)[:, None]
+            turn = np.cross(h, m[:, None], axisb=2, axisa=1, axisc=1) + np.cross(
+                n[:, None], k, axisa=2, axisb=1, axisc=1
+            )
+            off.append(scale * np.cross(n, m))
+            slope.append(scale[..., None] * turn)
+        rows = np.concatenate(slope, axis=1)
+        step = np.einsum("nij,nj->ni", np.linalg.pinv(rows, rcond=TANGENT_RCOND), np.concatenate(off, axis=1))
+        points = points - step
+        if np.abs(step).max() <= NEWTON_REL_TOL * np.abs(points).max():
+            break
+    return points
+
+
+def difference_gradients(carrier: BodyCarrier, points: Array) -> Array:
+    """Second derivatives (n, 3, 3) of the distance by differences, as good as a Newton step needs."""
+    step = DIFFERENCE_FRACTION * max(float(np.abs(points).max()), 1e-300)
+    ways = step * np.eye(3)
+    return np.stack([carrier.gradient(points + w) - carrier.gradient(points - w) for w in ways], axis=2) / (2.0 * step)
+
+
 ARC_LENGTH_GAUSS_POINTS = 6
+
+MIN_STEP_FRACTION = 1e-9
+"""Of the size of a curve: nearer points are one."""
+
+SMOOTH_SPANS = (1, 2, 4, 8, 16, 32)
+"""Numbers of spans of a smooth curve that are tried."""
+
+
+def smooth_path(path: Array, tol: float) -> Array:
+    """Points (m, 3) of a smooth curve from the first to the last of the points of a path, within `tol` of all if it can be."""
+    t = np.append(0.0, np.cumsum(np.linalg.norm(np.diff(path, axis=0), axis=1)))
+    t /= max(t[-1], 1e-300)
+    chord = path[0] + np.multiply.outer(t, path[-1] - path[0])
+    best, least = path, np.inf
+    for spans in SMOOTH_SPANS:
+        if spans + FIT_DEGREE > len(path) // 3:
+            break
+        knots, _ = make_knots_and_sites(np.linspace(0.0, 1.0, spans + 1))
+        rows = design_matrix(knots, FIT_DEGREE, t)[:, 1:-1]
+        found = chord + rows @ np.linalg.lstsq(rows, path - chord, rcond=None)[0]
+        off = float(np.linalg.norm(found - path, axis=1).max())
+        if off < least:
+            best, least = found, off
+        if least <= tol:
+            break
+    best = best.copy()
+    best[[0, -1]] = path[[0, -1]]
+    return best
 
 
 def fit_intersection_curve(first: BodyCarrier, second: BodyCarrier, path: Array, tol: float) -> BSplineCurve:
@@ -230,23 +278,33 @@ def fit_intersection_curve(first: BodyCarrier, second: BodyCarrier, path: Array,
 
     The points are close to both surfaces; they are projected onto them first.
     """
-    points = project_to_carriers((first, second), path)
+    return fit_curve_on_carriers((first, second), project_to_carriers((first, second), path), tol)
+
+
+def fit_curve_on_carriers(carriers: Sequence[BodyCarrier], points: Array, tol: float) -> BSplineCurve:
+    """B-spline through points (m, 3) on surfaces, if any, within `tol` of all of them, parametrised by arc length."""
+    far = np.append(True, np.linalg.norm(np.diff(points, axis=0), axis=1) > MIN_STEP_FRACTION * np.ptp(points))
+    far[-1] = True
+    points = points[far]
     t = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(points, axis=0), axis=1))])
     for _ in range(ARC_LENGTH_PASSES):
         dense = make_interp_spline(t, points, 5)
         t = _arc_lengths(dense, t)
     dense = make_interp_spline(t, points, 5)
 
-    def values(sites: Array) -> Array:
-        through = project_to_carriers((first, second), dense(sites))
-        through[[0, -1]] = points[[0, -1]]
+    def values(sites: Array, ends: bool = True) -> Array:
+        through = project_to_carriers(carriers, dense(sites)) if carriers else dense(sites)
+        if ends:
+            through[[0, -1]] = points[[0, -1]]
         return through
 
     def error(fit: BSplineCurve, checks: Array) -> Array:
         at = fit(checks)
-        return np.maximum(np.abs(first.distance(at)), np.abs(second.distance(at)))
+        if len(carriers) < 2:  # surfaces alone do not say where the curve is
+            return np.asarray(np.linalg.norm(at - values(checks, ends=False), axis=1))
+        return np.asarray(np.max([np.abs(c.distance(at)) for c in carriers], axis=0))
 
-    return _fit_adaptively(values, np.array([0.0, t[-1]]), error, tol)
+    return _require_fit(fit_adaptively(values, np.array([0.0, t[-1]]), error, tol))
 
 
 def _arc_lengths(dense: Callable[..., Array], t: Array) -> Array:
@@ -256,30 +314,3 @@ def _arc_lengths(dense: Callable[..., Array], t: Array) -> Array:
     nodes = (t[:-1] + half)[:, None] + half[:, None] * x
     speed = np.linalg.norm(dense(nodes.ravel(), 1), axis=1).reshape(nodes.shape)
     return np.concatenate([[0.0], np.cumsum(half * (speed @ w))])
-
-
-def recognise_line_or_circle(points: Array, tol: float) -> tuple[EdgeCurve, tuple[float, float]] | None:
-    """Line or circle on which points (m, 3) along a curve lie, with its span from the first to the last; or None."""
-    start, end, middle = points[0], points[-1], points[len(points) // 2]
-    chord = end - start
-    length = float(np.linalg.norm(chord))
-    if length > tol:
-        off = points - start
-        off = off - np.multiply.outer(off @ chord / length**2, chord)
-        if np.linalg.norm(off, axis=1).max() <= tol:
-            return line_segment(start, end, (0.0, length)), (0.0, length)
-    else:  # a closed curve: points at thirds
-        end, middle = points[2 * len(points) // 3], points[len(points) // 3]
-    a, b = middle - start, end - start
-    normal = np.cross(a, b)
-    if np.linalg.norm(normal) <= tol * max(np.linalg.norm(a), np.linalg.norm(b)):
-        return None
-    arm = np.cross(normal, a) * (b @ b) + np.cross(b, normal) * (a @ a)
-    arm = arm / (2.0 * normal @ normal)  # from the first point to the center
-    centre, radius = start + arm, float(np.linalg.norm(arm))
-    circle = Circle(centre, -arm / radius, normal / np.linalg.norm(normal), radius)
-    out = points - centre
-    if max(np.abs(out @ circle.normal).max(), np.abs(np.linalg.norm(out, axis=1) - radius).max()) > tol:
-        return None
-    angle = np.unwrap(np.arctan2(out @ circle.y_axis, out @ circle.x_axis))
-    return (circle, (0.0, float(angle[-1]))) if (np.diff(angle) > 0).all() else None

@@ -22,8 +22,9 @@ from tpmscad.brep.carriers import (
     SphericalSurface,
     ToroidalSurface,
 )
+from tpmscad.brep.curve_recognition import recognise_line_or_circle
 from tpmscad.kernel.occt.convert import axis_frame
-from tpmscad.kernel.recognise.edge_curves import UnsupportedFace, recognise_line_or_circle
+from tpmscad.kernel.recognise.edge_curves import UnsupportedFace
 
 EXACT_REL_TOL = 1e-10
 """In body sizes: deviation of an edge from its surfaces, and of a surface from the plane or quadric it is recognised as."""

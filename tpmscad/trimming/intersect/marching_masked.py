@@ -19,7 +19,9 @@ import numpy as np
 
 from tpmscad._typing import Array, BoolArray, IntArray
 from tpmscad.brep.free_form_surface import FreeFormSurface
+from tpmscad.brep.orthogonal_projection import project_to_patch
 from tpmscad.errors import TrimmingError
+from tpmscad.rigid_motion import Motion
 from tpmscad.splines.bspline import BSplineSurface
 from tpmscad.trimming.intersect.critical_points import (
     BORDER_SPACINGS,
@@ -40,6 +42,7 @@ from tpmscad.trimming.intersect.marching import (
     project_to_zero,
 )
 from tpmscad.trimming.intersect.patch_borders import BorderSide, place_grid_lines, side_fractions, view_side_nodes
+from tpmscad.trimming.operands.edge_normals import EdgeNormals
 from tpmscad.trimming.operands.quadric_table import ComposedDistance, QuadricTable
 
 LIPSCHITZ_FACTOR = 1.2
@@ -127,7 +130,7 @@ def march_masked_patch(
     if not arcs:
         return replace(EMPTY_TRACE, sign=1)  # the sign is asked for next to coincident sides only, which are refused
     foci = np.array([[*c.parameters, c.radius] for c in critical if abs(c.value) > zero_tol]).reshape(-1, 3)
-    return Trace(arcs, 0, points, np.zeros(4, np.int64), foci)
+    return Trace(arcs, 0, points, np.zeros(4, np.int64), np.vstack([foci, _find_pole_foci(distance, samples)]))
 
 
 def _sample(distance: ComposedDistance, us: Array, vs: Array) -> _Samples:
@@ -191,6 +194,26 @@ def _find_critical_points(distance: ComposedDistance, samples: _Samples) -> list
         if not any((np.abs(found.parameters - p.parameters) < BORDER_SPACINGS * h).all() for p in result):
             result.append(found)
     return result
+
+
+def _find_pole_foci(distance: ComposedDistance, samples: _Samples) -> Array:
+    """Where the patch comes near poles of the surface: (u, v) and the distance in (u, v), (k, 3). Arcs turn sharply there."""
+    form, place = _single_form(distance)
+    poles = form.poles_across_v() if isinstance(form, FreeFormSurface) else ()
+    if not poles:
+        return np.zeros((0, 3))
+    points = place.apply_inverse(np.array([pole for _, pole in poles]))
+    apart = np.linalg.norm(samples.points[:, :, None] - points, axis=3).reshape(-1, len(points))
+    i, j = np.unravel_index(apart.argmin(axis=0), samples.points.shape[:2])
+    radius, u, v = project_to_patch(distance.surface, points, samples.us[i], samples.vs[j])
+    return np.column_stack([u, v, radius / np.sqrt(np.linalg.norm(distance.surface.normal(u, v), axis=1))])
+
+
+def _single_form(distance: ComposedDistance) -> tuple[FreeFormSurface | EdgeNormals, Motion]:
+    """The surface of a table of one row, and its place in the frame of the patch."""
+    placed = distance.implicit.placed
+    assert placed is not None
+    return placed.forms[int(placed.number[0])], placed.place[0]
 
 
 def _mask_borders(samples: _Samples, negative: BoolArray, borders: tuple[BorderSide, ...]) -> BoolArray:
@@ -288,9 +311,7 @@ def _insert_kinks(
     that the point lies on it to round-off; other lines are skipped where points are not `clear` (n,) of the borders of faces, and
     within `clearance` of the ends of the path, lest short edges result.
     """
-    placed = distance.implicit.placed
-    assert placed is not None
-    form, place = placed.forms[int(placed.number[0])], placed.place[0]
+    form, place = _single_form(distance)
     none = path, np.zeros(0, np.int64)
     if not isinstance(form, FreeFormSurface):
         return none

@@ -2,15 +2,17 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from tpmscad._typing import Array, BoolArray, IntArray
-from tpmscad.brep.carriers import Plane
+from tpmscad.brep.boundary_representation import Brep
+from tpmscad.brep.carriers import EdgeCurve, Plane
 from tpmscad.brep.free_form_surface import BodyCarrier
 from tpmscad.brep.loops import points_in_polygons
-from tpmscad.splines.bspline import BSplineCurve
+from tpmscad.splines.bspline import is_segment
 from tpmscad.trimming.operands.trimming_body import TrimmingBody, face_use_range
 
 SEGMENTS_PER_LINE, SEGMENTS_PER_CURVE = 1, 256
@@ -64,18 +66,22 @@ def shift_to_period(uv: Array, carrier: BodyCarrier, reference: Array) -> Array:
 
 def build_face_regions(body: TrimmingBody) -> list[FaceRegion]:
     """The regions of all faces of the body."""
-    brep = body.brep
+    return build_regions(body.brep, body.carriers, body.curves)
+
+
+def build_regions(brep: Brep, carriers: Sequence[BodyCarrier], curves: Sequence[EdgeCurve]) -> list[FaceRegion]:
+    """The regions of faces on the carriers (F), bounded by edges on the curves (M)."""
     result = []
-    for f, carrier in enumerate(body.carriers):
+    for f, carrier in enumerate(carriers):
         segments, border = [], []
         for k in range(*face_use_range(brep, f)):
             e = brep.uses.edge[k]
-            curve, sense = body.curves[e], brep.uses.sense[k]
-            is_line = isinstance(curve, BSplineCurve) and curve.degree == 1 and isinstance(carrier, Plane)
+            curve, sense = curves[e], brep.uses.sense[k]
+            pcurve = None if isinstance(carrier, Plane) else brep.pcurves[brep.uses.pcurve[k]]
             low, high = brep.edges.span[e][:: 1 if sense > 0 else -1]
-            t = np.linspace(low, high, (SEGMENTS_PER_LINE if is_line else SEGMENTS_PER_CURVE) + 1)
-            points = curve(t)
-            uv = carrier.parameters(points) if isinstance(carrier, Plane) else brep.pcurves[brep.uses.pcurve[k]](t)
+            along = [np.linspace(low, high, _count_segments(c) + 1) for c in (curve, pcurve or curve)]
+            points = curve(along[0])
+            uv = carrier.parameters(points) if pcurve is None or isinstance(carrier, Plane) else pcurve(along[1])
             segments.append(uv)
             border.append(points)
         everything = np.concatenate(segments)
@@ -83,6 +89,11 @@ def build_face_regions(body: TrimmingBody) -> list[FaceRegion]:
         loops = _close_loops(brep.faces.loop_start[f], brep.faces.loop_start[f + 1], brep.faces.use_start, segments)
         result.append(FaceRegion(carrier, loops, np.concatenate([_split_polyline(p) for p in border]), reference))
     return result
+
+
+def _count_segments(curve: EdgeCurve) -> int:
+    """The segments of a polygon for a curve or pcurve."""
+    return SEGMENTS_PER_LINE if is_segment(curve) else SEGMENTS_PER_CURVE
 
 
 def _split_polyline(points: Array) -> Array:

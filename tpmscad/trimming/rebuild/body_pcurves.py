@@ -1,8 +1,8 @@
 """Pcurves of space curves on the body's quadrics, with the parameter of the space curve, by interpolation.
 
 The space curve is mapped to the carrier's parameters at Greville sites and interpolated with more and more spans, until the
-pcurve's image is within the tolerance of the curve. Near a pole of a sphere or the apex of a cone the angle varies within a small
-part of the curve; there the knots are graded: they are uniform in arsinh of the distance along the curve.
+pcurve's image is within the tolerance of the curve. Near a pole of a surface or the apex of a cone the angle varies within a
+small part of the curve; there the knots are graded: they are uniform in arsinh of the distance along the curve.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ import numpy as np
 from tpmscad._typing import Array, IntArray
 from tpmscad.brep.boundary_representation import Edges
 from tpmscad.brep.carriers import ConicalSurface, SphericalSurface
-from tpmscad.brep.free_form_surface import BodyCarrier
+from tpmscad.brep.free_form_surface import BodyCarrier, FreeFormSurface
 from tpmscad.errors import TrimmingError
 from tpmscad.rigid_motion import Motion
 from tpmscad.splines.basis import design_matrix
@@ -148,10 +148,14 @@ def _find_closest_to_axis(
     curve: Callable[[Array], Array], carrier: BodyCarrier, tol: float
 ) -> tuple[float, float] | None:
     """The position in [0, 1] where a curve is nearest to a pole or an apex, and the width within which its angle varies."""
-    if not isinstance(carrier, SphericalSurface | ConicalSurface):
+    poles = [p for _, p in carrier.poles_across_v()] if isinstance(carrier, FreeFormSurface) else []
+    if not poles and not isinstance(carrier, SphericalSurface | ConicalSurface):
         return None
 
     def away(x: Array) -> Array:
+        if poles:
+            return np.asarray(np.min([np.linalg.norm(curve(x) - pole, axis=1) for pole in poles], axis=0))
+        assert isinstance(carrier, SphericalSurface | ConicalSurface)
         arm = curve(x) - carrier.origin
         return np.asarray(np.linalg.norm(arm - (arm @ carrier.axis)[:, None] * carrier.axis, axis=1))
 

@@ -1,0 +1,84 @@
+"""Eroded bodies with open faces: closed forms, free-form bodies, faces that lean, and rounds that end the skin."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import build123d as bd
+import numpy as np
+import pytest
+
+from tests.erosion.test_eroded_body import ellipse_perimeter
+from tests.kernel.test_free_form_cut import BODIES
+from tpmscad.brep.boundary_representation import Brep
+from tpmscad.brep.moments import integral_properties
+from tpmscad.erosion.eroded_body import erode_body
+from tpmscad.kernel.body_import.body_brep import read_free_form_body
+from tpmscad.kernel.body_import.cad_body import read_body
+from tpmscad.kernel.boolean.hollow_body import find_skin_faces
+from tpmscad.kernel.build.solids import build_solids
+from tpmscad.kernel.measure.skin_depth import SkinDepth, measure_skin_thickness
+from tpmscad.kernel.occt.exploration import faces_of
+
+pytestmark = pytest.mark.kernel
+
+
+def eroded(body: Any, skin: float, open_along: tuple[bd.Vector, ...]) -> tuple[Brep, float, float]:
+    """The part deeper than the skin, without one below the outermost planar faces, and the least and greatest thickness."""
+    read = read_body(body)
+    own = faces_of(read.shape)
+    opened = [outermost(body, along) for along in open_along]
+    source = read_free_form_body(read.shape, [str(i) for i in range(len(own))])
+    is_open = np.array([any(face.IsSame(o.wrapped) for o in opened) for face in own])
+    brep = erode_body(source.brep, source.free_form, skin, is_open[source.brep.faces.tag])
+    parts = [read_body(solid) for solid in build_solids(brep).solids]  # which refuses what the kernel calls invalid
+    inner = find_skin_faces([part.shape for part in parts], parts, [o.wrapped for o in opened])
+    depth = SkinDepth(read.shape, [face for face, o in zip(own, is_open, strict=True) if not o])
+    measured = measure_skin_thickness(inner, depth)
+    return brep, measured.least, measured.greatest
+
+
+def outermost(body: Any, along: bd.Vector) -> bd.Face:
+    planar = [f for f in body.faces() if f.geom_type == bd.GeomType.PLANE]
+    return max(planar, key=lambda f: f.center().dot(along))
+
+
+def volume(brep: Brep) -> float:
+    return float(integral_properties.volume(integral_properties.integrate_faces(brep)).sum())
+
+
+UP, DOWN, RIGHT = bd.Vector(0, 0, 1), bd.Vector(0, 0, -1), bd.Vector(1, 0, 0)
+
+
+def test_open_faces_get_no_skin_adjacent_ones_included() -> None:
+    brep, least, greatest = eroded(bd.Box(16, 14, 12), 1.5, (UP, RIGHT))
+    assert volume(brep) == pytest.approx(14.5 * 11 * 10.5, rel=1e-12)
+    assert (least, greatest) == pytest.approx((1.5, 1.5), rel=1e-9)
+
+
+def test_a_free_form_body_open_at_one_end_has_its_closed_form_volume() -> None:
+    a, b, skin = 3.9, 2.4, 0.8
+    brep, least, greatest = eroded(BODIES["ellipse"](), skin, (UP,))
+    section = np.pi * a * b - ellipse_perimeter(a, b) * skin + np.pi * skin**2
+    assert volume(brep) == pytest.approx(section * (5 - skin), rel=2e-7)
+    assert (least, greatest) == pytest.approx((skin, skin), rel=1e-6)
+
+
+@pytest.mark.parametrize("name", ["cam", "handle", "blade"])
+def test_free_form_bodies_may_be_open(name: str) -> None:
+    """Faces of `handle` and `blade` lean in above the open end, where the skin is thicker by the slope."""
+    skin = 0.3
+    brep, least, greatest = eroded(BODIES[name](), skin, (UP,))
+    assert least == pytest.approx(skin, rel=1e-6)
+    assert greatest < 1.06 * skin
+    assert {brep.tags[t] for t in brep.faces.tag} == {"skin"}
+
+
+def test_the_skin_ends_in_a_round_beside_a_leaning_face_and_a_fillet() -> None:
+    long_edges = bd.Box(40, 24, 12).edges().filter_by(bd.Axis.Y).sort_by(bd.Axis.Z)[-2:]
+    below_the_fillet, below_the_round = 3 * 2 - np.pi, np.pi / 4
+    brep, *thickness = eroded(bd.fillet(long_edges, 3), 1.0, (UP,))
+    assert volume(brep) == pytest.approx(22 * (38 * 11 - 2 * (below_the_fillet + below_the_round)), rel=1e-7)
+    assert thickness == pytest.approx([1.0, 1.0], rel=1e-6)
+    _, *thickness = eroded(bd.extrude(bd.Rectangle(40, 40), 8, taper=60), 1.0, (UP,))
+    assert thickness == pytest.approx([1.0, 1.0], rel=1e-6)

@@ -1,0 +1,249 @@
+"""The boundary representation of what is deeper than a skin below the boundary of a body."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+
+from tpmscad._typing import Array, BoolArray, IntArray
+from tpmscad.brep import connectivity
+from tpmscad.brep.boundary_representation import Brep, Edges, EdgeUses, Faces, drop_unused_geometry
+from tpmscad.brep.carriers import EdgeCurve, Plane
+from tpmscad.brep.free_form_surface import FreeFormSurface
+from tpmscad.brep.loops import LoopError, chain_loops, nest_loops, points_in_polygons
+from tpmscad.brep.restricted_surfaces import restrict_carriers
+from tpmscad.erosion.edge_fits import fit_edge
+from tpmscad.erosion.offset_shell import OffsetShell, build_offset_shell
+from tpmscad.erosion.tracing import EdgeGraph, trace_edges
+from tpmscad.errors import TrimmingError, format_point
+from tpmscad.rigid_motion import Motion
+from tpmscad.splines.bspline import BSplineCurve
+from tpmscad.trimming.operands.face_regions import MIN_SQUARED_LENGTH
+
+TAG = "skin"
+"""Tag of the faces."""
+
+DEVIATION_MARGIN = 1.5
+"""Factor on sampled deviations of edges."""
+
+FRACTIONS = np.linspace(0.0, 1.0, 33)
+"""Places along an edge at which its deviation is measured, and of the polygons in which loops are nested."""
+
+CARRIER_MARGIN = 0.3
+"""In body sizes: how far fitted carriers may go on beyond the vertices. A lattice that the eroded body trims is followed beyond
+its edges; with 0.001 the trim of an elliptic prism fails, and the kernel's split takes twice as long."""
+
+CHECK_GRID = 24
+"""Nodes along each parameter of a sheet at which the faces are compared with the depth."""
+
+CHECK_BORDER = 0.01
+"""Of the extent of a sheet's domain: nodes nearer to the border of a face are not compared."""
+
+
+def erode_body(
+    brep: Brep, free_form: Mapping[int, FreeFormSurface], skin: float, is_open: BoolArray | None = None
+) -> Brep:
+    """The boundary of the points of a body deeper than `skin` (model units).
+
+    Parameters
+    ----------
+    brep : Brep
+        A closed body without motions, on planes, quadrics and splines.
+    free_form : mapping of int to FreeFormSurface
+        Its spline carriers with their distances, by their numbers.
+    skin : float
+        Depth in model units.
+    is_open : ndarray of bool, shape (F,), optional
+        Planar faces from which no depth is measured: they bound the result themselves. At a face that leans out over an open one
+        the depth is at most 1.45 times the skin.
+
+    Returns
+    -------
+    Brep
+        Closed, with outward normals; without faces if nothing is that deep. There may be several shells.
+
+    Raises
+    ------
+    TrimmingError
+        If the arrangement of the offset surfaces cannot be resolved.
+    """
+    opened = np.zeros(len(brep.faces), bool) if is_open is None else is_open
+    shell = build_offset_shell(brep, free_form, skin, opened)
+    graph = trace_edges(shell)
+    return _Builder(shell, graph).build()
+
+
+class _Builder:
+    """Edges and uses of an edge graph, chained into faces."""
+
+    def __init__(self, shell: OffsetShell, graph: EdgeGraph):
+        self.shell, self.graph = shell, graph
+        self.curves: list[EdgeCurve] = []
+        self.pcurves: list[BSplineCurve] = []
+        self.spans: list[tuple[float, float]] = []
+        self.ends: list[tuple[int, int]] = []
+        self.uses: dict[int, list[tuple[int, int, int]]] = {}
+
+    def build(self) -> Brep:
+        """The boundary representation; TrimmingError if its faces do not close or contradict the depth."""
+        for piece in self.graph.rim_pieces:
+            rim = self.shell.rims[piece.rim]
+            edge = self._add_edge(rim.curve, piece.span, (piece.start, piece.end))
+            for sheet, pcurve, sense in zip(rim.sheets, rim.pcurves, rim.senses, strict=True):
+                self._add_use(sheet, edge, sense, pcurve)
+        for traced in self.graph.edges:
+            one, other = (self.shell.sheets[s] for s in traced.sheets)
+            fitted = fit_edge(one, other, traced, self.shell.size)
+            edge = self._add_edge(fitted.curve, fitted.span, (traced.start, traced.end))
+            middle = len(traced.points) // 2
+            uvs = traced.parameters[middle, :2], traced.parameters[middle, 2:]
+            tangent = traced.points[middle] - traced.points[middle - 1]
+            normals = [sheet.outward(uv[None])[0] for sheet, uv in zip((one, other), uvs, strict=True)]
+            for k, sheet in enumerate(traced.sheets):
+                into = np.cross(normals[k], tangent)  # to the left of the edge, seen from outside
+                left = 1 if into @ normals[1 - k] < 0 else -1
+                self._add_use(sheet, edge, left * self.shell.sheets[sheet].sense, fitted.pcurves[k])
+        return self._assemble()
+
+    def _add_edge(self, curve: EdgeCurve, span: tuple[float, float], ends: tuple[int, int]) -> int:
+        self.curves.append(curve)
+        self.spans.append(span)
+        self.ends.append(ends)
+        return len(self.curves) - 1
+
+    def _add_use(self, sheet: int, edge: int, sense: int, pcurve: BSplineCurve | None) -> None:
+        number = -1
+        if pcurve is not None:
+            number = len(self.pcurves)
+            self.pcurves.append(pcurve)
+        self.uses.setdefault(sheet, []).append((edge, sense, number))
+
+    def _path(self, sheet: int, use: tuple[int, int, int]) -> Array:
+        """(u, v) along an edge use, in its direction."""
+        edge, sense, pcurve = use
+        low, high = self.spans[edge]
+        t = low + (high - low) * FRACTIONS[::sense]
+        carrier = self.shell.sheets[sheet].carrier
+        if pcurve >= 0:
+            return self.pcurves[pcurve](t)
+        assert isinstance(carrier, Plane)
+        return carrier.parameters(self.curves[edge](t))
+
+    def _assemble(self) -> Brep:
+        vertices = np.reshape(self.graph.vertices, (-1, 3))
+        ends = np.array(self.ends, np.int64).reshape(-1, 2)
+        rows: list[tuple[int, int, int]] = []
+        carriers, senses, use_start, loop_start = [], [], [0], [0]
+        for sheet in range(len(self.shell.sheets)):
+            own = self.uses.get(sheet, [])
+            paths = [self._path(sheet, use) for use in own]
+            faces = self._chain(sheet, own, paths, ends)
+            self._check_depth(sheet, paths)
+            for loops in faces:
+                for loop in loops:
+                    rows += [own[i] for i in loop]
+                    use_start.append(len(rows))
+                loop_start.append(len(use_start) - 1)
+                carriers.append(self.shell.sheets[sheet].carrier)
+                senses.append(self.shell.sheets[sheet].sense)
+        n = len(self.curves)
+        edge_table = Edges(
+            np.arange(n),
+            Motion.identity(n),
+            np.array(self.spans).reshape(-1, 2),
+            ends[:, 0],
+            ends[:, 1],
+            np.zeros(n),
+        )
+        faces_table = Faces(
+            np.arange(len(carriers)),
+            Motion.identity(len(carriers)),
+            np.array(senses, np.int64),
+            np.zeros(len(carriers), np.int64),
+            np.array(loop_start),
+            np.array(use_start),
+        )
+        uses = EdgeUses(*np.array(rows, np.int64).reshape(-1, 3).T)
+        brep = Brep(
+            tuple(carriers), tuple(self.curves), tuple(self.pcurves), vertices, edge_table, uses, faces_table, (TAG,)
+        )
+        if not len(carriers):
+            return brep
+        self._measure_deviation(brep)
+        unmatched = connectivity.find_unmatched_edges(brep)
+        if len(unmatched):
+            at = format_point(vertices[ends[unmatched[0], 0]])
+            raise TrimmingError(f"{len(unmatched)} edges of the eroded body join no two faces, the first at {at}")
+        margin = CARRIER_MARGIN * self.shell.size
+        brep = restrict_carriers(brep, vertices.min(axis=0) - margin, vertices.max(axis=0) + margin)
+        return drop_unused_geometry(brep)
+
+    def _chain(
+        self, sheet: int, own: list[tuple[int, int, int]], paths: list[Array], ends: IntArray
+    ) -> list[list[list[int]]]:
+        """The faces of a sheet as lists of loops of its uses."""
+        if not own:
+            return []
+        edge, sense = np.array([use[0] for use in own]), np.array([use[1] for use in own])
+        start, end = ends[edge, 0], ends[edge, 1]
+        start, end = np.where(sense > 0, start, end), np.where(sense > 0, end, start)
+
+        def direction(i: int, at_end: bool) -> Array:
+            return np.asarray(paths[i][-1] - paths[i][-2] if at_end else paths[i][1] - paths[i][0])
+
+        try:
+            loops = chain_loops(start, end, direction)
+            nested = nest_loops([np.concatenate([paths[i] for i in loop]) for loop in loops])
+        except LoopError as error:
+            at = format_point(paths[0][0])
+            raise TrimmingError(f"the faces of an offset surface do not close about (u, v) = {at}: {error}") from error
+        return [[loops[i] for i in face] for face in nested]
+
+    def _check_depth(self, sheet: int, paths: list[Array]) -> None:
+        """TrimmingError if a node of the sheet is deep enough but outside its faces, or inside and too shallow."""
+        own = self.shell.sheets[sheet]
+        low, high = own.box()
+        axes = (np.linspace(a, b, CHECK_GRID + 2)[1:-1] for a, b in zip(low, high, strict=True))
+        uv = np.stack(np.meshgrid(*axes, indexing="ij"), axis=2).reshape(-1, 2)
+        uv = uv[own.contains(uv)]
+        if not len(uv):
+            return
+        deep = np.isinf(self.shell.sites.nearest(own.carrier(*uv.T), self.graph.limit).depth)
+        if not paths:
+            wrong = deep
+        else:
+            start, end = (np.concatenate([p[k] for p in paths]) for k in (slice(None, -1), slice(1, None)))
+            inside = points_in_polygons(start, end, uv)
+            wrong = inside != deep
+            if wrong.any():
+                near = _distance_to_segments(uv[wrong] / (high - low), start / (high - low), end / (high - low))
+                wrong[np.flatnonzero(wrong)[near < CHECK_BORDER]] = False
+        if wrong.any():
+            at = format_point(own.carrier(*uv[wrong][0]))
+            raise TrimmingError(f"a part of an offset surface about {at} is not bounded by the edges found")
+
+    def _measure_deviation(self, brep: Brep) -> None:
+        """Write the deviations of edges: distances of their curves from carriers along pcurves, and from vertices."""
+        face_of_use, deviation = brep.face_of_use, brep.edges.deviation
+        for k in range(len(brep.uses)):
+            edge, pcurve = int(brep.uses.edge[k]), int(brep.uses.pcurve[k])
+            low, high = self.spans[edge]
+            t = low + (high - low) * FRACTIONS
+            points = self.curves[edge](t)
+            carrier = brep.carriers[brep.faces.carrier[face_of_use[k]]]
+            if pcurve < 0:
+                assert isinstance(carrier, Plane)
+                off = np.abs(carrier.distance(points))
+            else:
+                off = np.linalg.norm(carrier(*self.pcurves[pcurve](t).T) - points, axis=1)
+            gaps = np.linalg.norm(points[[0, -1]] - brep.vertices[list(self.ends[edge])], axis=1)
+            deviation[edge] = max(deviation[edge], DEVIATION_MARGIN * max(float(off.max()), float(gaps.max())))
+
+
+def _distance_to_segments(points: Array, start: Array, end: Array) -> Array:
+    """Distances (n,) of points (n, 2) from the nearest of segments (m, 2), (m, 2)."""
+    along = end - start
+    square = np.maximum((along * along).sum(axis=1), MIN_SQUARED_LENGTH)
+    w = np.clip(((points[:, None] - start) * along).sum(axis=2) / square, 0.0, 1.0)
+    return np.asarray(np.linalg.norm(points[:, None] - start - w[..., None] * along, axis=2).min(axis=1))
