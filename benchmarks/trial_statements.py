@@ -32,18 +32,29 @@ NEIGHBOURS = 40
 """Nearest triangles among which the other side of a wall is sought."""
 
 
+MAX_HALVINGS = 3
+"""Of the deviation, until the kernel triangulates all faces."""
+
+
 def triangulate(shape: Any, deviation: float, *, angle: float = FINE_ANGLE) -> tuple[np.ndarray, np.ndarray]:
     """Vertices (n, 3) within the deviation of the faces of a shape, and triangles (m, 3), turned outwards.
 
     angle: between the normals of neighbouring facets, radians.
     """
     import build123d as bd
+    from OCP.BRepBuilderAPI import BRepBuilderAPI_Copy
     from OCP.BRepMesh import BRepMesh_IncrementalMesh
 
-    BRepMesh_IncrementalMesh(
-        shape, deviation, False, angle, False
-    )  # build123d's deviations are relative to lengths of edges
-    vertices, triangles = bd.Compound(shape).tessellate(deviation, angle)
+    for halvings in range(MAX_HALVINGS + 1):
+        copy, finer = BRepBuilderAPI_Copy(shape, False, False).Shape(), deviation / 2**halvings
+        # build123d's deviations are relative to lengths of edges
+        BRepMesh_IncrementalMesh(copy, finer, False, angle, False)
+        try:
+            vertices, triangles = bd.Compound(copy).tessellate(finer, angle)
+            break
+        except AttributeError:  # the kernel left a face without triangles
+            if halvings == MAX_HALVINGS:
+                raise
     return np.array([tuple(v) for v in vertices]), np.array(triangles)
 
 

@@ -152,7 +152,7 @@ REMEDIES: dict[str, tuple[Request, str, Remedy]] = {
     ),
     "unequal cells of a surface whose mirrors they bend": (
         lambda: lattice("neovius", cell=(8, 8, 9.6)),
-        "fields.tpms takes unequal periods",
+        "whose periods may be unequal",
         lambda _: solidify(fields.sheet(fields.tpms("neovius", (8, 8, 9.6)), -0.6, 0.6)),
     ),
     "a map of a surface of fitted patches": (

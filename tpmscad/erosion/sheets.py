@@ -202,8 +202,7 @@ def _is_exact(sample: Callable[[Array, Array], Array], axis: int, box: Array, sp
     knots, degree = space
     if degree > 1 or len(knots) > 4:
         return False
-    (low, high), (start, stop) = box[axis], box[1 - axis]
-    at, across = np.linspace(low, high, 3), np.linspace(start, stop, 9)
+    at, across = (np.linspace(box[k, 0], box[k, 1], n) for k, n in ((axis, 3), (1 - axis, 9)))
     lines = sample(at, across) if axis == 0 else sample(across, at).swapaxes(0, 1)
     return bool(np.abs(lines[1] - 0.5 * (lines[0] + lines[2])).max() <= 0.1 * tol)
 
@@ -248,7 +247,8 @@ def make_tube(
     corners = np.array([[corner(k, f) for f in (0, 1)] for k in (0, 1)])  # (end, side, 2)
     path = corners[[0, 1, 1, 0, 0], [0, 0, 1, 1, 0]]
     middle = corners.mean(axis=(0, 1))
-    normal = np.cross(carrier(middle[0], middle[1], 1, 0), carrier(middle[0], middle[1], 0, 1))
+    u, v = middle
+    normal = np.cross(carrier(u, v, 1, 0), carrier(u, v, 0, 1))
     foot = curve(0.5 * (low + high))
     sense = 1 if normal @ (foot - carrier(*middle)) > 0 else -1
     sides = [line_segment(corners[0, f], corners[1, f], span) for f in (0, 1)]
@@ -296,13 +296,12 @@ def _make_tube_carrier(
     box = np.array([span, (0.0, 1.0)])
     spaces, tol = [], FIT_REL_TOL * size
     for axis in (0, 1):
-        breaks: Array = box[axis]
-        smooth: Array = np.empty(0, int)
+        breaks, smooth = box[axis], np.empty(0, int)
         if axis == 0 and isinstance(curve, BSplineCurve):
             inner, count = np.unique(curve.knots, return_counts=True)
             kept = (inner > span[0]) & (inner < span[1])
             breaks = np.concatenate([box[0, :1], inner[kept], box[0, 1:]])
-            smooth = np.asarray(np.clip(curve.degree - count[kept] - 1, 0, CHART_DEGREE - 1))
+            smooth = np.clip(curve.degree - count[kept] - 1, 0, CHART_DEGREE - 1)
         spaces.append(find_space(sample, axis, box, breaks, smooth, tol))
     fitted, error = fit_in_spaces(sample, spaces, [True, True], tol)
     if error > 10 * tol:

@@ -126,7 +126,7 @@ def _infill_crossing(field: Field, body: CadBody, options: InfillOptions, stages
     assert options.tol is not None  # `build_field_block` asks for it
     box = expand_body_box(*enclosing_box(body.shape))
     combined = combine_field_solids(field, *box, options.tol, stages, body)
-    solids, dropped = drop_loose_solids(combined.solids, options.loose)
+    solids, dropped = drop_loose_solids(combined.built.solids, options.loose)
     with stages("check"):
         labelled = label_cut_solids(solids, [combined.patches], body)
         labels = tuple(tuple(SURFACE if label == UNKNOWN else label for label in of) for of in labelled.labels)

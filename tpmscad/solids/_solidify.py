@@ -24,7 +24,7 @@ from tpmscad.errors import CrossingSurfaces, InvalidRequest
 from tpmscad.fields.field import Field, as_field
 from tpmscad.fields.kinds.linear_extension import extend_level_sets_linearly
 from tpmscad.kernel.body_import.cad_body import read_body
-from tpmscad.kernel.build.solids import build_solids
+from tpmscad.kernel.build.solids import BrepSolids, build_solids
 from tpmscad.kernel.measure.envelope import Envelope
 from tpmscad.kernel.occt.bounding_boxes import enclosing_box
 from tpmscad.lattices.spline_maps import SplineMap
@@ -32,7 +32,7 @@ from tpmscad.results.certificate import certify_built_solids, certify_kernel_sol
 from tpmscad.results.loose_pieces import drop_loose_pieces, drop_loose_solids
 from tpmscad.results.model import Model
 from tpmscad.solids._infill import infill
-from tpmscad.solids.boolean_strategies import KERNEL_BOOLEAN
+from tpmscad.solids.boolean_strategies import KERNEL_BOOLEAN, TRIMMED_PATCHES
 from tpmscad.solids.combined_solids import combine_field_solids, label_combined_solids
 from tpmscad.solids.field_mapping import solidify_mapped
 from tpmscad.solids.field_patches import fit_field_patches
@@ -139,17 +139,26 @@ def solidify(
 def _solidify_crossing(field: Field, domain: BoxCorners, tol: float, loose: str, stages: StageTimer) -> Model:
     """The solid of a field whose level sets cross, in a box."""
     combined = combine_field_solids(field, *parse_corners(domain), tol, stages)
-    solids, dropped = drop_loose_solids(combined.solids, loose)
+    built, patches, trimmed_by = combined.built, combined.patches, KERNEL_BOOLEAN
     with stages("check"):
-        certificate = certify_kernel_solids(
-            solids, combined.patches, combined.measures, notes=dropped.notes, dropped=dropped.volumes
-        )
+        if isinstance(built, BrepSolids):
+            patches, built, dropped = drop_loose_pieces(patches, built, loose)
+            trimmed_by = TRIMMED_PATCHES
+            certificate = certify_built_solids(
+                built, combined.measures, valid=True, notes=dropped.notes, dropped=dropped.volumes
+            )
+        else:
+            solids, dropped = drop_loose_solids(built.solids, loose)
+            built = label_combined_solids(solids, *parse_corners(domain))
+            certificate = certify_kernel_solids(
+                solids, patches, combined.measures, notes=dropped.notes, dropped=dropped.volumes
+            )
     return Model(
         "field solid",
-        combined.patches,
+        patches,
         certificate.with_seconds(stages.seconds),
-        label_combined_solids(solids, *parse_corners(domain)),
-        trimmed_by=KERNEL_BOOLEAN,
+        built,
+        trimmed_by=trimmed_by,
         distance_to_reference=field_distance(field),
         envelope=Envelope.of_box("the field's box", *parse_corners(domain)),
     )

@@ -1,27 +1,36 @@
 """The solid of a field whose level sets cross: its operands made one by one, and cut by each other.
 
 Planes, spheres and cylinders are exact; every other operand is fitted and measured by itself (`field_patches`), in a box of its
-own around that of the request, so that no two have a side in common. The kernel unites and intersects them. The deviation is
-that of the operands' patches, of which the result keeps parts; the volume is checked against the quadrature of the whole field.
+own around that of the request, so that no two have a side in common. Patches and planes are cut by each other on their own
+parameters (`trimming.network_boolean`); the kernel unites and intersects what has other surfaces. The deviation is that of the
+operands' patches, of which the result keeps parts; the volume is checked against the quadrature of the whole field.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from itertools import count
 from typing import Any
 
 import numpy as np
 
 from tpmscad._typing import Array
-from tpmscad.brep.boundary_representation import Brep, drop_unused_geometry, join_breps, select_faces, spline_faces
+from tpmscad.brep.boundary_representation import (
+    Brep,
+    drop_unused_geometry,
+    join_breps,
+    move_brep,
+    select_faces,
+    spline_faces,
+)
 from tpmscad.brep.deviation import Deviation, combine_deviations
 from tpmscad.brep.edge_continuity import EdgeContinuity
-from tpmscad.errors import InvalidRequest, LevelSetError
+from tpmscad.brep.solid_properties import measure_solid
+from tpmscad.errors import InvalidRequest, LevelSetError, TrimmingError
+from tpmscad.fallbacks import Fallback, Fallbacks
 from tpmscad.fields.analysis import volume_quadrature
 from tpmscad.fields.analysis.betti_numbers import Betti, compute_betti_numbers
-from tpmscad.fields.analysis.quadric_leaves import find_quadric
+from tpmscad.fields.analysis.quadric_leaves import QuadricLeaf, find_quadric
 from tpmscad.fields.data.field_notes import collect_notes
 from tpmscad.fields.field import Field
 from tpmscad.fields.kinds.linear_extension import extend_level_sets_linearly
@@ -35,23 +44,30 @@ from tpmscad.kernel.boolean.solid_trees import (
     list_solids,
     make_quadric_set,
 )
-from tpmscad.kernel.build.solids import build_solids
+from tpmscad.kernel.build.solids import BrepSolids, build_solids
 from tpmscad.kernel.measure.creases import measure_creases
 from tpmscad.kernel.measure.mass_properties import solid_moments
 from tpmscad.kernel.measure.shape_sampling import sample_solid
+from tpmscad.kernel.measure.validity import is_brep_valid
 from tpmscad.kernel.occt.bounding_boxes import enclosing_box
 from tpmscad.kernel.occt.exploration import faces_of
 from tpmscad.kernel.step.face_labels import label_outer_faces
-from tpmscad.levelset.crossing_operands import Combination, split_crossing_operands, widen_box
+from tpmscad.levelset.crossing_operands import Combination, list_fields, split_crossing_operands, widen_box
 from tpmscad.levelset.field_solid import find_sample_spacing
 from tpmscad.results.certificate import Check, PatchMeasures
+from tpmscad.rigid_motion import Motion
 from tpmscad.solids.boolean_strategies import N_SAMPLE_LINES, POINTS_PER_LINE, estimate_fraction
 from tpmscad.solids.field_patches import N_QUADRATURE_LINES, FieldPatches, fit_field_patches
 from tpmscad.solids.patch_measures import FIELD_VOLUME_RTOL, FROM_FIELD, TO_FIELD, check_field_tangent_jump
 from tpmscad.stage_timer import StageTimer
+from tpmscad.trimming.network_boolean import combine_networks
+from tpmscad.trimming.operands.polyhedra import box
 
 CAP, SURFACE = "cap", "surface"
 """Labels of faces in the sides of the box, and of all others."""
+
+BLOCK_REACH, BLOCK_STEP = 1.5, 0.013
+"""In diagonals of the box: how far the block of a half-space reaches from its middle, and what every other reaches more."""
 
 ON_SIDE_TOL = 1e-5
 """Model units: distance from a side of the box at which a planar face lies in it, a hundred times the kernel's tolerance."""
@@ -59,11 +75,26 @@ ON_SIDE_TOL = 1e-5
 
 @dataclass(frozen=True, slots=True, eq=False)
 class CombinedSolids:
-    """The kernel's solids, largest first, the patches of which they keep parts, and what was measured on both."""
+    """The solids, the patches that bound them, or of which they keep parts if the kernel made them, and what was measured."""
 
-    solids: tuple[Any, ...]
+    built: BrepSolids | OcctSolids
     patches: Brep
     measures: PatchMeasures
+
+
+Operand = FieldPatches | QuadricLeaf
+"""What a leaf of the tree was made into: fitted patches, or an exact quadric."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Request:
+    """A tree, its operands in the order of `list_fields`, and the box, or the body in it, in which they are combined."""
+
+    tree: Combination | Field
+    operands: Sequence[Operand]
+    lo: Array
+    hi: Array
+    body: CadBody | None
 
 
 def combine_field_solids(
@@ -71,49 +102,123 @@ def combine_field_solids(
 ) -> CombinedSolids:
     """The solid {field < 0} in the box [lo, hi], or in a body that lies in the box.
 
-    LevelSetError if an operand cannot be fitted, KernelError if the kernel cannot combine them.
+    LevelSetError if an operand cannot be fitted, KernelError if they cannot be combined.
     """
     with stages("split"):
         tree = split_crossing_operands(field, lo, hi, tol, find_sample_spacing(field, lo, hi))
-    fitted: list[FieldPatches] = []
-    found = _make_set(tree, lo, hi, tol, stages, fitted, count())
+    operands = [
+        find_quadric(each) or _fit_operand(each, lo, hi, tol, stages, number)
+        for number, each in enumerate(list_fields(tree))
+    ]
+    fitted = [each for each in operands if isinstance(each, FieldPatches)]
     with stages("combine"):
-        solids = list_solids(cut_by_box(found, lo, hi) if body is None else cut_by_solid(found, body.shape))
-    if not solids:
+        outcome = METHODS.run(_Request(tree, operands, lo, hi, body))
+    built = outcome.value
+    if not built.n_solids:
         raise InvalidRequest("nothing of the field's solid lies in the domain: check its sign and the domain")
     with stages("check"):
-        measures = _measure(field, tol, fitted)
-        volume = sum(float(solid_moments(solid)[1]) for solid in solids)
+        reasons = f": {outcome.reasons}" if outcome.failures else ""
+        measures = _measure(field, tol, fitted, f"surfaces that cross were cut by each other, {outcome.name}{reasons}")
+        betti, volume = _measure_built(built)
         if body is None:
-            measures = _compare_with_field(measures, field, lo, hi, volume, betti_numbers(solids))
+            measures = _compare_with_field(measures, field, lo, hi, volume, betti)
         else:
             measures = _compare_with_sample(measures, field, body, volume)
-        figures = {**measures.figures, **_describe_creases(solids)}
-    return CombinedSolids(solids, _join_patches(fitted), replace(measures, figures=figures))
+        figures = {**measures.figures, **_describe_creases(built.solids)}
+    patches = built.brep if isinstance(built, BrepSolids) else _join_patches(fitted)
+    return CombinedSolids(built, patches, replace(measures, figures=figures))
 
 
-def _make_set(
-    tree: Combination | Field,
-    lo: Array,
-    hi: Array,
-    tol: float,
-    stages: StageTimer,
-    fitted: list[FieldPatches],
-    numbers: Iterator[int],
-) -> SolidSet:
-    """The solid of a tree, as the kernel has it; what is fitted for it is added to `fitted`."""
-    if isinstance(tree, Combination):
-        sets = [_make_set(part, lo, hi, tol, stages, fitted, numbers) for part in tree.parts]
-        with stages("combine"):
-            return combine_sets(tree.sign, sets)
-    number = next(numbers)
-    if (quadric := find_quadric(tree)) is not None:
-        made = make_quadric_set(quadric.kind, quadric.point, quadric.axis, quadric.radius, lo, hi, number)
-        return SolidSet(made.shape, quadric.sign < 0)
-    found = _fit_operand(tree, lo, hi, tol, stages, number)
-    fitted.append(found)
-    with stages("build"):
-        return SolidSet(build_solids(found.fitted.brep, found.moments).shape)
+def _combine_networks_of(request: _Request) -> BrepSolids:
+    """The solids by cuts of patches and planes by each other; TrimmingError if there are other surfaces, or one fails."""
+    if request.body is not None or any(isinstance(o, QuadricLeaf) and o.kind != "plane" for o in request.operands):
+        raise TrimmingError("spheres, cylinders and bodies are cut by the kernel")
+    operands = iter(enumerate(request.operands))
+
+    def make(tree: Combination | Field) -> tuple[Brep, bool]:
+        if isinstance(tree, Combination):
+            return _combine_breps(tree.sign, [make(part) for part in tree.parts])
+        number, operand = next(operands)
+        if isinstance(operand, FieldPatches):
+            return operand.fitted.brep, False
+        return _make_block(operand, request.lo, request.hi, number), operand.sign < 0
+
+    whole, complement = make(request.tree)
+    sides = box(request.lo, request.hi)
+    sides = replace(sides, tags=(CAP,) * len(sides.tags))
+    brep = combine_networks(sides, whole, "difference" if complement else "intersection").brep
+    built = build_solids(brep)
+    if not is_brep_valid(brep, built.known_faces):
+        raise TrimmingError("the kernel rejects a face of the result")
+    return built
+
+
+def _combine_breps(sign: int, sets: Sequence[tuple[Brep, bool]]) -> tuple[Brep, bool]:
+    """The intersection (sign +1) or union (-1) of solids and complements, as a solid or the complement of one."""
+    if sign < 0:
+        brep, complement = _combine_breps(+1, [(brep, not complement) for brep, complement in sets])
+        return brep, not complement
+    solid = [brep for brep, complement in sets if not complement]
+    taken = [brep for brep, complement in sets if complement]
+    first, *others = solid or taken
+    for other in others:
+        first = combine_networks(first, other, "intersection" if solid else "union").brep
+    if not solid:
+        return first, True
+    for other in taken:
+        first = combine_networks(first, other, "difference").brep
+    return first, False
+
+
+def _make_block(plane: QuadricLeaf, lo: Array, hi: Array, number: int) -> Brep:
+    """A half-space as a block behind its plane that reaches beyond the box on all other sides."""
+    reach = (BLOCK_REACH + BLOCK_STEP * number) * float(np.linalg.norm(hi - lo))
+    middle = 0.5 * (lo + hi)
+    foot = middle - ((middle - plane.point) @ plane.axis) * plane.axis
+    across = np.cross(plane.axis, np.eye(3)[int(np.argmin(np.abs(plane.axis)))])
+    across /= np.linalg.norm(across)
+    frame = np.stack([across, np.cross(plane.axis, across), plane.axis])
+    block = box([-reach, -1.1 * reach, -reach], [1.05 * reach, reach, 0.0])
+    moved = move_brep(block, Motion(frame.T, foot))
+    return replace(moved, tags=(SURFACE,) * len(moved.tags))
+
+
+def _combine_in_kernel(request: _Request) -> OcctSolids:
+    """The solids by the kernel's general fuse."""
+    operands = iter(enumerate(request.operands))
+
+    def make(tree: Combination | Field) -> SolidSet:
+        if isinstance(tree, Combination):
+            return combine_sets(tree.sign, [make(part) for part in tree.parts])
+        number, operand = next(operands)
+        if isinstance(operand, FieldPatches):
+            return SolidSet(build_solids(operand.fitted.brep, operand.moments).shape)
+        q = operand
+        made = make_quadric_set(q.kind, q.point, q.axis, q.radius, request.lo, request.hi, number)
+        return SolidSet(made.shape, q.sign < 0)
+
+    whole = make(request.tree)
+    if request.body is not None:
+        return OcctSolids(list_solids(cut_by_solid(whole, request.body.shape)))
+    solids = list_solids(cut_by_box(whole, request.lo, request.hi))
+    return label_combined_solids(solids, request.lo, request.hi)
+
+
+METHODS: Fallbacks[[_Request], BrepSolids | OcctSolids] = Fallbacks(
+    (
+        Fallback("on the parameters of their patches", _combine_networks_of, "a second for a thousand patches"),
+        Fallback("by the kernel's boolean", _combine_in_kernel, "10 ms for each patch that is cut"),
+    )
+)
+"""How the operands are combined."""
+
+
+def _measure_built(built: BrepSolids | OcctSolids) -> tuple[Betti, float]:
+    """Betti numbers and volume of the solids, by their arrays or by the kernel."""
+    if isinstance(built, BrepSolids):
+        properties = measure_solid(built.brep, built.nesting.moments)
+        return properties.betti or (0, 0, 0), properties.volume
+    return betti_numbers(built.solids), sum(float(solid_moments(solid)[1]) for solid in built.solids)
 
 
 def _fit_operand(field: Field, lo: Array, hi: Array, tol: float, stages: StageTimer, number: int) -> FieldPatches:
@@ -125,7 +230,7 @@ def _fit_operand(field: Field, lo: Array, hi: Array, tol: float, stages: StageTi
         return fit_field_patches(extend_level_sets_linearly(field, lo, hi), *wide, tol, stages)
 
 
-def _measure(field: Field, tol: float, fitted: list[FieldPatches]) -> PatchMeasures:
+def _measure(field: Field, tol: float, fitted: list[FieldPatches], how: str) -> PatchMeasures:
     """The worst measures of the operands; exact ones deviate by nothing."""
     each = [found.fitted for found in fitted]
     deviation = combine_deviations([f.deviation for f in each]) if each else Deviation(0.0, 0.0, 0.0, 0.0)
@@ -143,7 +248,7 @@ def _measure(field: Field, tol: float, fitted: list[FieldPatches]) -> PatchMeasu
         continuity,
         figures={TO_FIELD: deviation.to_reference, FROM_FIELD: deviation.from_reference},
         checks=(check_field_tangent_jump(continuity.tangent_jump_deg),),
-        notes=(*collect_notes(field), *notes, "surfaces that cross were cut by each other, by the kernel's boolean"),
+        notes=(*collect_notes(field), *notes, how),
     )
 
 

@@ -35,7 +35,7 @@ def fit_adaptively(
     """
     inside = (np.arange(ERROR_CHECKS_PER_SPAN) + 0.5) / ERROR_CHECKS_PER_SPAN
     while len(breaks) <= MAX_FIT_SPANS:
-        knots, sites = knots_and_sites(breaks, bends)
+        knots, sites = make_knots_and_sites(breaks, bends)
         try:
             poles = np.asarray(np.linalg.solve(design_matrix(knots, FIT_DEGREE, sites), values(sites)), float)
         except np.linalg.LinAlgError:
@@ -52,9 +52,9 @@ def fit_adaptively(
     return None
 
 
-def knots_and_sites(breaks: Array, bends: Array | None = None) -> tuple[Array, Array]:
-    """Knots at the breaks, repeated at the bends, and the Greville abscissae."""
-    inner = np.repeat(breaks, np.where(np.isin(breaks, [] if bends is None else bends), FIT_DEGREE - 1, 1))
+def make_knots_and_sites(breaks: Array, bends: Array | None = None) -> tuple[Array, Array]:
+    """Knots of degree `FIT_DEGREE` at the breaks, repeated at the bends, and the Greville abscissae."""
+    inner = breaks if bends is None else np.repeat(breaks, np.where(np.isin(breaks, bends), FIT_DEGREE - 1, 1))
     knots = np.concatenate([np.repeat(breaks[0], FIT_DEGREE), inner, np.repeat(breaks[-1], FIT_DEGREE)])
     sites = np.array([knots[i + 1 : i + FIT_DEGREE + 1].mean() for i in range(len(knots) - FIT_DEGREE - 1)])
     return knots, np.clip(sites, breaks[0], breaks[-1])

@@ -10,7 +10,7 @@ from collections.abc import Callable
 
 import numpy as np
 
-from tpmscad._typing import Array
+from tpmscad._typing import Array, IntArray
 from tpmscad.splines.basis import design_matrix
 from tpmscad.splines.bspline import BSplineCurve, BSplineSurface
 from tpmscad.splines.quadrature import composite_gauss_legendre
@@ -52,6 +52,30 @@ def fit_chart(sample: Sampler, tol: float) -> tuple[BSplineSurface, float]:
     return fit_in_spaces(sample, spaces, [True, True], tol)
 
 
+def fit_curve(
+    sample: Callable[[Array], Array], breaks: Array, continuity: Array | IntArray, tol: float
+) -> BSplineCurve | None:
+    """A curve of degree `CHART_DEGREE` through points (n, 3) at t (n,), with spans bisected until it is within `tol`; else None.
+
+    It has the given continuity at the inner breaks.
+    """
+    knots = make_break_knots(breaks, continuity, CHART_DEGREE)
+    while True:
+        ends, own = np.unique(knots), _make_axis(knots, CHART_DEGREE)
+        weights = np.sqrt(own.weights)[:, None]
+        rows = weights * design_matrix(knots, CHART_DEGREE, own.points)
+        poles = np.linalg.lstsq(rows, weights * sample(own.points), rcond=None)[0]
+        curve = BSplineCurve(np.asarray(poles, float), knots, CHART_DEGREE)
+        at = ends[:-1, None] + np.diff(ends)[:, None] * SPAN_CHECKS
+        missed = np.linalg.norm(curve(at.ravel()) - sample(at.ravel()), axis=1).reshape(at.shape).max(axis=1)
+        bad = missed > tol
+        if not bad.any():
+            return curve
+        if len(ends) - 1 + bad.sum() > MAX_SPANS:
+            return None
+        knots = np.sort(np.concatenate([knots, 0.5 * (ends[1:] + ends[:-1])[bad]]))
+
+
 def fit_in_spaces(
     sample: Sampler, spaces: list[Space], adaptive: list[bool], tol: float
 ) -> tuple[BSplineSurface, float]:
@@ -67,7 +91,7 @@ def fit_in_spaces(
         spaces = finer
 
 
-def make_break_knots(breaks: Array, continuity: Array, degree: int) -> Array:
+def make_break_knots(breaks: Array, continuity: Array | IntArray, degree: int) -> Array:
     """Clamped knots with the given continuity at the inner breaks."""
     repeats = np.maximum(degree - continuity, 1)
     return np.concatenate(
@@ -95,7 +119,9 @@ def _bisect_all(space: Space) -> Space:
     return np.sort(np.concatenate([knots, 0.5 * (ends[1:] + ends[:-1])])), degree
 
 
-def find_space(sample: Sampler, axis: int, box: Array, breaks: Array, continuity: Array, tol: float) -> Space:
+def find_space(
+    sample: Sampler, axis: int, box: Array, breaks: Array, continuity: Array | IntArray, tol: float
+) -> Space:
     """A space of degree `CHART_DEGREE` whose fits to lines of the surface along one parameter are within LINE_TOL."""
     knots = make_break_knots(breaks, continuity, CHART_DEGREE)
     low, high = box[1 - axis]
@@ -124,24 +150,3 @@ def measure_grid_error(spline: BSplineSurface, sample: Sampler) -> float:
     """Greatest distance of equal parameters on a grid, between the spline and what is fitted."""
     u, v = (np.linspace(*interval, count) for interval, count in zip(spline.domain, CHECK_LINES, strict=True))
     return float(np.linalg.norm(spline.grid(u, v) - sample(u, v), axis=2).max())
-
-
-def fit_curve_samples(
-    sample: Callable[[Array], Array], breaks: Array, continuity: Array, tol: float
-) -> BSplineCurve | None:
-    """A curve, points (n, 3) at parameters (n,), as a spline of degree 9, as smooth at its breaks; None if not within `tol`."""
-    knots = make_break_knots(breaks, continuity, CHART_DEGREE)
-    while True:
-        ends = np.unique(knots)
-        own = _make_axis(knots, CHART_DEGREE)
-        rows = np.sqrt(own.weights)[:, None] * design_matrix(knots, CHART_DEGREE, own.points)
-        poles = np.linalg.lstsq(rows, np.sqrt(own.weights)[:, None] * sample(own.points), rcond=None)[0]
-        curve = BSplineCurve(np.asarray(poles, float), knots, CHART_DEGREE)
-        at = ends[:-1, None] + np.diff(ends)[:, None] * SPAN_CHECKS
-        missed = np.linalg.norm(curve(at.ravel()) - sample(at.ravel()), axis=1).reshape(at.shape).max(axis=1)
-        bad = missed > tol
-        if not bad.any():
-            return curve
-        if len(ends) - 1 + bad.sum() > MAX_SPANS:
-            return None
-        knots = np.sort(np.concatenate([knots, 0.5 * (ends[1:] + ends[:-1])[bad]]))

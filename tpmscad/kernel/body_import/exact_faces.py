@@ -43,6 +43,7 @@ from tpmscad.kernel.recognise.edge_curves import (
     REFIT_SAMPLES,
     UnsupportedFace,
     fit_intersection_curve,
+    is_at_pole,
     project_to_carriers,
 )
 from tpmscad.kernel.recognise.face_carriers import CHECK_SAMPLES, EXACT_REL_TOL, evaluate_mid_face, recognise_carrier
@@ -191,7 +192,10 @@ def _close_vertices(wires: _Wires, carriers: list[BodyCarrier], paths: list[Arra
     for (start, end), of, path in zip(wires.ends, wires.faces_of_edge, paths, strict=True):
         for vertex, tip, beside in ((start, path[0], path[1]), (end, path[-1], path[-2])):
             tips[vertex].append(tip)
-            if len(of) == 1 and np.linalg.norm(beside - tip) > 0:
+            at_pole = (
+                len(of) == 1 and is_at_pole(carriers[of[0]], tip[None], size)[0]
+            )  # which is the vertex, without a plane
+            if len(of) == 1 and not at_pole and np.linalg.norm(beside - tip) > 0:
                 plane = plane_through_seam(carriers[of[0]], tip, beside - tip)
                 seams[vertex].append((plane, isinstance(carriers[of[0]], FreeFormSurface)))
     vertices = []

@@ -57,7 +57,7 @@ from tpmscad.splines.chart_fit import (
     Sampler,
     Space,
     find_space,
-    fit_curve_samples,
+    fit_curve,
     fit_in_spaces,
     make_break_knots,
     measure_grid_error,
@@ -155,7 +155,7 @@ def convert_curve(adaptor: BRepAdaptor_Curve, tol: float) -> BSplineCurve | None
     def sample(t: Array) -> Array:
         return np.array([adaptor.Value(x).Coord() for x in t.tolist()])
 
-    return fit_curve_samples(sample, *_read_breaks(adaptor, None), tol)
+    return fit_curve(sample, *_read_breaks(adaptor, None), tol)
 
 
 def _widen(surface: Geom_Surface, face_box: Array, reach: float, beyond: float) -> Array:

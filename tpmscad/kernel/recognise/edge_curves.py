@@ -18,7 +18,7 @@ from tpmscad._typing import Array
 from tpmscad.brep.carriers import ConicalSurface, EdgeCurve, Quadric, SphericalSurface
 from tpmscad.brep.conics import TWO_PI
 from tpmscad.brep.free_form_surface import BodyCarrier, FreeFormSurface
-from tpmscad.splines.adaptive_curve_fit import FIT_DEGREE, fit_adaptively, knots_and_sites
+from tpmscad.splines.adaptive_curve_fit import FIT_DEGREE, fit_adaptively, make_knots_and_sites
 from tpmscad.splines.basis import design_matrix
 from tpmscad.splines.bspline import BSplineCurve, line_segment
 from tpmscad.splines.quadrature import gauss_legendre
@@ -260,7 +260,7 @@ def smooth_path(path: Array, tol: float) -> Array:
     for spans in SMOOTH_SPANS:
         if spans + FIT_DEGREE > len(path) // 3:
             break
-        knots, _ = knots_and_sites(np.linspace(0.0, 1.0, spans + 1))
+        knots, _ = make_knots_and_sites(np.linspace(0.0, 1.0, spans + 1))
         rows = design_matrix(knots, FIT_DEGREE, t)[:, 1:-1]
         found = chord + rows @ np.linalg.lstsq(rows, path - chord, rcond=None)[0]
         off = float(np.linalg.norm(found - path, axis=1).max())

@@ -81,7 +81,7 @@ def build_regions(brep: Brep, carriers: Sequence[BodyCarrier], curves: Sequence[
             low, high = brep.edges.span[e][:: 1 if sense > 0 else -1]
             along = [np.linspace(low, high, _count_segments(c) + 1) for c in (curve, pcurve or curve)]
             points = curve(along[0])
-            uv = carrier.parameters(points) if pcurve is None else pcurve(along[1])
+            uv = carrier.parameters(points) if pcurve is None or isinstance(carrier, Plane) else pcurve(along[1])
             segments.append(uv)
             border.append(points)
         everything = np.concatenate(segments)
