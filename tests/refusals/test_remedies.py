@@ -58,8 +58,12 @@ def wedge() -> maps.SplineMap:
     return maps.trivariate(corners, knots=[(0, 0, 8, 8)] * 3, degrees=(1, 1, 1))
 
 
-def ball_fields(wall: float) -> fields.Field:
-    return fields.intersection(fields.sphere((0, 0, 0), 3.0), fields.complement(fields.sphere((0, 0, 0), 3.0 - wall)))
+def thin_sheet() -> fields.Field:
+    return fields.sheet(fields.tpms("P", 8.0), -0.03, 0.03)
+
+
+def fill_ball(field: fields.Field) -> tpmscad.Model:
+    return tpmscad.infill(bd.Sphere(4), field, tol=0.05, skin=0.5, progress=False)
 
 
 REMEDIES: dict[str, tuple[Request, str, Remedy]] = {
@@ -162,15 +166,15 @@ REMEDIES: dict[str, tuple[Request, str, Remedy]] = {
             fields.sheet(fields.tpms("fischer_koch_s", 8), -0.4, 0.4), wedge(), tol=0.2, progress=False
         ),
     ),
-    "balls that cross": (
-        lambda: solidify(two_balls(0)),
+    "balls that cross within a skin": (
+        lambda: fill_ball(two_balls(0)),
         "round it \\(`width`",
-        lambda _: solidify(two_balls(1.0)),
+        lambda _: fill_ball(two_balls(1.0)),
     ),
     "a wall too thin for the tolerance": (
-        lambda: solidify(ball_fields(0.05), tol=0.1),
+        lambda: solidify(thin_sheet(), tol=0.1),
         f"use one below {NUMBER}",
-        lambda found: solidify(ball_fields(0.05), tol=0.9 * float(found[1])),
+        lambda found: solidify(thin_sheet(), tol=0.9 * float(found[1])),
     ),
 }
 
