@@ -193,7 +193,7 @@ BODIES: dict[str, Row] = {
         "the body holds no .*: shift the lattice by `phase`, or use a smaller `cell`",
     ),
     "workplane without a solid": (lambda: infill(Workplane()), "the workplane holds no solid: nothing in the chain"),
-    "skin of all": (lambda: infill(skin=9.0), "thicker than"),
+    "skin of all": (lambda: infill(skin=9.0), "a skin of 9 leaves nothing of .* nowhere deeper than 6"),
     "open faces without a skin": (lambda: infill(open_faces=[">Z"]), "give skin="),
     "no faces": (lambda: infill(skin=1.0, open_faces=True), "open_faces True names no faces; it takes faces"),
     "two angles and nan": (lambda: infill(rotation=(1, 2, NAN)), "rotation .* must be finite"),

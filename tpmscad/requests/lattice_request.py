@@ -112,8 +112,8 @@ def resolve_lattice_request(options: LatticeOptions) -> LatticeRequest:
     elif has_mapping and not source.can_be_mapped:
         raise InvalidRequest(
             f"a map or unequal cell edges {list(edges)} bend the mirror planes of the {info.title}, between which its patches "
-            "are made: give one cell edge and no map, or make a solid of the field, whose periods may be unequal and whose "
-            "domain may be a spline map"
+            "are made: give one cell edge and no map, or make a solid of the field with tpmscad.solidify, whose periods may be "
+            "unequal and whose domain may be a spline map"
         )
     tol = DEFAULT_TOL_CELLS * min(edges) if options.tol is None else options.tol
     least = max(MIN_TOL, MIN_TOL_CELLS * min(edges))
