@@ -229,6 +229,12 @@ def spline_faces(brep: Brep) -> Iterator[tuple[IntArray, BSplineSurface]]:
             yield np.flatnonzero(brep.faces.carrier == index), carrier
 
 
+def select_spline_faces(brep: Brep) -> Brep:
+    """The boundary representation of the faces on B-splines, without what only others refer to."""
+    on_splines = np.sort(np.concatenate([own for own, _ in spline_faces(brep)]))
+    return drop_unused_geometry(select_faces(brep, on_splines))
+
+
 def reverse_faces(brep: Brep) -> Brep:
     """The same faces with reversed outward normals: they bound the complement of the solid."""
     return replace(brep, faces=replace(brep.faces, sense=-brep.faces.sense))

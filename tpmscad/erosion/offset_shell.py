@@ -339,10 +339,10 @@ class _Assembly:
             if line is not None:
                 return line
 
-        def moved(t: Array) -> Array:
+        def offset_points(t: Array) -> Array:
             return np.asarray(curve(t) + self.skin * self.inward(face, curve(t)))
 
-        return fit_known_or_spline(curve, span, moved, self.size)
+        return fit_known_or_spline(curve, span, offset_points, self.size)
 
     def join_tubes(self) -> None:
         """The arcs between tubes that continue each other, and the spheres of corners at which more tubes meet."""
@@ -451,12 +451,12 @@ def _extend(
     low = min(span[0], max([wide[0], *(low for low, _ in ends)]))
     high = max(span[1], min([wide[1], *(high for _, high in ends)]))
 
-    def widened(c: EdgeCurve | None) -> EdgeCurve | None:
+    def widen(c: EdgeCurve | None) -> EdgeCurve | None:
         if not isinstance(c, BSplineCurve) or not is_segment(c):
             return c
         return line_segment(c(low), c(high), (low, high))
 
-    return widened(curve), [widened(c) for c in pcurves], (low, high)  # type: ignore[return-value, misc]
+    return widen(curve), [widen(c) for c in pcurves], (low, high)  # type: ignore[return-value, misc]
 
 
 def _parameter_line(carrier: BSplineSurface, pcurve: BSplineCurve, span: tuple[float, float]) -> BSplineCurve | None:
@@ -474,11 +474,12 @@ def _parameter_line(carrier: BSplineSurface, pcurve: BSplineCurve, span: tuple[f
     return BSplineCurve(line.poles[::-1].copy(), knots[::-1].copy(), line.degree)
 
 
-def fit_known_or_spline(base: EdgeCurve, span: tuple[float, float], moved: object, size: float) -> EdgeCurve:
-    """A curve through moved(t): a line or a circle with the parameter of `base` if it is one, else a spline."""
-    assert callable(moved)
+def fit_known_or_spline(
+    base: EdgeCurve, span: tuple[float, float], sample: Callable[[Array], Array], size: float
+) -> EdgeCurve:
+    """A curve through sample(t): a line or a circle with the parameter of `base` if it is one, else a spline."""
     t = span[0] + (span[1] - span[0]) * EDGE_FRACTIONS
-    points = moved(t)
+    points = sample(t)
     known: EdgeCurve | None = None
     if is_segment(base):
         slope = (points[-1] - points[0]) / (t[-1] - t[0])
@@ -499,9 +500,9 @@ def fit_known_or_spline(base: EdgeCurve, span: tuple[float, float], moved: objec
         bends = inner[within & (base.degree - count < FIT_DEGREE - 1)]
 
     def error(fit: BSplineCurve, s: Array) -> Array:
-        return np.asarray(np.linalg.norm(fit(s) - moved(s), axis=1))
+        return np.asarray(np.linalg.norm(fit(s) - sample(s), axis=1))
 
-    fit = fit_adaptively(moved, breaks, error, RIM_REL_TOL * size, bends)
+    fit = fit_adaptively(sample, breaks, error, RIM_REL_TOL * size, bends)
     if fit is None:
         raise TrimmingError("the offset of an edge turns too sharply for a spline")
     return fit

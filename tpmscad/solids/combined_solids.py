@@ -8,20 +8,19 @@ operands' patches, of which the result keeps parts; the volume is checked agains
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
-from typing import Any
+from functools import partial, reduce
+from typing import Any, TypeVar
 
 import numpy as np
 
 from tpmscad._typing import Array
 from tpmscad.brep.boundary_representation import (
     Brep,
-    drop_unused_geometry,
     join_breps,
     move_brep,
-    select_faces,
-    spline_faces,
+    select_spline_faces,
 )
 from tpmscad.brep.deviation import Deviation, combine_deviations
 from tpmscad.brep.edge_continuity import EdgeContinuity
@@ -30,6 +29,7 @@ from tpmscad.errors import InvalidRequest, LevelSetError, TrimmingError
 from tpmscad.fallbacks import Fallback, Fallbacks
 from tpmscad.fields.analysis import volume_quadrature
 from tpmscad.fields.analysis.betti_numbers import Betti, compute_betti_numbers
+from tpmscad.fields.analysis.outermost_extremes import combine_complements
 from tpmscad.fields.analysis.quadric_leaves import QuadricLeaf, find_quadric
 from tpmscad.fields.data.field_notes import collect_notes
 from tpmscad.fields.field import Field
@@ -60,8 +60,10 @@ from tpmscad.solids.boolean_strategies import N_SAMPLE_LINES, POINTS_PER_LINE, e
 from tpmscad.solids.field_patches import N_QUADRATURE_LINES, FieldPatches, fit_field_patches
 from tpmscad.solids.patch_measures import FIELD_VOLUME_RTOL, FROM_FIELD, TO_FIELD, check_field_tangent_jump
 from tpmscad.stage_timer import StageTimer
-from tpmscad.trimming.network_boolean import combine_networks
+from tpmscad.trimming.network_boolean import Operation, combine_networks
 from tpmscad.trimming.operands.polyhedra import box
+
+T = TypeVar("T")
 
 CAP, SURFACE = "cap", "surface"
 """Labels of faces in the sides of the box, and of all others."""
@@ -133,17 +135,13 @@ def _combine_networks_of(request: _Request) -> BrepSolids:
     """The solids by cuts of patches and planes by each other; TrimmingError if there are other surfaces, or one fails."""
     if request.body is not None or any(isinstance(o, QuadricLeaf) and o.kind != "plane" for o in request.operands):
         raise TrimmingError("spheres, cylinders and bodies are cut by the kernel")
-    operands = iter(enumerate(request.operands))
-
-    def make(tree: Combination | Field) -> tuple[Brep, bool]:
-        if isinstance(tree, Combination):
-            return _combine_breps(tree.sign, [make(part) for part in tree.parts])
-        number, operand = next(operands)
-        if isinstance(operand, FieldPatches):
-            return operand.fitted.brep, False
-        return _make_block(operand, request.lo, request.hi, number), operand.sign < 0
-
-    whole, complement = make(request.tree)
+    sets = [
+        (operand.fitted.brep, False)
+        if isinstance(operand, FieldPatches)
+        else (_make_block(operand, request.lo, request.hi, number), operand.sign < 0)
+        for number, operand in enumerate(request.operands)
+    ]
+    whole, complement = _evaluate(request.tree, iter(sets), _combine_breps)
     sides = box(request.lo, request.hi)
     sides = replace(sides, tags=(CAP,) * len(sides.tags))
     brep = combine_networks(sides, whole, "difference" if complement else "intersection").brep
@@ -155,19 +153,24 @@ def _combine_networks_of(request: _Request) -> BrepSolids:
 
 def _combine_breps(sign: int, sets: Sequence[tuple[Brep, bool]]) -> tuple[Brep, bool]:
     """The intersection (sign +1) or union (-1) of solids and complements, as a solid or the complement of one."""
-    if sign < 0:
-        brep, complement = _combine_breps(+1, [(brep, not complement) for brep, complement in sets])
-        return brep, not complement
-    solid = [brep for brep, complement in sets if not complement]
-    taken = [brep for brep, complement in sets if complement]
-    first, *others = solid or taken
-    for other in others:
-        first = combine_networks(first, other, "intersection" if solid else "union").brep
-    if not solid:
-        return first, True
-    for other in taken:
-        first = combine_networks(first, other, "difference").brep
-    return first, False
+
+    def cut_all(operation: Operation, first: Brep, others: Sequence[Brep]) -> Brep:
+        return reduce(lambda one, other: combine_networks(one, other, operation).brep, others, first)
+
+    return combine_complements(
+        sign,
+        sets,
+        unite=lambda breps: cut_all("union", breps[0], breps[1:]),
+        intersect=lambda breps: cut_all("intersection", breps[0], breps[1:]),
+        subtract=partial(cut_all, "difference"),
+    )
+
+
+def _evaluate(tree: Combination | Field, sets: Iterator[T], combine: Callable[[int, Sequence[T]], T]) -> T:
+    """What the tree combines the sets of its operands to, given in the order of `list_fields`."""
+    if isinstance(tree, Combination):
+        return combine(tree.sign, [_evaluate(part, sets, combine) for part in tree.parts])
+    return next(sets)
 
 
 def _make_block(plane: QuadricLeaf, lo: Array, hi: Array, number: int) -> Brep:
@@ -184,24 +187,21 @@ def _make_block(plane: QuadricLeaf, lo: Array, hi: Array, number: int) -> Brep:
 
 
 def _combine_in_kernel(request: _Request) -> OcctSolids:
-    """The solids by the kernel's general fuse."""
-    operands = iter(enumerate(request.operands))
+    """The solids by the kernel's general fuse, without labels."""
+    sets = [_make_set(operand, request, number) for number, operand in enumerate(request.operands)]
+    whole = _evaluate(request.tree, iter(sets), combine_sets)
+    if request.body is None:
+        return OcctSolids(list_solids(cut_by_box(whole, request.lo, request.hi)))
+    return OcctSolids(list_solids(cut_by_solid(whole, request.body.shape)))
 
-    def make(tree: Combination | Field) -> SolidSet:
-        if isinstance(tree, Combination):
-            return combine_sets(tree.sign, [make(part) for part in tree.parts])
-        number, operand = next(operands)
-        if isinstance(operand, FieldPatches):
-            return SolidSet(build_solids(operand.fitted.brep, operand.moments).shape)
-        q = operand
-        made = make_quadric_set(q.kind, q.point, q.axis, q.radius, request.lo, request.hi, number)
-        return SolidSet(made.shape, q.sign < 0)
 
-    whole = make(request.tree)
-    if request.body is not None:
-        return OcctSolids(list_solids(cut_by_solid(whole, request.body.shape)))
-    solids = list_solids(cut_by_box(whole, request.lo, request.hi))
-    return label_combined_solids(solids, request.lo, request.hi)
+def _make_set(operand: Operand, request: _Request, number: int) -> SolidSet:
+    """An operand as the kernel has it."""
+    if isinstance(operand, FieldPatches):
+        return SolidSet(build_solids(operand.fitted.brep, operand.moments).shape)
+    q = operand
+    made = make_quadric_set(q.kind, q.point, q.axis, q.radius, request.lo, request.hi, number)
+    return SolidSet(made.shape, q.sign < 0)
 
 
 METHODS: Fallbacks[[_Request], BrepSolids | OcctSolids] = Fallbacks(
@@ -303,12 +303,7 @@ def _describe_creases(solids: tuple[Any, ...]) -> dict[str, float]:
 
 def _join_patches(fitted: list[FieldPatches]) -> Brep:
     """The patches of all operands, without the caps of their boxes."""
-    parts = []
-    for found in fitted:
-        brep = found.fitted.brep
-        on_splines = np.sort(np.concatenate([own for own, _ in spline_faces(brep)]))
-        parts.append(drop_unused_geometry(select_faces(brep, on_splines)))
-    return join_breps(parts)
+    return join_breps([select_spline_faces(found.fitted.brep) for found in fitted])
 
 
 def label_combined_solids(solids: tuple[Any, ...], lo: Array, hi: Array) -> OcctSolids:

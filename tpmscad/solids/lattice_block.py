@@ -19,11 +19,9 @@ import numpy as np
 from tpmscad._typing import Array, FractionProgress
 from tpmscad.brep.boundary_representation import (
     Brep,
-    drop_unused_geometry,
     move_brep,
     scale_brep,
-    select_faces,
-    spline_faces,
+    select_spline_faces,
     translate_brep,
 )
 from tpmscad.errors import InvalidRequest
@@ -198,8 +196,7 @@ def build_field_block(
     measures = measure_field_patches(found)
     closed = require(found.properties.closed, "the field's patches do not close in the body's box")
     measures = replace(measures, checks=(*measures.checks, closed))
-    on_splines = np.sort(np.concatenate([own for own, _ in spline_faces(found.fitted.brep)]))
-    patches = drop_unused_geometry(select_faces(found.fitted.brep, on_splines))  # the caps lie outside the body
+    patches = select_spline_faces(found.fitted.brep)  # the caps lie outside the body
     return LatticeBlock(patches, measures, lambda: found.fitted.brep)
 
 

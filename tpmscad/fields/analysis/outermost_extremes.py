@@ -14,6 +14,7 @@ import math
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import singledispatch
+from typing import TypeVar
 
 import numpy as np
 
@@ -23,6 +24,8 @@ from tpmscad.fields.kinds.booleans import RoundedMinMaxField, join_extremes
 from tpmscad.fields.kinds.coordinate_transforms import AffineTransformedField
 from tpmscad.fields.kinds.linear_extension import LinearExtension
 from tpmscad.fields.kinds.primitive_regions import BoxRegion, CylinderRegion, HalfSpaceRegion
+
+T = TypeVar("T")
 
 
 @singledispatch
@@ -67,6 +70,27 @@ def combine_solids(field: Field, is_solid: Sequence[BoolArray] | BoolArray) -> B
     n = len(list_leaves(field.first))
     first, second = combine_solids(field.first, is_solid[:n]), combine_solids(field.second, is_solid[n:])
     return first & second if field.sign > 0 else first | second
+
+
+def combine_complements(
+    sign: int,
+    sets: Sequence[tuple[T, bool]],
+    unite: Callable[[Sequence[T]], T],
+    intersect: Callable[[Sequence[T]], T],
+    subtract: Callable[[T, Sequence[T]], T],
+) -> tuple[T, bool]:
+    """The intersection (sign +1) or union (-1) of solids and of complements, which are flagged, by operations on solids.
+
+    By De Morgan's laws the result is again a solid or the complement of one. `subtract` takes several solids from one.
+    """
+    if sign < 0:
+        found, complement = combine_complements(+1, [(s, not flag) for s, flag in sets], unite, intersect, subtract)
+        return found, not complement
+    solid = [s for s, flag in sets if not flag]
+    taken = [s for s, flag in sets if flag]
+    if not solid:
+        return unite(taken), True
+    return subtract(intersect(solid), taken), False
 
 
 def find_active(field: Field, values: Array, leaf: int) -> BoolArray:

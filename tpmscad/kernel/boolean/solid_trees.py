@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import reduce
 from typing import Any
 
 import numpy as np
@@ -18,6 +19,7 @@ from OCP.TopoDS import TopoDS_Shape, TopoDS_Solid
 
 from tpmscad._typing import Array
 from tpmscad.errors import KernelError
+from tpmscad.fields.analysis.outermost_extremes import combine_complements
 from tpmscad.kernel.boolean.boolean_operations import sort_by_volume, translate_occt_errors
 from tpmscad.kernel.occt import convert
 from tpmscad.kernel.occt.exploration import solids_of
@@ -76,17 +78,20 @@ def _skew_to(axis: Array) -> Array:
 
 def combine_sets(sign: int, sets: Sequence[SolidSet]) -> SolidSet:
     """The intersection (sign +1) or union (-1) of sets; KernelError if the kernel fails."""
-    if sign < 0:  # the complement of the intersection of the complements
-        found = combine_sets(+1, [SolidSet(each.shape, not each.complement) for each in sets])
-        return SolidSet(found.shape, not found.complement)
-    solid = [each.shape for each in sets if not each.complement]
-    taken = [each.shape for each in sets if each.complement]
-    if not solid:
-        return SolidSet(_run(BRepAlgoAPI_Fuse, taken[:1], taken[1:]), True)
-    shape = solid[0]
-    for other in solid[1:]:
-        shape = _run(BRepAlgoAPI_Common, [shape], [other])
-    return SolidSet(_run(BRepAlgoAPI_Cut, [shape], taken))
+    pairs = [(each.shape, each.complement) for each in sets]
+    return SolidSet(*combine_complements(sign, pairs, _unite, _intersect, _subtract))
+
+
+def _unite(shapes: Sequence[TopoDS_Shape]) -> TopoDS_Shape:
+    return _run(BRepAlgoAPI_Fuse, shapes[:1], shapes[1:])
+
+
+def _intersect(shapes: Sequence[TopoDS_Shape]) -> TopoDS_Shape:
+    return reduce(lambda first, other: _run(BRepAlgoAPI_Common, [first], [other]), shapes)
+
+
+def _subtract(shape: TopoDS_Shape, taken: Sequence[TopoDS_Shape]) -> TopoDS_Shape:
+    return _run(BRepAlgoAPI_Cut, [shape], taken)
 
 
 def cut_by_box(found: SolidSet, lo: Array, hi: Array) -> TopoDS_Shape:

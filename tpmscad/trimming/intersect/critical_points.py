@@ -55,10 +55,20 @@ def find_critical_points(distance: BSplineSurface | ComposedDistance, us: Array,
     g, gu, gv = (distance.grid(us, vs, *d)[None, ..., 0] for d in ((0, 0), (1, 0), (0, 1)))
     small, _, starts = place_newton_starts(g, gu, gv, us, vs)
     h = _grid_spacing(us, vs)
+    return collect_critical_points(distance, starts, h, float(small[0]))
+
+
+def collect_critical_points(
+    distance: BSplineSurface | ComposedDistance, starts: Array, h: Array, limit: float
+) -> list[PatchCriticalPoint]:
+    """The distinct critical points at which Newton's method ends from starts (n, 2) on a grid of spacing h (2,).
+
+    Those whose value exceeds `limit` are left out.
+    """
     result: list[PatchCriticalPoint] = []
     for start in starts:
         found = iterate_to_critical_point(distance, start, h)
-        if found is None or abs(found.value) > small[0]:
+        if found is None or abs(found.value) > limit:
             continue
         if not any((np.abs(found.parameters - p.parameters) < BORDER_SPACINGS * h).all() for p in result):
             result.append(found)

@@ -24,9 +24,8 @@ from tpmscad.errors import TrimmingError
 from tpmscad.rigid_motion import Motion
 from tpmscad.splines.bspline import BSplineSurface
 from tpmscad.trimming.intersect.critical_points import (
-    BORDER_SPACINGS,
     PatchCriticalPoint,
-    iterate_to_critical_point,
+    collect_critical_points,
     place_newton_starts,
     refine_grid_lines,
 )
@@ -186,14 +185,7 @@ def _find_critical_points(distance: ComposedDistance, samples: _Samples) -> list
         slopes.append(np.where(bad, np.inf, slope)[None])  # the flattest node is sought among the others
     small, _, starts = place_newton_starts(samples.values[None], slopes[0], slopes[1], us, vs, bad[None])
     h = np.array([np.diff(us).max(), np.diff(vs).max()])
-    result: list[PatchCriticalPoint] = []
-    for start in starts:
-        found = iterate_to_critical_point(distance, start, h)
-        if found is None or abs(found.value) > small[0]:
-            continue
-        if not any((np.abs(found.parameters - p.parameters) < BORDER_SPACINGS * h).all() for p in result):
-            result.append(found)
-    return result
+    return collect_critical_points(distance, starts, h, float(small[0]))
 
 
 def _find_pole_foci(distance: ComposedDistance, samples: _Samples) -> Array:
