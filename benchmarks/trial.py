@@ -66,7 +66,8 @@ SHARES = {
 }
 
 CPU_LIMIT = 120
-WALL_LIMIT = 5 * CPU_LIMIT  # a request that waits for ever uses no CPU
+JUDGE_LIMIT = 240  # CPU seconds of the judges, which mesh with gmsh, and probe part by part
+WALL_LIMIT = 5 * (CPU_LIMIT + JUDGE_LIMIT)  # a request that waits for ever uses no CPU
 MEMORY_LIMIT = 6 * 2**30
 
 RIGHT, REFUSED, NOT_MET = "met and right", "refused", "not met, said so"
@@ -119,8 +120,15 @@ def judge_here(request: Drawn) -> Verdict:
             return Verdict(LEFT, str(sorted(left)))
         if not met:
             return Verdict(NOT_MET, why)
+        used = resource.getrusage(resource.RUSAGE_SELF)
+        limit_cpu(int(used.ru_utime + used.ru_stime) + JUDGE_LIMIT)
         faults = judge()
         return Verdict(WRONG, "; ".join(faults)) if faults else Verdict(RIGHT, "")
+
+
+def limit_cpu(seconds: int) -> None:
+    """Have the kernel end this process after so many CPU seconds in all; called a second time with a later limit."""
+    resource.setrlimit(resource.RLIMIT_CPU, (seconds, CPU_LIMIT + JUDGE_LIMIT + 5))
 
 
 class Child:
@@ -138,7 +146,7 @@ class Child:
         signal.signal(signal.SIGTERM, signal.SIG_DFL)
         signal.signal(signal.SIGALRM, signal.SIG_DFL)
         signal.alarm(WALL_LIMIT)
-        resource.setrlimit(resource.RLIMIT_CPU, (CPU_LIMIT, CPU_LIMIT + 5))
+        limit_cpu(CPU_LIMIT)
         resource.setrlimit(resource.RLIMIT_AS, (MEMORY_LIMIT, MEMORY_LIMIT))
         resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
         silent = os.open(os.devnull, os.O_WRONLY)
