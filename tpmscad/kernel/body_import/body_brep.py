@@ -229,8 +229,9 @@ MAX_STRIP_VOLUME = 2e-4
 """Of the volume: the most by which the kernel's may err for gaps along its pcurves."""
 
 FACE_REL_TOL = 1e-3
-"""Relative difference of the areas of a face, besides gaps: edges that a file has rounded lie off along their faces, too, which no
-gap tells (5e-5 on a loft whose edges were rounded to 1e-4 of its size). A face taken for the rest of its surface is off by more."""
+"""Relative difference of the areas of a face, besides gaps: edges that a file has rounded lie off along their faces, too, which
+no gap tells (5e-5 on a loft whose edges were rounded to 1e-4 of its size). A face taken for the rest of its surface is off by
+more."""
 
 
 def _check_closed_and_volume(
