@@ -1,9 +1,10 @@
 """The faces and edges of a network of patches as polynomials in space, in flat tables that compiled loops read.
 
 Every carrier becomes one tensor of monomials per knot span, in two local parameters on [-1, 1], placed by the motion of its
-face; a plane becomes a bilinear patch. Spans are divided into *cells*, edges into *pieces*, and for each the second
-derivatives are bounded by the sums of their coefficients: with the point and the first derivatives at the middle, Taylor's
-formula bounds the cell, and each smaller part of it. These bounds hold for the polynomials, round-off apart.
+face; a plane becomes a bilinear patch, and a quadric a spline equal to it up to round-off (`conic_splines`). Spans are divided
+into *cells*, edges into *pieces*, and for each the second derivatives are bounded by the sums of their coefficients: with the
+point and the first derivatives at the middle, Taylor's formula bounds the cell, and each smaller part of it. These bounds hold
+for the polynomials, round-off apart.
 """
 
 from __future__ import annotations
@@ -11,18 +12,21 @@ from __future__ import annotations
 from functools import lru_cache
 from math import comb
 from typing import NamedTuple, TypeVar
+from weakref import WeakKeyDictionary
 
 import numpy as np
 
 from tpmscad._compiled_loops import njit_cached
 from tpmscad._typing import Array, BoolArray, IntArray
 from tpmscad.brep.boundary_representation import Brep
-from tpmscad.brep.carriers import Plane
+from tpmscad.brep.carriers import Circle, ConicalSurface, Ellipse, Plane, SphericalSurface
 from tpmscad.brep.foot_surface import MAX_DEGREE, span_powers
+from tpmscad.brep.quadrics import MIN_POLE_STEP_ANGLE
 from tpmscad.errors import InvalidRequest
 from tpmscad.rigid_motion import Motion
 from tpmscad.splines.bspline import BSplineCurve, BSplineSurface, is_segment
 from tpmscad.splines.curve_batch import evaluate_curves
+from tpmscad.trimming.operands.conic_splines import approximate_conic, approximate_quadric
 
 T = TypeVar("T", Array, IntArray)
 
@@ -148,7 +152,7 @@ class _Cells(NamedTuple):
 
 
 def tabulate_faces(brep: Brep) -> NetworkFaces:
-    """The faces of a network; InvalidRequest if one of them is neither a spline patch nor a plane."""
+    """The faces of a network."""
     faces = brep.faces
     polygons = sample_loops(brep)
     first_segment = np.concatenate([[0], np.cumsum([len(p) for p in polygons])])
@@ -157,18 +161,14 @@ def tabulate_faces(brep: Brep) -> NetworkFaces:
     own_surface = np.empty(len(faces), np.int64)
     for f, c in enumerate(faces.carrier.tolist()):
         carrier = brep.carriers[c]
-        own_surface[f] = len(surfaces) if isinstance(carrier, Plane) else number.setdefault(c, len(surfaces))
-        if own_surface[f] < len(surfaces):
+        if isinstance(carrier, BSplineSurface):
+            own_surface[f] = number.setdefault(c, len(surfaces))
+            if own_surface[f] == len(surfaces):
+                surfaces.append(carrier)
             continue
-        if isinstance(carrier, Plane):
-            surfaces.append(_bound_plane(carrier, polygons[f].reshape(-1, 2)))
-        elif isinstance(carrier, BSplineSurface):
-            surfaces.append(carrier)
-        else:
-            raise InvalidRequest(
-                f"a face lies on a {type(carrier).__name__}: networks of spline patches and planes can be cut by each other, "
-                "a body of quadrics cuts a lattice by infill"
-            )
+        own_surface[f] = len(surfaces)
+        bound = _bound_plane if isinstance(carrier, Plane) else approximate_quadric
+        surfaces.append(bound(carrier, polygons[f].reshape(-1, 2)))
     divided = _divide_patches(surfaces)
     cells = [divided[i] for i in own_surface.tolist()]
     motion = faces.motion
@@ -212,9 +212,9 @@ def tabulate_faces(brep: Brep) -> NetworkFaces:
 
 
 def tabulate_edges(brep: Brep) -> NetworkEdges:
-    """The edges of a network; InvalidRequest if one of them is no B-spline."""
+    """The edges of a network."""
     edges = brep.edges
-    curves = check_spline_curves(brep)
+    curves = list_spline_curves(brep)
     return tabulate_segments(curves, edges.curve, edges.motion, edges.span)
 
 
@@ -257,27 +257,78 @@ def tabulate_segments(curves: tuple[BSplineCurve, ...], curve: IntArray, motion:
     )
 
 
-def check_spline_curves(brep: Brep) -> tuple[BSplineCurve, ...]:
-    """The curves of a network's edges; InvalidRequest if one that an edge uses is no B-spline."""
-    for c in np.unique(brep.edges.curve).tolist():
-        if not isinstance(brep.curves[c], BSplineCurve):
-            raise InvalidRequest(
-                f"an edge lies on a {type(brep.curves[c]).__name__}: the edges of a network are B-splines"
-            )
-    return tuple(c if isinstance(c, BSplineCurve) else _NO_CURVE for c in brep.curves)
+def list_spline_curves(brep: Brep) -> tuple[BSplineCurve, ...]:
+    """The curves of a network's edges as splines: conics equal to them up to round-off, on the spans of their edges."""
+    if brep not in _spline_curves:
+        edges = brep.edges
+        _spline_curves[brep] = tuple(
+            curve if isinstance(curve, BSplineCurve) else _approximate_used(curve, edges.span[edges.curve == c])
+            for c, curve in enumerate(brep.curves)
+        )
+    return _spline_curves[brep]
+
+
+_spline_curves: WeakKeyDictionary[Brep, tuple[BSplineCurve, ...]] = WeakKeyDictionary()
+"""What `list_spline_curves` has made of networks that are in use."""
+
+
+def _approximate_used(conic: Circle | Ellipse, spans: Array) -> BSplineCurve:
+    """A conic on the spans (n, 2) of its edges; a line in its place if it has none."""
+    return approximate_conic(conic, float(spans.min()), float(spans.max())) if len(spans) else _NO_CURVE
 
 
 _NO_CURVE = BSplineCurve(np.zeros((2, 3)), np.array([0.0, 0.0, 1.0, 1.0]), 1)
 
 
+class UseSegments(NamedTuple):
+    """The segments of all loops' polygons, in the order of the uses.
+
+    `use`: the use of each; `begin`: the fraction of its way where it starts; `length`: the fraction that it covers, 0 of a step
+    along a pole.
+    """
+
+    use: IntArray
+    begin: Array
+    length: Array
+
+
+def divide_uses(brep: Brep) -> UseSegments:
+    """Segments that stand for the edge uses: one where these are straight in (u, v), and one for a step along a pole.
+
+    At the pole of a sphere or the apex of a cone a loop runs from the end of a use to another u, where the next one starts.
+    """
+    uses = brep.uses
+    is_line = np.array([is_segment(c) for c in brep.pcurves], bool)
+    straight_edge = np.array([is_segment(c) for c in brep.curves], bool)[brep.edges.curve[uses.edge]]
+    straight = np.where(uses.pcurve >= 0, is_line[uses.pcurve] if len(is_line) else False, straight_edge)
+    regular = np.where(straight, 1, SEGMENTS_PER_USE)
+    count = regular + _step_along_poles(brep)
+    owner = np.repeat(np.arange(len(uses)), count)
+    position = np.arange(len(owner)) - (np.cumsum(count) - count)[owner]
+    length = np.where(position < regular[owner], 1.0 / regular[owner], 0.0)
+    return UseSegments(owner, position / regular[owner], length)
+
+
+def _step_along_poles(brep: Brep) -> BoolArray:
+    """Uses (K,) behind whose end the loop steps along a pole."""
+    faces = brep.faces
+    result = np.zeros(len(brep.uses), bool)
+    has_pole = np.array([isinstance(c, SphericalSurface | ConicalSurface) for c in brep.carriers], bool)
+    use = np.flatnonzero(has_pole[faces.carrier][brep.face_of_use])
+    if len(use):
+        following = np.arange(1, len(brep.uses) + 1)
+        following[faces.use_start[1:] - 1] = faces.use_start[:-1]
+        end, start = (evaluate_uses(brep, k, np.full(len(use), x)) for k, x in ((use, 1.0), (following[use], 0.0)))
+        result[use] = np.abs(end - start)[:, 0] > MIN_POLE_STEP_ANGLE
+    return result
+
+
 def sample_loops(brep: Brep) -> list[Array]:
     """The loops of each face as segments (m, 2, 2) in the (u, v) of its carrier."""
-    uses, faces = brep.uses, brep.faces
-    count = count_use_segments(brep)
-    owner = np.repeat(np.arange(len(uses)), count)
-    first = np.concatenate([[0], np.cumsum(count)])
-    fraction = (np.arange(len(owner)) - first[owner]) / count[owner]
-    points = evaluate_uses(brep, owner, fraction)
+    faces = brep.faces
+    use, begin, _ = divide_uses(brep)
+    first = np.searchsorted(use, np.arange(len(brep.uses) + 1))
+    points = evaluate_uses(brep, use, begin)
     result = []
     for f in range(len(faces)):
         loops = []
@@ -286,15 +337,6 @@ def sample_loops(brep: Brep) -> list[Array]:
             loops.append(np.stack([own, np.roll(own, -1, axis=0)], axis=1))
         result.append(np.concatenate(loops))
     return result
-
-
-def count_use_segments(brep: Brep) -> IntArray:
-    """The number of segments (K,) that stand for each edge use: one where it is straight in (u, v)."""
-    uses = brep.uses
-    is_line = np.array([is_segment(c) for c in brep.pcurves], bool)
-    straight_edge = np.array([is_segment(c) for c in brep.curves], bool)[brep.edges.curve[uses.edge]]
-    straight = np.where(uses.pcurve >= 0, is_line[uses.pcurve] if len(is_line) else False, straight_edge)
-    return np.where(straight, 1, SEGMENTS_PER_USE)
 
 
 def evaluate_uses(brep: Brep, use: IntArray, fraction: Array) -> Array:
@@ -316,7 +358,7 @@ def evaluate_use_parameters(brep: Brep, use: IntArray, t: Array) -> Array:
     if len(rows):
         face = brep.face_of_use[use[rows]]
         edge = uses.edge[use[rows]]
-        curves = check_spline_curves(brep)
+        curves = list_spline_curves(brep)
         points = edges.motion[edge].apply(evaluate_curves(curves, edges.curve[edge], t[rows])[0])
         local = brep.faces.motion[face].apply_inverse(points)
         for c in np.unique(brep.faces.carrier[face]).tolist():
