@@ -11,12 +11,12 @@ from __future__ import annotations
 
 from functools import lru_cache
 from math import comb
-from typing import NamedTuple, TypeVar
+from typing import NamedTuple
 from weakref import WeakKeyDictionary
 
 import numpy as np
 
-from tpmscad._compiled_loops import njit_cached
+from tpmscad._compiled_loops import njit_cached, njit_inner
 from tpmscad._typing import Array, BoolArray, IntArray
 from tpmscad.brep.boundary_representation import Brep
 from tpmscad.brep.carriers import Circle, ConicalSurface, Ellipse, Plane, SphericalSurface
@@ -28,13 +28,14 @@ from tpmscad.splines.bspline import BSplineCurve, BSplineSurface, is_segment
 from tpmscad.splines.curve_batch import evaluate_curves
 from tpmscad.trimming.operands.conic_splines import approximate_conic, approximate_quadric
 
-T = TypeVar("T", Array, IntArray)
-
 CELLS_PER_SIDE = 6
 """Cells along each parameter of a patch of one span, and pieces of an edge of one span; a span is never shared by two."""
 
 PATCHES_PER_BATCH = 64
 """Patches divided at once: their arrays stay below a few tens of megabytes."""
+
+BOX_PAIRS_AT_ONCE = 1_000_000
+"""Pairs of boxes that are compared at once, a megabyte of answers."""
 
 SEGMENTS_PER_USE = 24
 """Segments of the polygon that stands for a curved edge in (u, v)."""
@@ -209,6 +210,32 @@ def tabulate_faces(brep: Brep) -> NetworkFaces:
         low=np.minimum.reduceat(low, first_cell[:-1]),
         high=np.maximum.reduceat(high, first_cell[:-1]),
     )
+
+
+def join_faces(first: NetworkFaces, second: NetworkFaces) -> NetworkFaces:
+    """The faces of two networks as one table, those of the second behind the first's: half the arguments of compiled loops."""
+    both = (first, second)
+    layout = [p.layout.copy() for p in (first.patches, second.patches)]
+    layout[1][:, [BREAK_U, BREAK_V]] += len(first.patches.breaks)
+    layout[1][:, COEFFICIENT] += len(first.patches.coefficients)
+    cells = (np.concatenate(columns) for columns in zip(*(own.cells[1:] for own in both), strict=True))
+    return NetworkFaces(
+        PatchPolynomials(
+            np.concatenate(layout),
+            np.concatenate([own.patches.breaks for own in both]),
+            np.concatenate([own.patches.coefficients for own in both]),
+        ),
+        FaceCells(_join_starts(*(own.cells.first for own in both)), *cells),
+        FaceRegions(
+            _join_starts(*(own.regions.first for own in both)), np.concatenate([own.regions.segments for own in both])
+        ),
+        *(np.concatenate(columns) for columns in zip(*(own[3:] for own in both), strict=True)),
+    )
+
+
+def _join_starts(first: IntArray, second: IntArray) -> IntArray:
+    """The starts of parts that follow each other."""
+    return np.concatenate([first, first[-1] + second[1:]])
 
 
 def tabulate_edges(brep: Brep) -> NetworkEdges:
@@ -481,7 +508,7 @@ def _cut_into_pieces(curve: BSplineCurve, low: float, high: float) -> Array:
 
 
 @njit_cached
-def grow_rows(table: T) -> T:  # pragma: no cover - compiled
+def grow_rows(table: Array) -> Array:  # pragma: no cover - compiled
     """A copy of a table (n, k) with room for as many rows again; a loop compiles in a tenth of the time of np.concatenate."""
     result = np.empty((2 * table.shape[0], table.shape[1]), table.dtype)
     for i in range(table.shape[0]):
@@ -490,26 +517,17 @@ def grow_rows(table: T) -> T:  # pragma: no cover - compiled
     return result
 
 
-@njit_cached
 def find_overlapping_boxes(low_a: Array, high_a: Array, low_b: Array, high_b: Array, margin: float) -> IntArray:
-    """The pairs (n, 2) of boxes that come nearer to each other than `margin` along every axis."""
-    result = np.empty((64, 2), np.int64)
-    count = 0
-    for i in range(len(low_a)):
-        for j in range(len(low_b)):
-            if (
-                low_a[i, 0] <= high_b[j, 0] + margin
-                and low_b[j, 0] <= high_a[i, 0] + margin
-                and low_a[i, 1] <= high_b[j, 1] + margin
-                and low_b[j, 1] <= high_a[i, 1] + margin
-                and low_a[i, 2] <= high_b[j, 2] + margin
-                and low_b[j, 2] <= high_a[i, 2] + margin
-            ):
-                if count == len(result):
-                    result = grow_rows(result)
-                result[count, 0], result[count, 1] = i, j
-                count += 1
-    return result[:count]
+    """The pairs (n, 2) of boxes that come nearer to each other than `margin` along every axis, in order."""
+    rows = max(1, BOX_PAIRS_AT_ONCE // max(1, len(low_b)))
+    found = [np.zeros((0, 2), np.int64)]
+    for i in range(0, len(low_a), rows):
+        near = np.ones((len(low_a[i : i + rows]), len(low_b)), bool)
+        for d in range(3):
+            near &= low_a[i : i + rows, None, d] <= high_b[:, d] + margin
+            near &= low_b[:, d] <= high_a[i : i + rows, None, d] + margin
+        found.append(np.argwhere(near) + np.array([i, 0]))
+    return np.ascontiguousarray(np.concatenate(found))
 
 
 @njit_cached
@@ -543,7 +561,7 @@ def evaluate_face(patches: PatchPolynomials, f: int, u: float, v: float, jet: Ar
         jet[0, d], jet[1, d], jet[2, d] = s, su / hu, sv / hv
 
 
-@njit_cached
+@njit_inner
 def evaluate_piece(edges: NetworkEdges, piece: int, x: float, jet: Array) -> None:
     """Fill in the point and the first derivative (2, 3) of a piece at its local parameter x on [-1, 1]."""
     for d in range(3):
