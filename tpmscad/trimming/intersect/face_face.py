@@ -395,7 +395,7 @@ def _trace(
     _store(path, np.int64(0), at, work)
     for c in range(4):
         rate[c] = work.rate[c]
-    count = np.int64(1)
+    count: int = np.int64(1)  # type: ignore[assignment]  # callees would be compiled again for a literal
     h = 0.5 * _largest_step(patches, f, g, rate)
     least = MIN_STEP * h
     while count < MAX_STEPS:
@@ -425,7 +425,8 @@ def _trace(
         _store(path, count, new, work)
         for c in range(4):
             rate[c] = work.rate[c]
-        best, nearest = np.int64(-1), np.inf
+        best: int = np.int64(-1)  # type: ignore[assignment]
+        nearest = np.inf
         for k in range(n_places):
             if k == own and count == 1:
                 continue
