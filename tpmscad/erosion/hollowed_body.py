@@ -75,11 +75,11 @@ def find_faces_in_openings(brep: Brep, planes: Sequence[Plane], outlines: Sequen
 
 def sample_edges(brep: Brep, edges: IntArray, chords: int) -> Array:
     """Points along edges, from start to end: (n, chords + 1, 3)."""
-    own = brep.edges
-    points = [
-        brep.edges.motion[e].apply(brep.curves[own.curve[e]](np.linspace(*own.span[e], chords + 1)))
-        for e in edges.tolist()
-    ]
+    own, fractions = brep.edges, np.linspace(0.0, 1.0, chords + 1)
+    points = []
+    for e in edges.tolist():
+        low, high = own.span[e]
+        points.append(own.motion[e].apply(brep.curves[own.curve[e]](low + (high - low) * fractions)))
     return np.array(points).reshape(-1, chords + 1, 3)
 
 

@@ -7,7 +7,6 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
-from OCP.TopoDS import TopoDS_Face
 
 from tpmscad.brep.boundary_representation import Brep, drop_unused_geometry, select_faces
 from tpmscad.erosion.hollowed_body import hollow_body
@@ -35,12 +34,15 @@ class VoidsInBody:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class HollowedBody:
-    """The solids that are left, their boundary representation if there is one, their closed cavities, and the skin's inner faces."""
+    """The solids that are left, their boundary representation if there is one, and their number of closed cavities.
+
+    skin_faces: the kernel's faces on the inner side of the skin.
+    """
 
     built: BrepSolids | OcctSolids
     brep: Brep | None
     closed_cavities: int
-    skin_faces: Sequence[TopoDS_Face]
+    skin_faces: Sequence[Any]
 
 
 def hollow_in_arrays(request: VoidsInBody) -> HollowedBody:
