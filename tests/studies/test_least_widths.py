@@ -167,4 +167,5 @@ def test_the_narrowest_place_at_an_edge_needs_no_exact_normal(monkeypatch: pytes
     """Nowhere is the segment exactly along a normal, only within what counts as straight: pairs must not be divided for ever."""
     limit_pairs(monkeypatch, 100_000)
     _, gap = widths(tpmscad.lattice("iwp", cell=100, cells=(1, 1, 1), offset=(-1.8392, 0.5952), tol=0.866))
-    assert gap is not None and 0.98 * gap.value <= gap.bound <= gap.value
+    assert gap is not None
+    assert 0.98 * gap.value <= gap.bound <= gap.value
