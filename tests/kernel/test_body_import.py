@@ -144,6 +144,13 @@ def test_a_crossing_is_truer_than_the_kernels_edges() -> None:
     )
 
 
+def test_a_closed_face_is_not_cut_along_an_edge() -> None:
+    notched = (
+        bd.Cylinder(4, 10) - bd.Pos(-4, 2, 4) * bd.Box(4, 4, 4)
+    ).solid()  # its side at y = 0 is opposite to the seam
+    assert measure_solid(brep_from_shape(notched)).volume == pytest.approx(notched.volume, rel=1e-10)
+
+
 def test_a_seam_is_cut_wherever_round_off_puts_it() -> None:
     """The cut passes through a sampled point of both circles; of forty tilts one was refused, which is among these."""
     for x, y, z in np.random.default_rng(3).uniform(-180, 180, (40, 3))[20:26].tolist():

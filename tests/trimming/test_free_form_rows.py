@@ -83,6 +83,24 @@ def test_a_row_in_a_frame_has_the_jet_of_the_moved_points(name: str) -> None:
     np.testing.assert_allclose(distances[:, 1], expected[0][0], atol=1e-13)
 
 
+@pytest.mark.parametrize("name", ROWS)
+def test_a_reach_leaves_out_far_points_only(name: str) -> None:
+    row, near = ROWS[name]
+    points = np.concatenate([near, near.mean(axis=0) + np.random.default_rng(7).uniform(-4, 4, (200, 3))])
+    # Points next to the surface, or to the edge, are samples of it: the nearest one is no nearer than the true distance.
+    apart = np.linalg.norm(points[:, None] - near, axis=2).min(axis=1)
+    everywhere = row.distances(points)[:, 0]
+    for reach in (0.1, 1.0):
+        within = row.distances(points, reach)[:, 0]
+        finite = np.isfinite(within)
+        np.testing.assert_array_equal(within[finite], everywhere[finite])
+        assert finite[apart < reach].all()
+        assert not finite.all()
+    wanted = np.arange(len(points))[:, None] % 2 == 0
+    chosen = row.distances(points, wanted=wanted)[:, 0]
+    np.testing.assert_array_equal(chosen, np.where(wanted[:, 0], everywhere, np.inf))
+
+
 def test_rows_of_all_kinds_are_evaluated_in_one_table() -> None:
     tables = [build_implicit_surfaces(list(CARRIERS.values())), *(row for row, _ in ROWS.values())]
     table = QuadricTable.concatenate(tables)

@@ -10,6 +10,7 @@ import numpy as np
 from OCP.TopoDS import TopoDS_Shape, TopoDS_Solid
 
 from tpmscad.errors import InvalidRequest
+from tpmscad.kernel.body_import.inverted_faces import exchange_inverted_faces
 from tpmscad.kernel.body_import.isolated_reader import read_foreign_step
 from tpmscad.kernel.build.primitive_solids import PrimitiveRegion, make_region_solid
 from tpmscad.kernel.measure.shape_report import ShapeReport, check_shape
@@ -49,7 +50,8 @@ class CadBody:
 def read_body(source: Any) -> CadBody:
     """The single solid of a build123d or CadQuery object (builders and workplanes too), a TopoDS shape, a region or a STEP file.
 
-    Regions are `fields.box`, `fields.sphere` and `fields.cylinder` with a height.
+    Regions are `fields.box`, `fields.sphere` and `fields.cylinder` with a height. Faces of spheres that the kernel has read as
+    the rest of their sphere are exchanged, and a note says so.
 
     Raises InvalidRequest, with a description of what was found, if there is no solid or more than one, if the solid is open,
     invalid or inside out, or if the file is no STEP file.
@@ -71,7 +73,8 @@ def read_body(source: Any) -> CadBody:
     low, high = enclosing_box(solids[0])
     if not np.isfinite([low, high]).all() or np.abs([low, high]).max() > MAX_COORDINATE:
         raise InvalidRequest(f"{name} has coordinates beyond {MAX_COORDINATE:g}: a body must be finite")
-    report = check_shape(solids[0])
+    solid, exchanged = exchange_inverted_faces(solids[0], name)
+    report = check_shape(solid)
     for failed, what in (
         (not report.closed, "is not closed: some of its edges bound one face only"),
         (not report.valid, "is invalid for the kernel (BRepCheck)"),
@@ -80,7 +83,7 @@ def read_body(source: Any) -> CadBody:
         if failed:
             raise InvalidRequest(f"{name} {what}; repair it where it was modelled")
     notes, names = (foreign.notes, foreign.face_names) if foreign else ((), ())
-    return CadBody(solids[0], report, name, notes, *names)
+    return CadBody(solid, report, name, (*notes, *exchanged), *names)
 
 
 def _resolve_shape(source: Any) -> tuple[TopoDS_Shape, str]:

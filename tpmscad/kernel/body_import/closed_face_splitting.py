@@ -172,13 +172,14 @@ def _split_face(body: ImportedBody, index: int, axis: int) -> ImportedBody:
 def _choose_cut(body: ImportedBody, face: ImportedFace, axis: int) -> float:
     """Parameter of the cut: half a period from the seam, shifted if a vertex is close.
 
-    A cut through a vertex is allowed, a cut close to one is not.
+    A cut through a vertex is allowed, a cut close to one is not, nor one along an edge.
     """
     traces = [sample_use(body, face, use)[:, axis] for loop in face.loops for use in loop]
     values = np.concatenate(traces)
     middle = 0.5 * (values.min() + values.max())
     vertices = np.concatenate([t[[0, -1]] for t in traces])
     turns = np.concatenate([t[1:-1][np.diff(t)[1:] * np.diff(t)[:-1] < 0] for t in traces])
+    turns = np.concatenate([turns, [t[0] for t in traces if np.ptp(t) < VERTEX_HIT_TOL]])
     assert not isinstance(face.carrier, Plane)
     turn = face.carrier.period[axis] / TWO_PI
     aside = MAX_CUT_SHIFT * turn * np.linspace(-1.0, 1.0, 41)

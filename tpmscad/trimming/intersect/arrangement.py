@@ -27,6 +27,10 @@ from tpmscad.trimming.operands.trimming_body import TrimmingBody
 SNAP_TOLS = 2.0
 """Vertex tolerance in tolerances: a vertex nearer than this to a surface lies on it, and no edge comes out shorter."""
 
+MARGIN_SNAPS = 100.0
+"""Distance, in vertex tolerances, from the box of a free-form face or an edge within which something may lie on it: more than an
+imprint may miss an edge of the body."""
+
 FIT_FRACTION_OF_TOL = 0.5
 """Fraction of the tolerance to which a curve is fitted: a vertex of two curves is as far from each of them again."""
 
@@ -229,8 +233,8 @@ class Arrangement:
 
     def snap_vertices(self) -> Arrangement:
         """A copy whose `on_surface` covers all vertices made so far."""
-        body = self.operands.body
-        return replace(self, on_surface=np.abs(body.surfaces.distances(self.vertices)) < self.operands.snap)
+        body, snap = self.operands.body, self.operands.snap
+        return replace(self, on_surface=np.abs(body.surfaces.distances(self.vertices, MARGIN_SNAPS * snap)) < snap)
 
     @property
     def n_edge_pieces(self) -> int:

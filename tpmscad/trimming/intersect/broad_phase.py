@@ -52,7 +52,7 @@ def find_candidate_pairs(
     reach = (np.linalg.norm(centre - whole[:, None], axis=2) + radius).max(axis=1)[faces.carrier]
     middle = faces.motion.apply(whole[faces.carrier])
     surfaces = body.surfaces.take(np.arange(body.n_surfaces))
-    distance = surfaces.distances(middle)
+    distance = surfaces.distances(middle, reach)
     near = np.zeros(distance.shape, bool)
     for f, k in enumerate(body.surface_of_face):
         low, high = body.face_boxes[f]

@@ -21,7 +21,13 @@ from tpmscad.brep.carriers import EdgeCurve
 from tpmscad.errors import TrimmingError
 from tpmscad.splines.basis import design_matrix
 from tpmscad.splines.bspline import BSplineCurve
-from tpmscad.trimming.intersect.arrangement import Arrangement, CurveSegments, CurveSurfaceIntersections, SubSegments
+from tpmscad.trimming.intersect.arrangement import (
+    MARGIN_SNAPS,
+    Arrangement,
+    CurveSegments,
+    CurveSurfaceIntersections,
+    SubSegments,
+)
 from tpmscad.trimming.operands.quadric_table import QuadricTable, group_rows
 
 SAMPLES_PER_SEGMENT = 34
@@ -94,9 +100,10 @@ def intersect_segments(
         low[c], high[c] = p.min(axis=0), p.max(axis=0)
     middle, radius = (low + high) / 2, np.linalg.norm(high - low, axis=1) / 2
     centre = segments.motion.apply(middle[segments.curve])
-    distance = surfaces.distances(centre)
+    reach = radius[segments.curve]
+    distance = surfaces.distances(centre, reach + MARGIN_SNAPS * snap, wanted)
     sign = np.where(distance < 0, -1, 1)
-    near = wanted & (np.abs(distance) <= radius[segments.curve][:, None] + snap)
+    near = wanted & (np.abs(distance) <= reach[:, None] + snap)
     s, surface = np.nonzero(near)
 
     framed = surfaces.take(surface).in_frames(segments.motion[s])

@@ -29,6 +29,9 @@ ACROSS_SAMPLES = 97
 MIN_BEND_FRACTION = 1e-2
 """Least -d/dt of (p - C) . C', relative to |C'|^2: where it is less, p lies near the edge's axis of curvature."""
 
+BOX_MARGIN = 0.05
+"""Enlargement of the box of an edge's samples, relative to its diagonal."""
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class EdgeNormals:
@@ -37,6 +40,13 @@ class EdgeNormals:
     curve: EdgeCurve
     span: tuple[float, float]
     across: BSplineCurve
+
+    def box(self) -> tuple[Array, Array]:
+        """Low and high corner of a box that contains the edge, with a margin."""
+        points = self.curve(np.linspace(*self.span, ACROSS_SAMPLES))
+        low, high = points.min(axis=0), points.max(axis=0)
+        margin = BOX_MARGIN * np.linalg.norm(high - low)
+        return low - margin, high + margin
 
     def jet(self, points: Array, order: int) -> list[Array]:
         """The function h (n,), its gradient (n, 3) and its Hessian (n, 3, 3) at points (n, 3), up to `order`."""

@@ -78,6 +78,14 @@ class PlacedForms:
                 found[2][at] = np.swapaxes(rotation, 1, 2)[:, None] @ hessian @ rotation[:, None]
         return found, forced
 
+    def are_near(self, row: int, points: Array, reach: Array) -> BoolArray:
+        """Balls (m,) of radii `reach` about points (m, 3) that meet the box of the surface, or of the edge, of row `row`."""
+        form = self.forms[int(self.number[row])]
+        low, high = form.box() if isinstance(form, EdgeNormals) else _bound_surface(form)
+        local = self.place[row].apply(points)
+        gap = np.maximum(np.maximum(low - local, local - high), 0.0)
+        return np.asarray(np.einsum("nk,nk->n", gap, gap) <= reach**2)
+
     def distances(self, row: int, points: Array) -> Array:
         """Signed distances (m,) of points (m, 3) from row `row`: with forced feet, too, those of the feet."""
         form, local = self.forms[int(self.number[row])], self.place[row].apply(points)
@@ -211,12 +219,21 @@ class QuadricTable:
         """Signed distances (n, m) of points (n, m, 3), row by row."""
         return self.jet(points, 0)[0]
 
-    def distances(self, points: Array) -> Array:
-        """Signed distances of all points (m, 3) from all surfaces: (m, n)."""
+    def distances(self, points: Array, reach: Array | float = np.inf, wanted: BoolArray | None = None) -> Array:
+        """Signed distances of points (m, 3) from all surfaces: (m, n).
+
+        Those from free-form rows cost a foot point each. They are infinite for points whose ball of radius `reach`, (m,) or a
+        number, misses the box of the surface, and where `wanted` (m, n) is False. The distance from the normals along an edge is
+        used next to the edge only, whose box it is then.
+        """
         result = np.empty((len(points), len(self)))
+        radius = np.broadcast_to(np.asarray(reach, float), len(points))
         for k in range(len(self)):
             if self.placed is not None and self.placed.number[k] >= 0:
-                result[:, k] = self.placed.distances(k, points)
+                near = self.placed.are_near(k, points, radius)
+                near &= True if wanted is None else wanted[:, k]
+                result[:, k] = np.inf
+                result[near, k] = self.placed.distances(k, points[near])
             else:
                 result[:, k] = self.row(k).value(points[None])[0]
         return result
@@ -281,6 +298,13 @@ class QuadricTable:
                 second = second + along[..., :, None] * along[..., None, :] / around[..., None, None]
             found.append(second)
         return found
+
+
+def _bound_surface(form: FreeFormSurface) -> tuple[Array, Array]:
+    """Low and high corner of a box that contains a surface and its continuation."""
+    poles = form.spline.poles.reshape(-1, 3)
+    beyond = 2.0 * form.continuation  # it goes on along both parameters at its corners
+    return poles.min(axis=0) - beyond, poles.max(axis=0) + beyond
 
 
 def _leading_coordinate(axis: Array) -> Array:
