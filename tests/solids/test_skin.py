@@ -119,7 +119,7 @@ def test_a_skin_of_just_the_reach_of_a_tube_is_made_a_little_thicker() -> None:
     request = ErosionRequest(pocketed, 5.0, (), depth, np.zeros((0, 3)))
     with pytest.raises(tpmscad.TrimmingError):
         erode_in_arrays(request)
-    parts = erode_in_arrays(request, excess=SKIN_EXCESS)
+    parts, _ = erode_in_arrays(request, excess=SKIN_EXCESS)
     measured = measure_skin_thickness([face for part in parts for face in faces_of(part.shape)], depth)
     assert (measured.least, measured.greatest) == pytest.approx((5.0005, 5.0005), rel=1e-6)
 

@@ -65,10 +65,10 @@ def fit_edge(one: Sheet, other: Sheet, edge: TracedEdge, size: float) -> FittedE
         guess, slope = path(s), path(s, 1)
         at, along = (guess[:, 4:], slope[:, 4:]) if known is None else (known[0](s), known[0](s, 1))
         along = along / np.linalg.norm(along, axis=1, keepdims=True)
-        y, found, ok = meet_pair(one, other, guess[:, :4], at, along)
-        if not ok.all():
-            raise TrimmingError(f"an edge of the eroded body is lost near {format_point(at[~ok][0])}")
-        return y, found
+        found = meet_pair(one, other, guess[:, :4], at, along)
+        if not found.converged.all():
+            raise TrimmingError(f"an edge of the eroded body is lost near {format_point(at[~found.converged][0])}")
+        return found.parameters, found.points
 
     pcurves: list[BSplineCurve | None] = [None, None]
     curved = [k for k, sheet in enumerate((one, other)) if not isinstance(sheet.carrier, Plane)]
@@ -120,11 +120,14 @@ def _fill_up(one: Sheet, other: Sheet, edge: TracedEdge) -> tuple[Array, Array]:
         step = np.diff(points, axis=0)
         along = step / np.linalg.norm(step, axis=1, keepdims=True)
         between = 0.5 * (parameters[1:] + parameters[:-1])
-        y, found, ok = meet_pair(one, other, between, 0.5 * (points[1:] + points[:-1]), along)
-        if not ok.all():
+        found = meet_pair(one, other, between, 0.5 * (points[1:] + points[:-1]), along)
+        if not found.converged.all():
             raise TrimmingError(f"an edge of the eroded body is lost near {format_point(points[0])}")
         at = np.arange(1, len(points))
-        parameters, points = np.insert(parameters, at, y, axis=0), np.insert(points, at, found, axis=0)
+        parameters, points = (
+            np.insert(parameters, at, found.parameters, axis=0),
+            np.insert(points, at, found.points, axis=0),
+        )
     return parameters, points
 
 

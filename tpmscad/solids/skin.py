@@ -19,6 +19,7 @@ import numpy as np
 from scipy.optimize import minimize
 
 from tpmscad._typing import Array
+from tpmscad.brep.boundary_representation import Brep
 from tpmscad.erosion.eroded_body import erode_body as erode_body_in_arrays
 from tpmscad.errors import InvalidRequest, KernelError, format_point
 from tpmscad.fallbacks import Fallback, Fallbacks
@@ -28,7 +29,7 @@ from tpmscad.kernel.boolean.boolean_operations import OcctSolids, betti_numbers
 from tpmscad.kernel.boolean.erosion import erode
 from tpmscad.kernel.boolean.hollow_body import count_closed_cavities, find_skin_faces, subtract_voids
 from tpmscad.kernel.boolean.inward_offset import offset_by_occt
-from tpmscad.kernel.build.solids import build_solids
+from tpmscad.kernel.build.solids import build_solids, select_solids
 from tpmscad.kernel.measure.skin_depth import SkinDepth, SkinThickness, measure_skin_thickness, sample_depths
 from tpmscad.kernel.occt.bounding_boxes import enclosing_box
 from tpmscad.kernel.occt.exploration import faces_of
@@ -71,11 +72,15 @@ nowhere farther from it."""
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ErodedBody:
-    """The parts of a body deeper than the skin, largest first, the depth they were measured by, and the method."""
+    """The parts of a body deeper than the skin, largest first, the depth they were measured by, and the method.
+
+    breps: the boundary representation of each part, None if the kernel made them.
+    """
 
     parts: tuple[CadBody, ...]
     depth: SkinDepth
     method: str
+    breps: tuple[Brep, ...] | None = None
 
 
 def fill_within_skin(block: LatticeBlock, body: CadBody, skin: float, open_faces: Sequence[Any] = ()) -> BooleanResult:
@@ -124,7 +129,8 @@ def erode_body(body: CadBody, skin: float, open_faces: Sequence[Any] = ()) -> Er
 
     request = ErosionRequest(body, skin, open_faces, depth, points[depths > DEEP_RATIO * skin])
     eroded = EROSION_METHODS.run(request)
-    return ErodedBody(eroded.value, depth, eroded.name)
+    parts, breps = eroded.value
+    return ErodedBody(parts, depth, eroded.name, breps)
 
 
 def find_deepest(depth: SkinDepth, points: Array, depths: Array) -> tuple[Array, float]:
@@ -167,7 +173,11 @@ class ErosionRequest:
         return parts
 
 
-def erode_in_arrays(request: ErosionRequest, excess: float = 0.0) -> tuple[CadBody, ...]:
+ErodedParts = tuple[tuple[CadBody, ...], tuple[Brep, ...] | None]
+"""The parts of an eroded body, and their boundary representations if they were made in arrays."""
+
+
+def erode_in_arrays(request: ErosionRequest, excess: float = 0.0) -> ErodedParts:
     """The parts of a body deeper than (1 + excess) skins, by an arrangement of offset faces."""
     own = faces_of(request.body.shape)
     body = read_free_form_body(request.body.shape, [str(i) for i in range(len(own))])
@@ -175,15 +185,16 @@ def erode_in_arrays(request: ErosionRequest, excess: float = 0.0) -> tuple[CadBo
     eroded = erode_body_in_arrays(body.brep, body.free_form, (1 + excess) * request.skin, opened[body.brep.faces.tag])
     if not len(eroded.faces):
         raise KernelError("offset by the skin", "the offset is empty")
-    return request.check(build_solids(eroded).solids)
+    built = build_solids(eroded)
+    return request.check(built.solids), tuple(select_solids(eroded, built, [k])[0] for k in range(built.n_solids))
 
 
-def _erode_exactly(request: ErosionRequest, margin: float = 0.0, mitres: bool = True) -> tuple[CadBody, ...]:
-    return request.check(erode(request.body, request.skin, request.open_faces, request.depth, margin, mitres))
+def _erode_exactly(request: ErosionRequest, margin: float = 0.0, mitres: bool = True) -> ErodedParts:
+    return request.check(erode(request.body, request.skin, request.open_faces, request.depth, margin, mitres)), None
 
 
-def _offset_in_kernel(request: ErosionRequest, join: str) -> tuple[CadBody, ...]:
-    return request.check(offset_by_occt(request.body.shape, request.skin, request.open_faces, join))
+def _offset_in_kernel(request: ErosionRequest, join: str) -> ErodedParts:
+    return request.check(offset_by_occt(request.body.shape, request.skin, request.open_faces, join)), None
 
 
 EROSION_METHODS = Fallbacks(
