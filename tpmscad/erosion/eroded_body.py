@@ -83,7 +83,7 @@ def trace_edges(shell: OffsetShell) -> EdgeGraph:
     for rim in range(len(shell.rims)):
         cut_rim(graph, rim)
     leave_vertices(graph)
-    while (seed := next(find_seeds(graph), None)) is not None:
+    for seed in find_seeds(graph):
         trace_from_seed(graph, *seed)
         leave_vertices(graph)
     return graph

@@ -7,8 +7,8 @@ from collections.abc import Iterator
 import numpy as np
 from scipy.spatial import cKDTree
 
-from tpmscad._typing import Array
-from tpmscad.erosion.edge_graph import GRID, EdgeGraph, TracedEdge
+from tpmscad._typing import Array, IntArray
+from tpmscad.erosion.edge_graph import GRID, EdgeGraph, SheetGrid, TracedEdge
 from tpmscad.erosion.intersections import meet_pair
 from tpmscad.erosion.rim_cuts import RIM_SAMPLES
 from tpmscad.erosion.tracing import TANGENT_SINE, is_good
@@ -17,7 +17,7 @@ CHORD_SAG = 0.1
 """Of a chord: distance within which a point of two sheets is on the edge that has the chord. An edge turns by half a radian in
 two chords at most."""
 
-SECTIONS, SECTION_ROUNDS = np.arange(1, 16) / 16, 10
+SECTIONS, SECTION_ROUNDS = np.arange(1, 16) / 16, 6
 """Places between two nodes at which depth changes are sought at once, and how often: 15 points take little longer than one."""
 
 SAMPLES_PER_CHORD = 8
@@ -28,25 +28,37 @@ def find_seeds(graph: EdgeGraph) -> Iterator[tuple[tuple[int, int], Array, Array
     """Points of edges that were not traced: two sheets, parameters (4,) and the point (3,)."""
     for number in range(len(graph.shell.sheets)):
         grid = graph.grid(number)
-        tree = _edge_tree(graph, number)
-        for axis in (0, 1):
-            here, there = (
-                [np.take(a, rows, axis) for a in (grid.deep, grid.inside)] for rows in (range(GRID - 1), range(1, GRID))
-            )
-            for i, j in np.argwhere((here[0] != there[0]) & here[1] & there[1]).tolist():
-                ends = [(i, j), (i + 1 - axis, j + axis)]
-                good, bad = ends if grid.deep[i, j] else ends[::-1]
-                cell = float(np.linalg.norm(grid.points[good] - grid.points[bad]))
-                middle = 0.5 * (grid.points[good] + grid.points[bad])
-                if tree is not None and tree.query(middle)[0] <= 1.5 * cell:
-                    continue
-                seed = _refine_seed(graph, number, grid.uv[good], grid.uv[bad])
-                if seed is not None and not any(_passes_through(e, seed[0], seed[2]) for e in graph.edges):
-                    yield seed
+        good, bad = _find_changes(grid)
+        cell = np.linalg.norm(grid.points[good] - grid.points[bad], axis=1)
+        middle = 0.5 * (grid.points[good] + grid.points[bad])
+        apart = _distances_from_edges(graph, number, middle)
+        for k in range(len(cell)):
+            if apart[k] <= 1.5 * cell[k]:
+                continue
+            seed = _refine_seed(graph, number, grid.uv[good][k], grid.uv[bad][k])
+            if seed is not None and not any(_passes_through(e, seed[0], seed[2]) for e in graph.edges):
+                yield seed
+                apart = _distances_from_edges(graph, number, middle)
 
 
-def _edge_tree(graph: EdgeGraph, sheet: int) -> cKDTree | None:
-    """Points along the known edges of a sheet."""
+def _find_changes(grid: SheetGrid) -> tuple[tuple[IntArray, IntArray], tuple[IntArray, IntArray]]:
+    """Indices of nodes that are deep enough, and of neighbours that are not."""
+    found = []
+    for step in ((1, 0), (0, 1)):
+        here = np.argwhere(grid.inside[: GRID - step[0], : GRID - step[1]])
+        there = here + step
+        here, there = (a[grid.inside[tuple(there.T)]] for a in (here, there))
+        deep = grid.deep[tuple(here.T)]
+        changes = deep != grid.deep[tuple(there.T)]
+        found.append(
+            np.where(deep[:, None, None], np.stack([here, there], axis=1), np.stack([there, here], axis=1))[changes]
+        )
+    good, bad = np.concatenate(found).transpose(1, 2, 0)
+    return tuple(good), tuple(bad)
+
+
+def _distances_from_edges(graph: EdgeGraph, sheet: int, points: Array) -> Array:
+    """Distances (n,) of points (n, 3) from points along the known edges of a sheet, infinite if it has none."""
     found = []
     w = np.linspace(0, 1, SAMPLES_PER_CHORD + 1)[:-1, None, None]
     for edge in graph.edges:
@@ -56,7 +68,7 @@ def _edge_tree(graph: EdgeGraph, sheet: int) -> cKDTree | None:
         rim = graph.shell.rims[piece.rim]
         if sheet in rim.sheets:
             found.append(rim.curve(np.linspace(*piece.span, 4 * RIM_SAMPLES)))
-    return cKDTree(np.concatenate(found)) if found else None
+    return cKDTree(np.concatenate(found)).query(points)[0] if found and len(points) else np.full(len(points), np.inf)
 
 
 def _passes_through(edge: TracedEdge, pair: tuple[int, int], point: Array) -> bool:

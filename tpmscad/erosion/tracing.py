@@ -45,6 +45,9 @@ TANGENT_SINE = 1e-4
 NO_SINE = 1e-9
 """Sine of the angle between sheets below which their edge goes on in the direction that it has."""
 
+LEAST_GRAM = 1e-20
+"""Determinant, relative to squared lengths, below which the derivatives of a sheet count as parallel."""
+
 SAME_DIRECTION = 0.999
 """Cosine of the angle between edges of one pair of sheets at a vertex within which they are one."""
 
@@ -57,12 +60,12 @@ MAX_TRACE = 2000
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _State:
-    """A point (3,) of an edge with its parameters (4,), the unit tangent (3,), and the slope (4,) of the parameters along it."""
+    """A point (3,) of an edge, parameters (4,), derivatives (4, 3) of the sheets by these, and the unit tangent (3,)."""
 
     parameters: Array
     point: Array
+    frames: Array
     tangent: Array
-    slope: Array
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -113,12 +116,11 @@ def _find_starts(graph: EdgeGraph, vertex: int, known: int) -> list[_Start]:
         axis = _unit_axis(frames)
         if axis is None or axis[1] <= TANGENT_SINE:
             continue
-        first = _State(y, point, axis[0], _slope(frames, axis[0]))
+        first = _State(y, point, frames, axis[0])
         ahead = _advance(graph, (a, b), first, np.array([step, -step]))
         inside = one.contains(ahead.parameters[:, :2]) & other.contains(ahead.parameters[:, 2:])
         for i in np.flatnonzero(ahead.converged & inside).tolist():
-            sign = 1 - 2 * i
-            start = _State(first.parameters, point, sign * first.tangent, sign * first.slope)
+            start = replace(first, tangent=(1 - 2 * i) * first.tangent)
             found.append(_Start(vertex, (a, b), start, _state_at(ahead, i, start.tangent)))
     return found
 
@@ -175,13 +177,22 @@ def _frames(graph: EdgeGraph, pair: Pair, y: Array) -> Array:
 
 def _slope(frames: Array, along: Array) -> Array:
     """The rates (4,) of the parameters of two sheets with derivatives (4, 3) along a direction (3,)."""
-    return np.asarray(np.linalg.pinv(frames.reshape(2, 2, 3).swapaxes(1, 2)) @ along).ravel()
+    gram, slopes = (frames @ frames.T).tolist(), (frames @ along).tolist()
+    found = []
+    for i, j in ((0, 1), (2, 3)):
+        a, b, c = gram[i][i], gram[i][j], gram[j][j]
+        determinant = a * c - b * b
+        if determinant > LEAST_GRAM * a * c:
+            found += [(c * slopes[i] - b * slopes[j]) / determinant, (a * slopes[j] - b * slopes[i]) / determinant]
+        else:
+            found += np.linalg.lstsq(frames[i : j + 1].T, along, rcond=None)[0].tolist()
+    return np.array(found)
 
 
 def _state_at(found: Meeting, i: int, along: Array) -> _State:
     """The state at a point of two sheets, with the tangent on the side of `along`, or that itself where they are tangent."""
     tangent = _tangent(found.frames[i], along)
-    return _State(found.parameters[i], found.points[i], tangent, _slope(found.frames[i], tangent))
+    return _State(found.parameters[i], found.points[i], found.frames[i], tangent)
 
 
 def _advance(graph: EdgeGraph, pair: Pair, state: _State, lengths: Array) -> Meeting:
@@ -189,7 +200,7 @@ def _advance(graph: EdgeGraph, pair: Pair, state: _State, lengths: Array) -> Mee
     one, other = (graph.shell.sheets[s] for s in pair)
     at = state.point + lengths[:, None] * state.tangent
     along = np.broadcast_to(state.tangent, at.shape)
-    found = meet_pair(one, other, state.parameters + lengths[:, None] * state.slope, at, along)
+    found = meet_pair(one, other, state.parameters + lengths[:, None] * _slope(state.frames, state.tangent), at, along)
     drift = np.linalg.norm(found.points - at, axis=1)
     return replace(found, converged=found.converged & (drift <= MAX_DRIFT * np.abs(lengths)))
 
@@ -335,7 +346,7 @@ def trace_from_seed(graph: EdgeGraph, pair: Pair, y: Array, point: Array) -> Non
     """Trace an edge both ways from a point (3,) of parameters (4,) inside it; a closed one is cut into two."""
     frames = _frames(graph, pair, y)
     tangent = _tangent(frames, np.ones(3))
-    seed = _State(y, point, tangent, _slope(frames, tangent))
+    seed = _State(y, point, frames, tangent)
     ahead, end = _trace(graph, pair, [seed])
     if end < 0:
         half = len(ahead) // 2
@@ -346,5 +357,5 @@ def trace_from_seed(graph: EdgeGraph, pair: Pair, y: Array, point: Array) -> Non
         _add_edge(graph, pair, ahead[: half + 1], ends[0], ends[1])
         _add_edge(graph, pair, [*ahead[half:], ahead[0]], ends[1], ends[0])
         return
-    back, start = _trace(graph, pair, [replace(seed, tangent=-seed.tangent, slope=-seed.slope)])
+    back, start = _trace(graph, pair, [replace(seed, tangent=-tangent)])
     _add_edge(graph, pair, [*back[:0:-1], *ahead], start, end)
