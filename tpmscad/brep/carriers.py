@@ -60,7 +60,7 @@ class Plane:
         """Points and first derivatives by u and by v at parameters (n,), (n,): (n, 3) each."""
         y_axis, shape = self.y_axis, (len(u), 3)
         points = self.origin + u[:, None] * self.x_axis + v[:, None] * y_axis
-        return points, np.broadcast_to(self.x_axis, shape), np.broadcast_to(y_axis, shape)
+        return points, np.full(shape, self.x_axis), np.full(shape, y_axis)
 
     def parameters(self, points: ArrayLike) -> Array:
         """(u, v) of the orthogonal projections of points (..., 3): (..., 2)."""

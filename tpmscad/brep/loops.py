@@ -104,10 +104,15 @@ def points_in_polygons(start: Array, end: Array, points: Array) -> BoolArray:
     the point and whose upper end is. Holes are segments like others.
     """
     (x0, y0), (x1, y1), (x, y) = start.T, end.T, points.T
-    order = np.argsort(y)
-    first, last = np.searchsorted(y[order], np.stack([np.minimum(y0, y1), np.maximum(y0, y1)]))
-    count = last - first
-    segment = np.repeat(np.arange(len(count)), count)
-    point = order[np.arange(len(segment)) + np.repeat(last - np.cumsum(count), count)]
+    segment, point = pair_with_intervals(y, np.minimum(y0, y1), np.maximum(y0, y1))
     crossing = x0[segment] + (y[point] - y0[segment]) * (x1 - x0)[segment] / (y1 - y0)[segment]
     return np.asarray(np.bincount(point[crossing > x[point]], minlength=len(points)) % 2 == 1)
+
+
+def pair_with_intervals(values: Array, low: Array, high: Array) -> tuple[IntArray, IntArray]:
+    """All pairs of half-open intervals [low, high) (m,) and values (n,) in them: numbers (k,) of intervals and of values."""
+    order = np.argsort(values)
+    first, last = np.searchsorted(values[order], np.stack([low, high]))
+    count = last - first
+    interval = np.repeat(np.arange(len(count)), count)
+    return interval, order[np.arange(len(interval)) + np.repeat(last - np.cumsum(count), count)]

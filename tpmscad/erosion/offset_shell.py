@@ -172,7 +172,7 @@ class _Assembly:
             depth = 0.0 if self.is_open[f] else self.skin
             sheet = offset_face(self.carriers[f], sense, (region.segments, *strips), depth, self.size, f)
             self.sheet_of_face[f] = -1 if sheet is None else self._add_sheet(sheet)
-            site = FaceSite.of(region, beyond, strips)
+            site = FaceSite(region, beyond, strips)
             self.sites.append(OpenSite(site, sense, ROUND_OFF * self.size) if self.is_open[f] else site)
             self.site_sheets.append(int(self.sheet_of_face[f]))
 

@@ -50,18 +50,12 @@ def depth_limit(skin: float, size: float) -> float:
 class FaceSite:
     """A face as a region of its carrier; `tol` (model units) is how far beyond its border a foot may lie.
 
-    `strips` (n, 2, 2) each: polygons in (u, v) by which the face goes on beyond an open one. `border_box` (2, 3): of its border.
+    `strips` (n, 2, 2) each: polygons in (u, v) by which the face goes on beyond an open one.
     """
 
     region: FaceRegion
     tol: float
-    border_box: Array
     strips: tuple[Array, ...] = ()
-
-    @classmethod
-    def of(cls, region: FaceRegion, tol: float, strips: tuple[Array, ...] = ()) -> FaceSite:
-        """The site with its border's box."""
-        return cls(region, tol, np.stack([region.border.min(axis=(0, 1)), region.border.max(axis=(0, 1))]), strips)
 
     def feet(self, points: Array, limit: float) -> tuple[Array, Array]:
         """Distances (n,) of points (n, 3), infinite without a foot in the face or from `limit` on, and (u, v) (n, 2)."""
@@ -81,18 +75,9 @@ class FaceSite:
             inside |= points_in_polygons(segments[:, 0], segments[:, 1], uv)
         outside = np.flatnonzero(~inside)
         if len(outside):
-            inside[outside] = self._is_at_border(carrier(*uv[outside].T))
+            inside[outside] = self.region.is_near_border(carrier(*uv[outside].T), self.tol)
         all_distances[near[inside]] = distance[near[inside]]
         return all_distances, all_uv
-
-    def _is_at_border(self, points: Array) -> BoolArray:
-        """Which points (n, 3) of the carrier are on the border, to the accuracy of its polygon."""
-        low, high = self.border_box
-        found = ((points >= low - self.tol) & (points <= high + self.tol)).all(axis=1)
-        at = np.flatnonzero(found)
-        if len(at):
-            found[at] = self.region.distance_to_border(points[at]) <= self.tol
-        return np.asarray(found)
 
     def box(self) -> Array:
         """Bounding box (2, 3) of samples of the face."""
