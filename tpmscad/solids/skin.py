@@ -20,6 +20,7 @@ from scipy.optimize import minimize
 
 from tpmscad._typing import Array
 from tpmscad.brep.boundary_representation import Brep
+from tpmscad.brep.winding_numbers import winding_numbers
 from tpmscad.erosion.eroded_body import erode_body as erode_body_in_arrays
 from tpmscad.errors import InvalidRequest, KernelError, format_point
 from tpmscad.fallbacks import Fallback, Fallbacks
@@ -30,6 +31,7 @@ from tpmscad.kernel.boolean.erosion import erode
 from tpmscad.kernel.boolean.hollow_body import count_closed_cavities, find_skin_faces, subtract_voids
 from tpmscad.kernel.boolean.inward_offset import offset_by_occt
 from tpmscad.kernel.build.solids import build_solids, select_solids
+from tpmscad.kernel.export.solid_mesh import mesh_solids
 from tpmscad.kernel.measure.skin_depth import SkinDepth, SkinThickness, measure_skin_thickness, sample_depths
 from tpmscad.kernel.occt.bounding_boxes import enclosing_box
 from tpmscad.kernel.occt.exploration import faces_of
@@ -65,9 +67,8 @@ INSET_SAMPLES = 256
 DEEP_RATIO = 1.01
 """In skins: depth from which a point must lie in the offset body."""
 
-MITRE_GAP = 1 - 1 / MAX_THICKNESS_RATIO
-"""In skins: distance from the offset body up to which a point may be missed in a mitre; the tube that the mitre replaces is
-nowhere farther from it."""
+MESH_DEVIATION, MESH_ANGLE = 0.004, 0.5
+"""In skins, and radians: fineness of the meshes of the eroded body that must hold these points."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -211,22 +212,16 @@ EROSION_METHODS = Fallbacks(
 
 
 def check_eroded(parts: Sequence[CadBody], open_faces: Sequence[Any], skin: float, depth: SkinDepth, deep: Any) -> None:
-    """KernelError if the boundary of the parts is too shallow or too deep, or if they miss points `deep` (n, 3) in the body.
-
-    Points in mitres, which lie near the parts, are let off.
-    """
+    """KernelError if the boundary of the parts is too shallow or too deep, or if they miss points `deep` (n, 3) in the body."""
     if not parts:
         raise KernelError("offset by the skin", "the offset is empty")
     inner = find_skin_faces([part.shape for part in parts], parts, open_faces)
     for check in check_skin_thickness(measure_skin_thickness(inner, depth), skin):
         if not check.passed:
             raise KernelError("offset by the skin", check.shortfall)
-    bounds = [SkinDepth(part.shape, faces_of(part.shape)) for part in parts]
-    missed = deep
-    for bound in bounds:
-        missed = missed[~bound.contains(missed)]
-    gaps = np.min([bound.distances(missed) for bound in bounds], axis=0)
-    missed = missed[(gaps > MITRE_GAP * skin) | (depth.distances(missed) > MAX_THICKNESS_RATIO * skin)]
+    meshes = [mesh for part in parts for mesh in mesh_solids(part.shape, MESH_DEVIATION * skin, MESH_ANGLE)]
+    held = np.sum([winding_numbers(mesh.points, mesh.triangles, deep) for mesh in meshes], axis=0)
+    missed = deep[held < 0.5]
     if len(missed):
         where = format_point(missed[0])
         raise KernelError("offset by the skin", f"the offset misses a part of the body near {where}")
