@@ -29,6 +29,9 @@ AFFINE_TOL = 1e-11
 MIN_POINTS = 9
 """Fewest points of a trace that is interpolated; a shorter one is filled up."""
 
+MAX_DIVISIONS = 4
+"""How often the points of a trace are doubled if Newton's method finds no point of the edge between them."""
+
 SAMPLES = 33
 """Points along a known curve at which pcurves are tested for straightness."""
 
@@ -46,8 +49,25 @@ class FittedEdge:
 
 
 def fit_edge(one: Sheet, other: Sheet, edge: TracedEdge, size: float) -> FittedEdge:
-    """The curve of a traced edge, a line or a circle where it is one, within 5e-10 of the size of both sheets."""
+    """The curve of a traced edge, a line or a circle where it is one, within 5e-10 of the size of both sheets.
+
+    Near a centre of curvature the parameters change fast along an edge; its trace is then interpolated through more points.
+    """
     parameters, points = _fill_up(one, other, edge)
+    for _ in range(MAX_DIVISIONS):
+        try:
+            return _fit(one, other, parameters, points, size)
+        except _LostEdge:
+            parameters, points = _divide(one, other, parameters, points)
+    return _fit(one, other, parameters, points, size)
+
+
+class _LostEdge(TrimmingError):
+    """A point of an edge that Newton's method does not find from the interpolated trace."""
+
+
+def _fit(one: Sheet, other: Sheet, parameters: Array, points: Array, size: float) -> FittedEdge:
+    """The curve through the parameters (n, 4) and points (n, 3) of a trace."""
     known = recognise_line_or_circle(points, KNOWN_REL_TOL * size)
     if known is not None and is_segment(known[0]):
         t = (points - points[0]) @ known[0](0.5 * known[1][1], 1)
@@ -67,7 +87,7 @@ def fit_edge(one: Sheet, other: Sheet, edge: TracedEdge, size: float) -> FittedE
         along = along / np.linalg.norm(along, axis=1, keepdims=True)
         found = meet_pair(one, other, guess[:, :4], at, along)
         if not found.converged.all():
-            raise TrimmingError(f"an edge of the eroded body is lost near {format_point(at[~found.converged][0])}")
+            raise _LostEdge(f"an edge of the eroded body is lost near {format_point(at[~found.converged][0])}")
         return found.parameters, found.points
 
     pcurves: list[BSplineCurve | None] = [None, None]
@@ -117,18 +137,19 @@ def _fill_up(one: Sheet, other: Sheet, edge: TracedEdge) -> tuple[Array, Array]:
         kept[np.flatnonzero(kept)[-2]] = False
     parameters, points = parameters[kept], points[kept]
     while len(points) < MIN_POINTS:
-        step = np.diff(points, axis=0)
-        along = step / np.linalg.norm(step, axis=1, keepdims=True)
-        between = 0.5 * (parameters[1:] + parameters[:-1])
-        found = meet_pair(one, other, between, 0.5 * (points[1:] + points[:-1]), along)
-        if not found.converged.all():
-            raise TrimmingError(f"an edge of the eroded body is lost near {format_point(points[0])}")
-        at = np.arange(1, len(points))
-        parameters, points = (
-            np.insert(parameters, at, found.parameters, axis=0),
-            np.insert(points, at, found.points, axis=0),
-        )
+        parameters, points = _divide(one, other, parameters, points)
     return parameters, points
+
+
+def _divide(one: Sheet, other: Sheet, parameters: Array, points: Array) -> tuple[Array, Array]:
+    """The parameters and points of a trace with a point more between any two."""
+    step = np.diff(points, axis=0)
+    along = step / np.linalg.norm(step, axis=1, keepdims=True)
+    found = meet_pair(one, other, 0.5 * (parameters[1:] + parameters[:-1]), 0.5 * (points[1:] + points[:-1]), along)
+    if not found.converged.all():
+        raise TrimmingError(f"an edge of the eroded body is lost near {format_point(points[:-1][~found.converged][0])}")
+    at = np.arange(1, len(points))
+    return np.insert(parameters, at, found.parameters, axis=0), np.insert(points, at, found.points, axis=0)
 
 
 def _straight(t: Array, uv: Array, size: float) -> BSplineCurve | None:

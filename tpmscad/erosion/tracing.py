@@ -20,12 +20,13 @@ from tpmscad.erosion.edge_graph import MERGE_REL_TOL, EdgeGraph, TracedEdge
 from tpmscad.erosion.intersections import Meeting, meet_pair, meet_rim, meet_three
 from tpmscad.erosion.rim_cuts import RIM_SAMPLES
 from tpmscad.errors import TrimmingError, format_point
+from tpmscad.splines.bspline import BSplineSurface
 
 Pair = tuple[int, int]
 """Numbers of two sheets."""
 
-FIRST_STEP = 1e-3
-"""In skins: step from a vertex that tells whether an edge begins there."""
+FIRST_STEPS = 1e-3, 1e-4, 1e-5
+"""In skins: steps from a vertex that tell whether an edge begins there; the next where one leaves the curve."""
 
 START_STEP, MAX_STEP = 0.02, 0.12
 """In body sizes: steps along an edge."""
@@ -53,6 +54,9 @@ SAME_DIRECTION = 0.999
 
 MAX_DRIFT = 0.3
 """Of a step: how far its end may lie from the tangent."""
+
+MAX_JUMP = 0.5
+"""Of the change of a fitted sheet's parameters by their slopes: how far the actual change may differ."""
 
 MAX_TRACE = 2000
 """Steps of one edge."""
@@ -105,7 +109,7 @@ def leave_vertices(graph: EdgeGraph) -> None:
 def _find_starts(graph: EdgeGraph, vertex: int, known: int) -> list[_Start]:
     """The edges inside two domains that leave a vertex, of pairs of sheets of which one comes after the first `known` ones."""
     shell, point = graph.shell, graph.vertices[vertex]
-    step, found = FIRST_STEP * shell.skin, []
+    found = []
     own = list(enumerate(graph.incident[vertex]))
     for (_, (a, uva)), (k, (b, uvb)) in combinations(own, 2):
         if k < known:
@@ -117,12 +121,24 @@ def _find_starts(graph: EdgeGraph, vertex: int, known: int) -> list[_Start]:
         if axis is None or axis[1] <= TANGENT_SINE:
             continue
         first = _State(y, point, frames, axis[0])
-        ahead = _advance(graph, (a, b), first, np.array([step, -step]))
-        inside = one.contains(ahead.parameters[:, :2]) & other.contains(ahead.parameters[:, 2:])
-        for i in np.flatnonzero(ahead.converged & inside).tolist():
-            start = replace(first, tangent=(1 - 2 * i) * first.tangent)
-            found.append(_Start(vertex, (a, b), start, _state_at(ahead, i, start.tangent)))
+        for start in (first, replace(first, tangent=-first.tangent)):
+            second = _first_state(graph, (a, b), start)
+            if second is None:
+                continue
+            y = second.parameters
+            if one.contains(y[None, :2])[0] and other.contains(y[None, 2:])[0]:
+                found.append(_Start(vertex, (a, b), start, second))
     return found
+
+
+def _first_state(graph: EdgeGraph, pair: Pair, start: _State) -> _State | None:
+    """The state a short step after the start of an edge, None if Newton's method finds none on the same curve."""
+    for step in FIRST_STEPS:
+        found = _advance(graph, pair, start, np.array([step * graph.shell.skin]))
+        second = _state_at(found, 0, start.tangent)
+        if found.converged[0] and not _jumps(graph, pair, [start, second]):
+            return second
+    return None
 
 
 def _is_known(graph: EdgeGraph, start: _Start) -> bool:
@@ -213,8 +229,10 @@ def _trace(graph: EdgeGraph, pair: Pair, states: list[_State]) -> tuple[list[_St
     travelled = float(np.linalg.norm(state.point - start))
     for _ in range(MAX_TRACE):
         found = _advance(graph, pair, state, step * CHECKS)
-        ahead = _state_at(found, -1, state.tangent)
-        if not found.converged.all() or ahead.tangent @ state.tangent < MAX_TURN_COSINE:
+        path = [_state_at(found, i, state.tangent) for i in range(len(CHECKS))]
+        ahead = path[-1]
+        turns = ahead.tangent @ state.tangent < MAX_TURN_COSINE
+        if not found.converged.all() or turns or _jumps(graph, pair, [state, *path]):
             step *= 0.5
             if step < MIN_STEP * shell.size:
                 raise TrimmingError(f"an edge of the eroded body cannot be followed from {format_point(state.point)}")
@@ -223,19 +241,35 @@ def _trace(graph: EdgeGraph, pair: Pair, states: list[_State]) -> tuple[list[_St
         if good.all():
             if travelled > 2 * step and _passes(start, state.point, ahead.point):
                 return states, -1
-            states += [_state_at(found, 1, state.tangent), ahead]
+            states += [path[1], ahead]
             state = ahead
             travelled += step
             step = min(1.5 * step, MAX_STEP * shell.size)
             continue
         k = int(np.flatnonzero(~good)[0])
-        before = _state_at(found, k - 1, state.tangent) if k else state
-        last, vertex = _end_edge(graph, pair, before, _state_at(found, k, state.tangent))
-        states += [_state_at(found, i, state.tangent) for i in range(max(k - 1, 0), k)]
+        last, vertex = _end_edge(graph, pair, path[k - 1] if k else state, path[k])
+        states += path[max(k - 1, 0) : k]
         if np.linalg.norm(last.point - states[-1].point) <= MERGE_REL_TOL * shell.size and len(states) > 1:
             states.pop()
         return [*states, last], vertex
     raise TrimmingError(f"an edge of the eroded body has more than {MAX_TRACE} steps from {format_point(start)}")
+
+
+def _jumps(graph: EdgeGraph, pair: Pair, path: list[_State]) -> bool:
+    """Whether the parameters of a fitted sheet change by far more between states than their slopes say.
+
+    Where the skin is little thicker than a radius of curvature, the sheet crosses itself and turns back twice in between. A step
+    over that is good in both ends, but it leaves the smooth curve.
+    """
+    fitted = [isinstance(graph.shell.sheets[s].carrier, BSplineSurface) for s in pair]
+    if not any(fitted):
+        return False
+    lengths = np.linalg.norm(np.diff([s.point for s in path], axis=0), axis=1)
+    slopes = np.array([_slope(s.frames, s.tangent) for s in path])
+    expected = (0.5 * (slopes[1:] + slopes[:-1]) * lengths[:, None]).reshape(-1, 2, 2)
+    change = np.diff([s.parameters for s in path], axis=0).reshape(-1, 2, 2)
+    excess = np.linalg.norm(change - expected, axis=2) > MAX_JUMP * np.linalg.norm(expected, axis=2)
+    return bool(excess[:, fitted].any())
 
 
 def _passes(start: Array, one: Array, other: Array) -> bool:
