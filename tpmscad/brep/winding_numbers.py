@@ -5,26 +5,26 @@ from __future__ import annotations
 import numpy as np
 
 from tpmscad._typing import Array, IntArray
+from tpmscad.brep.loops import pair_with_intervals
 
-PAIRS_PER_BATCH = 2_000_000
-"""Pairs of a point and a triangle that are evaluated at once: some 200 MB."""
+TURN = np.linalg.qr(np.array([[0.83, 0.31, -0.47], [-0.22, 0.91, 0.36], [0.51, -0.27, 0.78]]))[0]
+"""A rotation to a general position: rays then meet no edge of a mesh that is aligned with the axes."""
 
 
-def winding_numbers(vertices: Array, triangles: IntArray, points: Array) -> Array:
+def winding_numbers(vertices: Array, triangles: IntArray, points: Array) -> IntArray:
     """Winding numbers (n,) of a closed mesh of vertices (k, 3) and outward triangles (m, 3) about points (n, 3).
 
-    They are the sums of the solid angles of the triangles over 4 pi, by the formula of A. van Oosterom and J. Strackee (IEEE
-    Transactions on Biomedical Engineering 30, 1983), and integers but for round-off.
+    A ray from each point counts the triangles that it leaves the mesh through less those that it enters by.
     """
-    step = max(1, PAIRS_PER_BATCH // max(1, len(triangles)))
-    found = [_sum_angles(vertices[triangles], points[i : i + step]) for i in range(0, len(points), step)]
-    return np.concatenate([np.zeros(0), *found]) / (2.0 * np.pi)
-
-
-def _sum_angles(corners: Array, points: Array) -> Array:
-    """Halves of the solid angles of triangles (m, 3, 3), summed at each of points (n, 3): (n,)."""
-    a, b, c = np.moveaxis(corners - points[:, None, None], 2, 0)
-    la, lb, lc = (np.linalg.norm(x, axis=2) for x in (a, b, c))
-    volume = np.einsum("nmi,nmi->nm", a, np.cross(b, c))
-    ab, bc, ca = (np.einsum("nmi,nmi->nm", x, y) for x, y in ((a, b), (b, c), (c, a)))
-    return np.asarray(np.arctan2(volume, la * lb * lc + ab * lc + bc * la + ca * lb).sum(axis=1))
+    corners, points = (vertices @ TURN)[triangles], points @ TURN
+    low, high = corners.min(axis=1), corners.max(axis=1)
+    t, i = pair_with_intervals(points[:, 1], low[:, 1], high[:, 1])
+    near = (points[i, 0] >= low[t, 0]) & (points[i, 0] <= high[t, 0]) & (points[i, 2] <= high[t, 2])
+    t, i = t[near], i[near]
+    arm = corners[t] - points[i, None]
+    (ax, bx, cx), (ay, by, cy), height = np.moveaxis(arm, 2, 0).swapaxes(1, 2)
+    shares = np.stack([bx * cy - cx * by, cx * ay - ax * cy, ax * by - bx * ay])
+    met = (shares > 0).all(axis=0) | (shares < 0).all(axis=0)
+    area = shares.sum(axis=0)
+    above = met & (np.sign(area) * (shares * height).sum(axis=0) > 0)
+    return np.rint(np.bincount(i[above], np.sign(area[above]), minlength=len(points))).astype(np.int64)

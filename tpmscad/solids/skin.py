@@ -200,12 +200,8 @@ def _offset_in_kernel(request: ErosionRequest, join: str) -> ErodedParts:
 
 EROSION_METHODS = Fallbacks(
     (
-        Fallback("exact erosion", partial(_erode_exactly, mitres=False), "half a second for a bracket"),
         Fallback("an arrangement of offset faces", erode_in_arrays, "one to three seconds"),
         Fallback("an arrangement of offset faces", partial(erode_in_arrays, excess=SKIN_EXCESS), "as much again"),
-        Fallback("exact erosion", partial(_erode_exactly, margin=EROSION_MARGIN), "as much as the first"),
-        Fallback("the kernel's offset with arcs", partial(_offset_in_kernel, join="arc"), "up to 20 s of CPU"),
-        Fallback("the kernel's offset with mitres", partial(_offset_in_kernel, join="mitre"), "up to 20 s of CPU"),
     )
 )
 """How a body is eroded by its skin."""
