@@ -1,11 +1,10 @@
 """A body filled with a lattice behind a solid skin.
 
 The body is eroded by the skin, the lattice is subtracted from what is left, and the voids that remain are subtracted from the
-body. A body of planes and quadrics whose concave edges are straight or circular is eroded by the kernel's arrangement of its
-offset surfaces, which is exact and fastest. All other bodies without poles and gaps, free-form faces included, are eroded by an
-arrangement of offset faces in arrays (`tpmscad.erosion`); the skin then has the thickness asked for everywhere, round concave
-edges too. What both refuse is offset with mitres, or by the kernel in a process of its own with a time limit. Whatever the
-method, the thickness is measured, on the offset body and on the result.
+body. A body without poles and gaps is eroded by an arrangement of offset faces in arrays (`tpmscad.erosion`); the skin then has
+the thickness asked for everywhere, round concave edges too. Where offset faces touch without crossing, the skin is made thicker
+by 1e-4. What this refuses is offset by the kernel in a process of its own with a time limit. Whatever the method, the thickness
+is measured, on the offset body and on the result.
 """
 
 from __future__ import annotations
@@ -27,7 +26,6 @@ from tpmscad.fallbacks import Fallback, Fallbacks
 from tpmscad.kernel.body_import.body_brep import read_free_form_body
 from tpmscad.kernel.body_import.cad_body import CadBody, read_body
 from tpmscad.kernel.boolean.boolean_operations import OcctSolids, betti_numbers
-from tpmscad.kernel.boolean.erosion import erode
 from tpmscad.kernel.boolean.hollow_body import count_closed_cavities, find_skin_faces, subtract_voids
 from tpmscad.kernel.boolean.inward_offset import offset_by_occt
 from tpmscad.kernel.build.solids import build_solids, select_solids
@@ -54,10 +52,7 @@ DEEPEST_REL_TOL = 1e-5
 
 SKIN_EXCESS = 1e-4
 """In skins: by how much the skin is thicker in the second attempt. Offset surfaces of a body in round numbers may touch without
-crossing at just the thickness asked for: a tube may meet the edge between two others."""
-
-EROSION_MARGIN = 0.6
-"""In skins: by how much the offset surfaces exceed their faces in the second attempt to intersect them."""
+crossing at just the thickness asked for: a tube may meet the edge between two others, or two planes may coincide."""
 
 DEPTH_SAMPLES = 256
 INSET_SAMPLES = 256
@@ -66,6 +61,10 @@ INSET_SAMPLES = 256
 
 DEEP_RATIO = 1.01
 """In skins: depth from which a point must lie in the offset body."""
+
+MITRE_GAP = 1 - 1 / MAX_THICKNESS_RATIO
+"""In skins: distance from the offset body up to which a point may be missed in a mitre; the tube that the mitre replaces is
+nowhere farther from it."""
 
 MESH_DEVIATION, MESH_ANGLE = 0.004, 0.5
 """In skins, and radians: fineness of the meshes of the eroded body that must hold these points."""
@@ -190,10 +189,6 @@ def erode_in_arrays(request: ErosionRequest, excess: float = 0.0) -> ErodedParts
     return request.check(built.solids), tuple(select_solids(eroded, built, [k])[0] for k in range(built.n_solids))
 
 
-def _erode_exactly(request: ErosionRequest, margin: float = 0.0, mitres: bool = True) -> ErodedParts:
-    return request.check(erode(request.body, request.skin, request.open_faces, request.depth, margin, mitres)), None
-
-
 def _offset_in_kernel(request: ErosionRequest, join: str) -> ErodedParts:
     return request.check(offset_by_occt(request.body.shape, request.skin, request.open_faces, join)), None
 
@@ -202,13 +197,18 @@ EROSION_METHODS = Fallbacks(
     (
         Fallback("an arrangement of offset faces", erode_in_arrays, "one to three seconds"),
         Fallback("an arrangement of offset faces", partial(erode_in_arrays, excess=SKIN_EXCESS), "as much again"),
+        Fallback("the kernel's offset with arcs", partial(_offset_in_kernel, join="arc"), "up to 20 s of CPU"),
+        Fallback("the kernel's offset with mitres", partial(_offset_in_kernel, join="mitre"), "up to 20 s of CPU"),
     )
 )
 """How a body is eroded by its skin."""
 
 
 def check_eroded(parts: Sequence[CadBody], open_faces: Sequence[Any], skin: float, depth: SkinDepth, deep: Any) -> None:
-    """KernelError if the boundary of the parts is too shallow or too deep, or if they miss points `deep` (n, 3) in the body."""
+    """KernelError if the boundary of the parts is too shallow or too deep, or if they miss points `deep` (n, 3) in the body.
+
+    Points in mitres, which lie near the parts, are let off.
+    """
     if not parts:
         raise KernelError("offset by the skin", "the offset is empty")
     inner = find_skin_faces([part.shape for part in parts], parts, open_faces)
@@ -217,7 +217,10 @@ def check_eroded(parts: Sequence[CadBody], open_faces: Sequence[Any], skin: floa
             raise KernelError("offset by the skin", check.shortfall)
     meshes = [mesh for part in parts for mesh in mesh_solids(part.shape, MESH_DEVIATION * skin, MESH_ANGLE)]
     held = np.sum([winding_numbers(mesh.points, mesh.triangles, deep) for mesh in meshes], axis=0)
-    missed = deep[held < 0.5]
+    missed = deep[held < 1]
+    if len(missed):
+        gaps = np.min([SkinDepth(part.shape, faces_of(part.shape)).distances(missed) for part in parts], axis=0)
+        missed = missed[(gaps > MITRE_GAP * skin) | (depth.distances(missed) > MAX_THICKNESS_RATIO * skin)]
     if len(missed):
         where = format_point(missed[0])
         raise KernelError("offset by the skin", f"the offset misses a part of the body near {where}")
