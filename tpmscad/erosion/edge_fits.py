@@ -10,9 +10,9 @@ from scipy.interpolate import make_interp_spline
 from tpmscad._typing import Array
 from tpmscad.brep.carriers import EdgeCurve, Plane
 from tpmscad.brep.curve_recognition import recognise_line_or_circle
+from tpmscad.erosion.edge_graph import TracedEdge
 from tpmscad.erosion.intersections import meet_pair
 from tpmscad.erosion.sheets import Sheet
-from tpmscad.erosion.tracing import TracedEdge
 from tpmscad.errors import TrimmingError, format_point
 from tpmscad.splines.adaptive_curve_fit import fit_adaptively
 from tpmscad.splines.bspline import BSplineCurve, BSplineSurface, is_segment, line_segment
