@@ -153,7 +153,12 @@ def _is_known(graph: EdgeGraph, start: _Start) -> bool:
 
 
 def _add_edge(graph: EdgeGraph, pair: Pair, states: Sequence[_State], start: int, end: int) -> None:
+    """Add an edge to the graph, without states that coincide with an end, as where a seed is a vertex."""
     parameters, points = np.array([s.parameters for s in states]), np.array([s.point for s in states])
+    gaps = np.min([np.linalg.norm(points - points[end], axis=1) for end in (0, -1)], axis=0)
+    gaps[[0, -1]] = np.inf
+    kept = gaps > MERGE_REL_TOL * graph.shell.size
+    parameters, points = parameters[kept], points[kept]
     leaving = []
     for y, step in ((parameters[0], points[1] - points[0]), (parameters[-1], points[-2] - points[-1])):
         along = step / np.linalg.norm(step)
