@@ -97,6 +97,18 @@ def test_a_wall_is_found_behind_any_number_of_pairs_with_lower_bounds() -> None:
     assert search.value == pytest.approx(1.0)
 
 
+def limit_pairs(monkeypatch: pytest.MonkeyPatch, most: int) -> None:
+    """Have the search fail where it is left with more pairs of cells."""
+    select = _Search._select_pairs
+
+    def select_few(search: _Search, *asked: Any) -> Any:
+        found = select(search, *asked)
+        assert len(found[0]) < most
+        return found
+
+    monkeypatch.setattr(_Search, "_select_pairs", select_few)
+
+
 @pytest.mark.slow
 def test_the_gap_between_trimmed_edges_of_two_solids_does_not_swell_the_search(monkeypatch: pytest.MonkeyPatch) -> None:
     """Where it is least, both sides are trimmed: the nearest places of their cells lie beyond the edges and attain nothing."""
@@ -104,14 +116,7 @@ def test_the_gap_between_trimmed_edges_of_two_solids_does_not_swell_the_search(m
         "P", cell=(7.0443, 8.7752, 7.3626), thickness=0.181, phase=(-0.596, -0.778, 0.776), tol=0.05
     )
     assert len(model.certificate.pieces) > 1
-    select = _Search._select_pairs
-
-    def select_few(search: _Search, *asked: Any) -> Any:
-        found = select(search, *asked)
-        assert len(found[0]) < 200_000
-        return found
-
-    monkeypatch.setattr(_Search, "_select_pairs", select_few)
+    limit_pairs(monkeypatch, 200_000)
     _, gap = widths(model.wrapped)
     assert gap is not None
     assert gap.bound > (1.0 - 1.5 * RESOLUTION) * gap.value
@@ -156,3 +161,11 @@ def test_a_skin_is_as_thick_as_asked() -> None:
     part = tpmscad.infill(bd.Box(16, 16, 16), "schwarz_p", cell=8, thickness=1.5, skin=0.4, tol=0.01)
     wall, _ = widths(part.wrapped)
     assert_is(wall, 0.4)
+
+
+def test_the_narrowest_place_at_an_edge_needs_no_exact_normal(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Nowhere is the segment exactly along a normal, only within what counts as straight: pairs must not be divided for ever."""
+    limit_pairs(monkeypatch, 100_000)
+    _, gap = widths(tpmscad.lattice("iwp", cell=100, cells=(1, 1, 1), offset=(-1.8392, 0.5952), tol=0.866))
+    assert gap is not None
+    assert 0.98 * gap.value <= gap.bound <= gap.value

@@ -284,7 +284,8 @@ class _Search:
         both = np.stack([pairs[order], pairs[order, ::-1]], axis=1).reshape(-1, 2)
         way, normal = self.center[both[:, 1]] - self.center[both[:, 0]], self.axis[both[:, 0]]
         aside = np.linalg.norm(way - (way * normal).sum(axis=1, keepdims=True) * normal, axis=1)
-        both = both[aside < self.radius[both[:, 1]]]
+        # segments of an end at an edge may all be oblique, within what counts as straight
+        both = both[aside < self.radius[both[:, 1]] + STRAIGHT * np.linalg.norm(way, axis=1)]
         # the least bounds may all be of pairs that do not face each other: some of all others, too
         both = np.concatenate(
             [both[: 2 * REFINED_PAIRS], both[2 * REFINED_PAIRS :: 1 + len(both) // (2 * REFINED_PAIRS)]]

@@ -25,8 +25,7 @@ from tpmscad.errors import InvalidRequest, KernelError, format_point
 from tpmscad.fallbacks import Fallback, Fallbacks
 from tpmscad.kernel.body_import.body_brep import read_free_form_body
 from tpmscad.kernel.body_import.cad_body import CadBody, read_body
-from tpmscad.kernel.boolean.boolean_operations import OcctSolids, betti_numbers
-from tpmscad.kernel.boolean.hollow_body import count_closed_cavities, find_skin_faces, subtract_voids
+from tpmscad.kernel.boolean.hollow_body import count_closed_cavities, find_skin_faces
 from tpmscad.kernel.boolean.inward_offset import offset_by_occt
 from tpmscad.kernel.build.solids import build_solids, select_solids
 from tpmscad.kernel.export.solid_mesh import mesh_solids
@@ -35,6 +34,7 @@ from tpmscad.kernel.occt.bounding_boxes import enclosing_box
 from tpmscad.kernel.occt.exploration import faces_of
 from tpmscad.results.certificate import Check
 from tpmscad.solids.boolean_strategies import BooleanResult, subtract_lattice_from_body
+from tpmscad.solids.hollowing import HOLLOWING_METHODS, VoidsInBody
 from tpmscad.solids.lattice_block import LatticeBlock
 
 MIN_THICKNESS_RATIO = 0.98
@@ -91,18 +91,16 @@ def fill_within_skin(block: LatticeBlock, body: CadBody, skin: float, open_faces
     """
     eroded = erode_body(body, skin, open_faces)
     results = [subtract_lattice_from_body(block, part) for part in eroded.parts]
-    voids = [void for result in results for void in result.solids]
-    if not voids:
+    if not any(result.built.n_solids for result in results):
         raise InvalidRequest(f"the lattice leaves no void within a skin of {skin:g}: the body would stay as it is")
-    solids = subtract_voids(body, voids, open_faces)
-    skin_faces = find_skin_faces(voids, eroded.parts, open_faces)
-    measured = measure_skin_thickness(skin_faces, eroded.depth)
+    hollowed = HOLLOWING_METHODS.run(VoidsInBody(body, eroded.parts, results, open_faces)).value
+    measured = measure_skin_thickness(hollowed.skin_faces, eroded.depth)
     own = count_closed_cavities(body, open_faces)
-    closed = describe_closed_voids(betti_numbers(solids)[2], own, bool(open_faces))
+    closed = describe_closed_voids(hollowed.closed_cavities, own, bool(open_faces))
     notes = dict.fromkeys(note for result in results for note in result.notes)
     return BooleanResult(
-        OcctSolids(solids),
-        None,
+        hollowed.built,
+        hollowed.brep,
         results[0].method,
         (*notes, _describe_thickness(measured, skin, eroded.method), *closed),
         check_skin_thickness(measured, skin),

@@ -50,7 +50,7 @@ def brep_from_shape(shape: Any, tags: Sequence[str] = ()) -> Brep:
     Faces with a seam are cut in two. `tags` are those of the shape's faces, FACE_TAG of all if there are none. Raises NotQuadric
     if a face is neither plane nor quadric or an edge cannot be represented, and InvalidRequest if there is no solid.
     """
-    brep, source, _ = _read_faces(shape, False)
+    brep, source = brep_and_source_faces(shape)
     return replace(brep, faces=replace(brep.faces, tag=source), tags=tuple(tags)) if tags else brep
 
 
@@ -89,6 +89,11 @@ def _describe_gaps(body: ImportedBody, gap: float) -> tuple[str, ...]:
         f"the body's edges lay up to {gap:.2g} off its faces; the gaps were closed{moved}; "
         "what the body is inaccurate by is so in the result",
     )
+
+
+def brep_and_source_faces(shape: Any) -> tuple[Brep, IntArray]:
+    """The boundary representation, and for each of its faces the index of the shape's face of which it is a part."""
+    return _read_faces(shape, False)[:2]
 
 
 def _read_faces(shape: Any, free_form: bool, gap: float = 0.0) -> tuple[Brep, IntArray, ImportedBody]:

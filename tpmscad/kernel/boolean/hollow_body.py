@@ -1,4 +1,4 @@
-"""Subtraction of voids from a CAD body without intersections: void shells are reversed, and open faces get holes."""
+"""Open faces of a body, the inner faces of its skin, and the subtraction of voids that only the kernel knows."""
 
 from __future__ import annotations
 
@@ -17,14 +17,16 @@ from OCP.TopoDS import TopoDS_Face, TopoDS_Shape, TopoDS_Solid
 from tpmscad.brep.carriers import Plane
 from tpmscad.errors import InvalidRequest, format_point
 from tpmscad.kernel.body_import.cad_body import CadBody
-from tpmscad.kernel.boolean.opened_faces import OPENING_TOL, OpenFace, find_remaining_faces
-from tpmscad.kernel.boolean.shell_assembly import assemble_solids
+from tpmscad.kernel.boolean.boolean_operations import sort_by_volume, subtract_solid
 from tpmscad.kernel.measure.shape_sampling import sample_edge, sample_faces
 from tpmscad.kernel.measure.skin_depth import SkinDepth
 from tpmscad.kernel.occt import convert
 from tpmscad.kernel.occt.construction import make_solid
 from tpmscad.kernel.occt.exploration import ShapeKey, edges_of, faces_of, list_subshapes, orientation_sign, unwrap
 from tpmscad.kernel.recognise.face_carriers import evaluate_mid_face
+
+OPENING_TOL = 1e-6
+"""Model units: largest distance of a void from the open face through which it opens."""
 
 PARALLEL_REL_TOL = 1e-12
 """1 - cosine of the angle between the normals of open faces in one plane."""
@@ -35,22 +37,16 @@ def subtract_voids(
 ) -> tuple[TopoDS_Solid, ...]:
     """The body without the voids, largest first.
 
-    The voids are disjoint solids inside the body that touch its boundary in open faces only. Their shells are reversed, and their
-    faces in an open face become holes of it. Raises KernelError if the result is not closed.
+    The voids are disjoint solids inside the body that touch its boundary in open faces only. Without open faces, and if no void
+    holds a piece of its own, their shells are reversed; else the kernel's boolean subtracts them.
     """
     shells = [convert.as_shell(shell.Reversed()) for void in voids for shell in _shells(void)]
     if not open_faces and len(shells) == len(voids):
         return (make_solid([*_shells(body.shape), *shells]),)
-    opened = [OpenFace(face, outward_plane(face), []) for face in open_faces]
-    faces = [f for f in faces_of(body.shape) if not any(f.IsSame(face) for face in open_faces)]
+    solids: tuple[TopoDS_Solid, ...] = (body.shape,)
     for void in voids:
-        for face in faces_of(void):
-            at = next((own for own in opened if _is_in_opening(face, own.plane, own.face)), None)
-            if at is None:
-                faces.append(convert.as_face(face.Reversed()))
-            else:
-                at.holes.append(face)
-    return assemble_solids([*faces, *find_remaining_faces(opened)])[0]
+        solids = sort_by_volume(part for solid in solids for part in subtract_solid(solid, void))
+    return solids
 
 
 def resolve_open_faces(body: CadBody, faces: Iterable[Any]) -> tuple[TopoDS_Face, ...]:
