@@ -67,6 +67,14 @@ def test_concave_edges_may_end_in_an_open_face() -> None:
     assert thickness == pytest.approx([t, t], rel=1e-6)
 
 
+def test_rounds_that_end_the_skin_may_end_in_an_open_face() -> None:
+    body = bd.fillet(bd.Box(20, 20, 12).edges().filter_by(bd.Axis.Z), 3)
+    brep, *thickness = eroded(body, 1.5, (UP, RIGHT, -RIGHT, bd.Vector(0, 1, 0), bd.Vector(0, -1, 0)))
+    corner = 3 * 3 + np.pi * 1.5**2 / 4  # its square without a quarter disc of 1.5, and two of them beside it
+    assert volume(brep) == pytest.approx((20 * 20 - 4 * corner) * 10.5, rel=1e-9)
+    assert thickness == pytest.approx([1.5, 1.5], rel=1e-6)
+
+
 def test_a_free_form_body_open_at_one_end_has_its_closed_form_volume() -> None:
     a, b, skin = 3.9, 2.4, 0.8
     brep, least, greatest = eroded(BODIES["ellipse"](), skin, (UP,))

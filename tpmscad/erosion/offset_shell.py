@@ -335,7 +335,8 @@ class _Assembly:
             along = np.cos(RIM_OVERHANG) * into - np.sin(RIM_OVERHANG) * self.inward(opened, points)
             return np.stack([self.inward(face, points), along])
 
-        self._add_tube(joint, curve, span, span, inward, (k,))
+        wide = self._widen_span(joint, span) if is_segment(curve) else span
+        self._add_tube(joint, curve, span, wide, inward, (k,))
 
     def _offset_curve(
         self, edge: int, span: tuple[float, float], face: int, pcurve: BSplineCurve | None, sheet: int
