@@ -47,6 +47,7 @@ def test_a_sheet_within_a_ball_keeps_its_deviation_and_ends_in_edges() -> None:
     assert 0 < model.certificate.max_deviation <= 0.02
     assert model.volume == pytest.approx(sample_volume(field), rel=5e-3)
     assert set(model.named_solids()[0].labels) == {"surface"}
+    assert any("on the parameters of their patches" in note for note in model.certificate.notes)
     low, high = np.array(model.bounding_box)
     assert (low > 0.999).all()
     assert (high < 9.001).all()
@@ -89,6 +90,20 @@ def test_crossing_fields_fill_a_body() -> None:
     assert any(label.startswith("body") for label in labels)
     with pytest.raises(InvalidRequest, match="skin"):
         tpmscad.infill(body, struts, tol=0.02, skin=0.5)
+
+
+def test_patches_quadrics_and_a_body_are_cut_by_each_other() -> None:
+    """A rod of a field, and all but a strut, in a half ball: the kernel combines only what is exact."""
+    field = fields.rod(fields.tpms("schwarz_p", 10.0), -0.6) | ~fields.cylinder((5, 5, 5), 1.2, (1, 2, 3))
+    body = bd.Pos(5, 5, 5) * bd.Rot(11, 23, 37) * (bd.Sphere(4) & bd.Pos(0, 0, 4.5) * bd.Box(9, 9, 9))
+    model = tpmscad.infill(body, field, tol=0.05)
+    assert model.certificate.met
+    assert any("on the parameters of their patches" in note for note in model.certificate.notes)
+    labels = set(model.named_solids()[0].labels)
+    assert "surface" in labels
+    assert any(label.startswith("body") for label in labels)
+    rest = tpmscad.infill(body, ~field, tol=0.05)
+    assert model.volume + rest.volume == pytest.approx(body.volume, rel=1e-6)
 
 
 def test_leaves_that_do_not_reach_the_box_are_left_out() -> None:

@@ -24,6 +24,10 @@ from tpmscad._typing import Array
 from tpmscad.brep.conics import TWO_PI, cosine_derivative, cross_single
 from tpmscad.rigid_motion import Motion
 
+MIN_POLE_STEP_ANGLE = 1e-3
+"""Radians of u, or turns of a spline surface in 2 pi, from which two consecutive uses of a loop meet at a pole; elsewhere their u
+agree, up to an edge's 1e-7 divided by the distance from the axis."""
+
 MIN_RADIUS = 1e-150
 """Smallest divisor: on the axis of a quadric directions are undefined, but must stay finite."""
 

@@ -25,7 +25,7 @@ def combine_models(first: Model, second: Model, operation: Operation) -> Model:
     Parameters
     ----------
     first, second : Model
-        Models of spline patches and planes, such as those of `lattice` and `solidify`.
+        Models of spline patches, planes and quadrics, such as those of `lattice`, `infill` and `solidify`.
     operation : {"union", "intersection", "difference"}
         What to make.
 
@@ -38,7 +38,7 @@ def combine_models(first: Model, second: Model, operation: Operation) -> Model:
     Raises
     ------
     InvalidRequest
-        If the kernel made one of the models, or a face lies on a quadric.
+        If the kernel made one of the models.
     TrimmingError
         If the models touch along an area, nothing is left, or an intersection is not resolved; the message names the place.
     """

@@ -1,14 +1,15 @@
 """The solid of a field whose level sets cross: its operands made one by one, and cut by each other.
 
 Planes, spheres and cylinders are exact; every other operand is fitted and measured by itself (`field_patches`), in a box of its
-own around that of the request, so that no two have a side in common. Patches and planes are cut by each other on their own
-parameters (`trimming.network_boolean`); the kernel unites and intersects what has other surfaces. The deviation is that of the
-operands' patches, of which the result keeps parts; the volume is checked against the quadrature of the whole field.
+own around that of the request, so that no two have a side in common. The kernel combines what is exact, the box or body of the
+request included; patches are cut by that and by each other on their own parameters (`trimming.network_boolean`). The deviation
+is that of the operands' patches, of which the result keeps parts; the volume is checked against the quadrature of the whole
+field.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import partial, reduce
 from typing import Any, TypeVar
@@ -19,9 +20,9 @@ from tpmscad._typing import Array
 from tpmscad.brep.boundary_representation import (
     Brep,
     join_breps,
-    move_brep,
     select_spline_faces,
 )
+from tpmscad.brep.carriers import Plane
 from tpmscad.brep.deviation import Deviation, combine_deviations
 from tpmscad.brep.edge_continuity import EdgeContinuity
 from tpmscad.brep.solid_properties import measure_solid
@@ -34,14 +35,14 @@ from tpmscad.fields.analysis.quadric_leaves import QuadricLeaf, find_quadric
 from tpmscad.fields.data.field_notes import collect_notes
 from tpmscad.fields.field import Field
 from tpmscad.fields.kinds.linear_extension import extend_level_sets_linearly
+from tpmscad.kernel.body_import.body_brep import brep_from_shape
 from tpmscad.kernel.body_import.cad_body import CadBody
 from tpmscad.kernel.boolean.boolean_operations import OcctSolids, betti_numbers
 from tpmscad.kernel.boolean.solid_trees import (
     SolidSet,
     combine_sets,
-    cut_by_box,
-    cut_by_solid,
     list_solids,
+    make_box_set,
     make_quadric_set,
 )
 from tpmscad.kernel.build.solids import BrepSolids, build_solids
@@ -55,21 +56,16 @@ from tpmscad.kernel.step.face_labels import label_outer_faces
 from tpmscad.levelset.crossing_operands import Combination, list_fields, split_crossing_operands, widen_box
 from tpmscad.levelset.field_solid import find_sample_spacing
 from tpmscad.results.certificate import Check, PatchMeasures
-from tpmscad.rigid_motion import Motion
 from tpmscad.solids.boolean_strategies import N_SAMPLE_LINES, POINTS_PER_LINE, estimate_fraction
 from tpmscad.solids.field_patches import N_QUADRATURE_LINES, FieldPatches, fit_field_patches
 from tpmscad.solids.patch_measures import FIELD_VOLUME_RTOL, FROM_FIELD, TO_FIELD, check_field_tangent_jump
 from tpmscad.stage_timer import StageTimer
 from tpmscad.trimming.network_boolean import Operation, combine_networks
-from tpmscad.trimming.operands.polyhedra import box
 
 T = TypeVar("T")
 
 CAP, SURFACE = "cap", "surface"
 """Labels of faces in the sides of the box, and of all others."""
-
-BLOCK_REACH, BLOCK_STEP = 1.5, 0.013
-"""In diagonals of the box: how far the block of a half-space reaches from its middle, and what every other reaches more."""
 
 ON_SIDE_TOL = 1e-5
 """Model units: distance from a side of the box at which a planar face lies in it, a hundred times the kernel's tolerance."""
@@ -88,6 +84,10 @@ Operand = FieldPatches | QuadricLeaf
 """What a leaf of the tree was made into: fitted patches, or an exact quadric."""
 
 
+ExactOrCut = SolidSet | tuple[Brep, bool]
+"""A set while it is combined: exact, of the kernel, or a boundary representation and whether its complement is meant."""
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class _Request:
     """A tree, its operands in the order of `list_fields`, and the box, or the body in it, in which they are combined."""
@@ -96,7 +96,14 @@ class _Request:
     operands: Sequence[Operand]
     lo: Array
     hi: Array
-    body: CadBody | None
+    domain: SolidSet
+
+    def evaluate(self, sets: Iterable[T], domain: T, combine: Callable[[int, Sequence[T]], T]) -> T:
+        """What the tree makes of the sets of its operands within the domain: one operation for both if it is an intersection."""
+        left = iter(sets)
+        if isinstance(self.tree, Combination) and self.tree.sign > 0:
+            return combine(+1, [*(_evaluate(part, left, combine) for part in self.tree.parts), domain])
+        return combine(+1, [_evaluate(self.tree, left, combine), domain])
 
 
 def combine_field_solids(
@@ -114,7 +121,8 @@ def combine_field_solids(
     ]
     fitted = [each for each in operands if isinstance(each, FieldPatches)]
     with stages("combine"):
-        outcome = METHODS.run(_Request(tree, operands, lo, hi, body))
+        domain = make_box_set(lo, hi) if body is None else SolidSet(body.shape)
+        outcome = METHODS.run(_Request(tree, operands, lo, hi, domain))
     built = outcome.value
     if not built.n_solids:
         raise InvalidRequest("nothing of the field's solid lies in the domain: check its sign and the domain")
@@ -132,23 +140,34 @@ def combine_field_solids(
 
 
 def _combine_networks_of(request: _Request) -> BrepSolids:
-    """The solids by cuts of patches and planes by each other; TrimmingError if there are other surfaces, or one fails."""
-    if request.body is not None or any(isinstance(o, QuadricLeaf) and o.kind != "plane" for o in request.operands):
-        raise TrimmingError("spheres, cylinders and bodies are cut by the kernel")
-    sets = [
+    """The solids by cuts of patches, planes and quadrics by each other; InvalidRequest if no operand has patches."""
+    if not any(isinstance(operand, FieldPatches) for operand in request.operands):
+        raise InvalidRequest("planes, spheres and cylinders alone are combined by the kernel, which is exact")
+    sets: list[ExactOrCut] = [
         (operand.fitted.brep, False)
         if isinstance(operand, FieldPatches)
-        else (_make_block(operand, request.lo, request.hi, number), operand.sign < 0)
+        else _make_quadric(operand, request.lo, request.hi, number)
         for number, operand in enumerate(request.operands)
     ]
-    whole, complement = _evaluate(request.tree, iter(sets), _combine_breps)
-    sides = box(request.lo, request.hi)
-    sides = replace(sides, tags=(CAP,) * len(sides.tags))
-    brep = combine_networks(sides, whole, "difference" if complement else "intersection").brep
+    found = request.evaluate(sets, request.domain, _combine_mixed)
+    assert not isinstance(found, SolidSet)
+    brep = _tag_sides(found[0], request.lo, request.hi)
     built = build_solids(brep)
     if not is_brep_valid(brep, built.known_faces):
         raise TrimmingError("the kernel rejects a face of the result")
     return built
+
+
+def _combine_mixed(sign: int, sets: Sequence[ExactOrCut]) -> ExactOrCut:
+    """The intersection (sign +1) or union (-1): first of the exact sets by the kernel, then of that and patches by cuts."""
+    exact = [each for each in sets if isinstance(each, SolidSet)]
+    cut = [each for each in sets if not isinstance(each, SolidSet)]
+    if not exact:
+        return _combine_breps(sign, cut)
+    combined = combine_sets(sign, exact)
+    if not cut:
+        return combined
+    return _combine_breps(sign, [(brep_from_shape(combined.shape), combined.complement), *cut])
 
 
 def _combine_breps(sign: int, sets: Sequence[tuple[Brep, bool]]) -> tuple[Brep, bool]:
@@ -173,35 +192,33 @@ def _evaluate(tree: Combination | Field, sets: Iterator[T], combine: Callable[[i
     return next(sets)
 
 
-def _make_block(plane: QuadricLeaf, lo: Array, hi: Array, number: int) -> Brep:
-    """A half-space as a block behind its plane that reaches beyond the box on all other sides."""
-    reach = (BLOCK_REACH + BLOCK_STEP * number) * float(np.linalg.norm(hi - lo))
-    middle = 0.5 * (lo + hi)
-    foot = middle - ((middle - plane.point) @ plane.axis) * plane.axis
-    across = np.cross(plane.axis, np.eye(3)[int(np.argmin(np.abs(plane.axis)))])
-    across /= np.linalg.norm(across)
-    frame = np.stack([across, np.cross(plane.axis, across), plane.axis])
-    block = box([-reach, -1.1 * reach, -reach], [1.05 * reach, reach, 0.0])
-    moved = move_brep(block, Motion(frame.T, foot))
-    return replace(moved, tags=(SURFACE,) * len(moved.tags))
+def _tag_sides(brep: Brep, lo: Array, hi: Array) -> Brep:
+    """The boundary representation with the tag CAP on planes in the sides of the box, and SURFACE on all other faces."""
+    faces, is_cap = brep.faces, np.zeros(len(brep.faces), bool)
+    corners = np.stack([lo, hi])
+    points = brep.vertices[brep.edges.start[brep.uses.edge]]
+    face_of_use = brep.face_of_use
+    for f in range(len(faces)):
+        if isinstance(brep.carriers[faces.carrier[f]], Plane):
+            own = points[face_of_use == f]
+            is_cap[f] = (np.abs(own[:, None] - corners) < ON_SIDE_TOL).all(axis=0).any()
+    return replace(brep, faces=replace(faces, tag=is_cap.astype(np.int64)), tags=(SURFACE, CAP))
 
 
 def _combine_in_kernel(request: _Request) -> OcctSolids:
     """The solids by the kernel's general fuse, without labels."""
-    sets = [_make_set(operand, request, number) for number, operand in enumerate(request.operands)]
-    whole = _evaluate(request.tree, iter(sets), combine_sets)
-    if request.body is None:
-        return OcctSolids(list_solids(cut_by_box(whole, request.lo, request.hi)))
-    return OcctSolids(list_solids(cut_by_solid(whole, request.body.shape)))
+    sets = [
+        SolidSet(build_solids(operand.fitted.brep, operand.moments).shape)
+        if isinstance(operand, FieldPatches)
+        else _make_quadric(operand, request.lo, request.hi, number)
+        for number, operand in enumerate(request.operands)
+    ]
+    return OcctSolids(list_solids(request.evaluate(sets, request.domain, combine_sets).shape))
 
 
-def _make_set(operand: Operand, request: _Request, number: int) -> SolidSet:
-    """An operand as the kernel has it."""
-    if isinstance(operand, FieldPatches):
-        return SolidSet(build_solids(operand.fitted.brep, operand.moments).shape)
-    q = operand
-    made = make_quadric_set(q.kind, q.point, q.axis, q.radius, request.lo, request.hi, number)
-    return SolidSet(made.shape, q.sign < 0)
+def _make_quadric(q: QuadricLeaf, lo: Array, hi: Array, number: int) -> SolidSet:
+    """An exact operand, as far as it reaches in the box."""
+    return SolidSet(make_quadric_set(q.kind, q.point, q.axis, q.radius, lo, hi, number).shape, q.sign < 0)
 
 
 METHODS: Fallbacks[[_Request], BrepSolids | OcctSolids] = Fallbacks(

@@ -2,7 +2,7 @@
 
 The edges of each network are intersected with the faces of the other; from these points the common curves of all pairs of
 faces are traced; the pieces of edges are classified by their crossings, and the faces are rebuilt from what the operation
-keeps. Vertices and edges are shared by number, not matched by distance. Faces lie on spline patches or planes, whole or
+keeps. Vertices and edges are shared by number, not matched by distance. Faces lie on spline patches, planes or quadrics, whole or
 trimmed.
 """
 
@@ -84,7 +84,7 @@ def combine_networks(
     Parameters
     ----------
     first, second
-        Closed boundary representations of spline patches and planes, whole or trimmed.
+        Closed boundary representations of spline patches, planes and quadrics, whole or trimmed.
     operation
         "union", "intersection", or "difference": first without second.
     tol
@@ -95,7 +95,7 @@ def combine_networks(
     Raises
     ------
     InvalidRequest
-        If an operand is not closed or has other faces, tol is not positive, or the operation is unknown.
+        If an operand is not closed, tol is not positive, or the operation is unknown.
     TrimmingError
         If the faces touch or coincide in a part, or an intersection is not resolved, at any placement of the second network.
     """

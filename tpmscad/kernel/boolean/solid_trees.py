@@ -94,15 +94,9 @@ def _subtract(shape: TopoDS_Shape, taken: Sequence[TopoDS_Shape]) -> TopoDS_Shap
     return _run(BRepAlgoAPI_Cut, [shape], taken)
 
 
-def cut_by_box(found: SolidSet, lo: Array, hi: Array) -> TopoDS_Shape:
-    """The points of a set in a box."""
-    box = BRepPrimAPI_MakeBox(gp_Pnt(*lo.tolist()), gp_Pnt(*hi.tolist())).Solid()
-    return cut_by_solid(found, box)
-
-
-def cut_by_solid(found: SolidSet, solid: TopoDS_Shape) -> TopoDS_Shape:
-    """The points of a set in a solid."""
-    return _run(BRepAlgoAPI_Cut if found.complement else BRepAlgoAPI_Common, [solid], [found.shape])
+def make_box_set(lo: Array, hi: Array) -> SolidSet:
+    """A box along the axes."""
+    return SolidSet(BRepPrimAPI_MakeBox(gp_Pnt(*lo.tolist()), gp_Pnt(*hi.tolist())).Solid())
 
 
 def list_solids(shape: TopoDS_Shape) -> tuple[TopoDS_Solid, ...]:

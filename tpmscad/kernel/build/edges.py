@@ -24,14 +24,11 @@ from tpmscad.brep.boundary_representation import Brep
 from tpmscad.brep.carriers import Carrier, Circle, ConicalSurface, Ellipse, SphericalSurface, ToroidalSurface
 from tpmscad.brep.conics import TWO_PI
 from tpmscad.brep.foot_surface import find_point_sides
+from tpmscad.brep.quadrics import MIN_POLE_STEP_ANGLE
 from tpmscad.kernel.occt import convert
 from tpmscad.kernel.occt.convert import CONFUSION_TOLERANCE
 from tpmscad.rigid_motion import Motion
 from tpmscad.splines.bspline import BSplineCurve, BSplineSurface, is_segment
-
-MIN_POLE_STEP_ANGLE = 1e-6
-"""Radians of u, or turns of a spline surface in 2 pi, from which two consecutive half-edges meet at a pole; elsewhere their u
-agrees to round-off."""
 
 UNIT_SPEED_TOL = 1e-12
 """Deviation from unit speed up to which a straight pcurve becomes an OCCT line, which has unit speed."""

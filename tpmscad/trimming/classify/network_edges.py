@@ -21,8 +21,8 @@ from tpmscad.trimming.intersect.edge_face import intersect_edges_with_faces
 from tpmscad.trimming.intersect.network_hits import Hits, Network
 from tpmscad.trimming.operands.network_tables import (
     are_in_regions,
-    check_spline_curves,
     find_overlapping_boxes,
+    list_spline_curves,
     tabulate_segments,
 )
 
@@ -64,7 +64,7 @@ def classify_pieces(network: Network, other: Network, hits: Hits, pieces: SubSeg
         one = first[undecided]
         segment = pieces.segment[one]
         e = network.brep.edges
-        points = evaluate_curves(check_spline_curves(network.brep), e.curve[segment], pieces.span[one].mean(axis=1))[0]
+        points = evaluate_curves(list_spline_curves(network.brep), e.curve[segment], pieces.span[one].mean(axis=1))[0]
         votes.count[undecided, 1] = points_in_network(other, e.motion[segment].apply(points))
     return votes.inside()[:m]
 

@@ -15,9 +15,9 @@ from tpmscad._compiled_loops import njit_cached
 from tpmscad._typing import Array, BoolArray, IntArray
 from tpmscad.errors import UntracedCurve, format_point
 from tpmscad.splines.bspline import BSplineCurve
-from tpmscad.trimming.intersect.face_face import correct_point, find_tangent, make_work, trace_curves
+from tpmscad.trimming.intersect.face_face import Work, correct_point, find_tangent, make_work, trace_curves
 from tpmscad.trimming.intersect.network_hits import CurveEnds, Network, evaluate_faces
-from tpmscad.trimming.operands.network_tables import PatchPolynomials
+from tpmscad.trimming.operands.network_tables import PatchPolynomials, join_faces
 
 DEGREE = 7
 """Degree of the curves; those of lattices' trims are of the same."""
@@ -58,7 +58,8 @@ class CommonCurves:
 
 def trace_common_curves(first: Network, second: Network, ends: CurveEnds, n_hits: int, tol: float) -> CommonCurves:
     """The common curves of two networks, fitted to half of `tol`; TrimmingError where one is not resolved."""
-    traced = trace_curves(first, second, ends, tol)
+    joined = join_faces(first.faces, second.faces)
+    traced = trace_curves(first, second, joined, ends, tol)
     paths: list[Array] = []
     faces: list[IntArray] = []
     start: list[int] = []
@@ -80,7 +81,7 @@ def trace_common_curves(first: Network, second: Network, ends: CurveEnds, n_hits
         start += [number, number + 1]
         end += [number + 1, number]
     face = np.array(faces, np.int64).reshape(-1, 2)
-    splines, deviation = _fit_paths(first.faces.patches, second.faces.patches, face, paths, 0.5 * tol)
+    splines, deviation = _fit_paths(joined.patches, face + np.array([0, len(first.faces.low)]), paths, 0.5 * tol)
     return CommonCurves(
         faces=face,
         start=np.array(start, np.int64),
@@ -100,19 +101,19 @@ def _take_columns(spline: BSpline, columns: slice) -> BSplineCurve:
 
 
 def _fit_paths(
-    first: PatchPolynomials, second: PatchPolynomials, face: IntArray, paths: list[Array], tol: float
+    patches: PatchPolynomials, face: IntArray, paths: list[Array], tol: float
 ) -> tuple[list[BSpline], Array]:
     """A spline (x, u, v, s, r) for each path (n, 10), and its largest distance from both faces."""
     if not paths:
         return [], np.zeros(0)
-    sites = _grade_sites(first, second, face, [_join_last_step(p) for p in paths])
+    sites = _grade_sites(patches, face, [_join_last_step(p) for p in paths])
     at = [_measure_lengths(p) for p in sites]
     values = [p[:, :7] for p in sites]
     splines = [make_interp_spline(t, v, DEGREE) for t, v in zip(at, values, strict=True)]
     deviation = np.zeros(len(paths))
     left = np.arange(len(paths))
     for refinement in range(MAX_REFINEMENTS + 1):
-        deviation[left] = _measure_deviations(first, second, face, splines, at, left)
+        deviation[left] = _measure_deviations(patches, face, splines, at, left)
         left = left[~(deviation[left] <= tol)]
         if not len(left):
             return splines, deviation
@@ -122,7 +123,7 @@ def _fit_paths(
         guess = np.concatenate([splines[i](t) for i, t in zip(left, middles, strict=True)])
         normal = np.concatenate([splines[i](t, 1)[:, :3] for i, t in zip(left, middles, strict=True)])
         owner = np.repeat(left, [len(t) for t in middles])
-        found = _correct(first, second, face[owner], guess, normal)
+        found = _correct(patches, face[owner], guess, normal)
         for i, new, t in zip(left, np.split(found, np.cumsum([len(t) for t in middles])[:-1]), middles, strict=True):
             order = np.argsort(np.concatenate([at[i], t]), kind="stable")
             at[i] = np.concatenate([at[i], t])[order]
@@ -143,14 +144,14 @@ def _join_last_step(path: Array) -> Array:
     return np.delete(path, -2, axis=0) if last < MIN_LAST_STEP * before else path
 
 
-def _grade_sites(first: PatchPolynomials, second: PatchPolynomials, face: IntArray, paths: list[Array]) -> list[Array]:
+def _grade_sites(patches: PatchPolynomials, face: IntArray, paths: list[Array]) -> list[Array]:
     """The paths with points between theirs: `MIN_SITES` at least, and no step longer than its neighbours by `MAX_STEP_RATIO`."""
     result = list(paths)
     parts = {i: np.full(len(p) - 1, -(-(MIN_SITES - 1) // (len(p) - 1))) for i, p in enumerate(paths)}
     while True:
         parts = {i: own for i, own in parts.items() if own.max() > 1}
         if parts:
-            _insert_sites(first, second, face, result, parts)
+            _insert_sites(patches, face, result, parts)
         parts = {}
         for i, path in enumerate(result):
             step = np.linalg.norm(np.diff(path[:, :3], axis=0), axis=1)
@@ -162,9 +163,7 @@ def _grade_sites(first: PatchPolynomials, second: PatchPolynomials, face: IntArr
             return result
 
 
-def _insert_sites(
-    first: PatchPolynomials, second: PatchPolynomials, face: IntArray, paths: list[Array], parts: dict[int, IntArray]
-) -> None:
+def _insert_sites(patches: PatchPolynomials, face: IntArray, paths: list[Array], parts: dict[int, IntArray]) -> None:
     """Divide the steps of paths, in place, into `parts` (n,), by cubic Hermite interpolation of the points and tangents."""
     guesses, normals, owners = [], [], []
     for i, own in parts.items():
@@ -180,7 +179,7 @@ def _insert_sites(
         guesses.append(guess)
         normals.append((1 - x) * a[:, 7:] + x * b[:, 7:])
         owners.append(np.full(len(row), i))
-    found = _correct(first, second, face[np.concatenate(owners)], np.concatenate(guesses), np.concatenate(normals))
+    found = _correct(patches, face[np.concatenate(owners)], np.concatenate(guesses), np.concatenate(normals))
     for (i, own), new in zip(parts.items(), np.split(found, np.cumsum([len(g) for g in guesses])[:-1]), strict=True):
         at = np.repeat(np.arange(1, len(own) + 1), own - 1)
         paths[i] = np.insert(paths[i], at, new, axis=0)
@@ -194,8 +193,7 @@ def _measure_lengths(path: Array) -> Array:
 
 
 def _measure_deviations(
-    first: PatchPolynomials,
-    second: PatchPolynomials,
+    patches: PatchPolynomials,
     face: IntArray,
     splines: list[BSpline],
     at: list[Array],
@@ -207,16 +205,16 @@ def _measure_deviations(
     count = np.array([len(t) for t in checks])
     owner = np.repeat(index, count)
     apart = np.zeros(len(owner))
-    for table, column, uv in ((first, 0, values[:, 3:5]), (second, 1, values[:, 5:7])):
-        points = evaluate_faces(table, face[owner, column], np.ascontiguousarray(uv))[:, 0]
+    for column, uv in ((0, values[:, 3:5]), (1, values[:, 5:7])):
+        points = evaluate_faces(patches, face[owner, column], np.ascontiguousarray(uv))[:, 0]
         apart = np.maximum(apart, np.linalg.norm(points - values[:, :3], axis=1))
     return np.maximum.reduceat(apart, np.concatenate([[0], np.cumsum(count)[:-1]]))
 
 
-def _correct(first: PatchPolynomials, second: PatchPolynomials, face: IntArray, guess: Array, normal: Array) -> Array:
+def _correct(patches: PatchPolynomials, face: IntArray, guess: Array, normal: Array) -> Array:
     """Rows (n, 10) as of a path, in the planes through points (n, 7) near the curve; UntracedCurve if one is not found."""
     found, good = _correct_all(
-        first, second, np.ascontiguousarray(face), np.ascontiguousarray(guess), np.ascontiguousarray(normal)
+        patches, *(np.ascontiguousarray(column) for column in (face, guess, normal)), make_work()
     )
     if not good.all():
         at = format_point(guess[np.flatnonzero(~good)[0], :3])
@@ -226,17 +224,16 @@ def _correct(first: PatchPolynomials, second: PatchPolynomials, face: IntArray, 
 
 @njit_cached
 def _correct_all(
-    first: PatchPolynomials, second: PatchPolynomials, face: IntArray, guess: Array, normal: Array
+    patches: PatchPolynomials, face: IntArray, guess: Array, normal: Array, work: Work
 ) -> tuple[Array, BoolArray]:  # pragma: no cover - compiled
     result, good = np.empty((len(guess), 10)), np.empty(len(guess), np.bool_)
-    work = make_work()
     at = np.empty(4)
     for i in range(len(guess)):
         f, g = face[i, 0], face[i, 1]
         for c in range(4):
             at[c] = guess[i, 3 + c]
-        good[i] = correct_point(first, f, second, g, at, guess[i, :3], normal[i], work)
-        find_tangent(first, f, second, g, work)
+        good[i] = correct_point(patches, f, g, at, guess[i, :3], normal[i], work)
+        find_tangent(patches, f, g, work)
         for c in range(4):
             result[i, 3 + c] = at[c]
         for d in range(3):

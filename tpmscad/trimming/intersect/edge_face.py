@@ -13,7 +13,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from tpmscad._compiled_loops import njit_cached
+from tpmscad._compiled_loops import njit_cached, njit_inner
 from tpmscad._typing import Array, IntArray
 from tpmscad.trimming.operands.network_tables import (
     NetworkEdges,
@@ -141,7 +141,7 @@ def _find_roots(
     return roots[:n_roots], touching[:n_touching]
 
 
-@njit_cached
+@njit_inner
 def _examine_box(
     edges: NetworkEdges,
     faces: NetworkFaces,

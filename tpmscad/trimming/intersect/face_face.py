@@ -16,7 +16,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from tpmscad._compiled_loops import njit_cached
+from tpmscad._compiled_loops import njit_cached, njit_inner
 from tpmscad._typing import Array, IntArray
 from tpmscad.errors import TrimmingError, format_point
 from tpmscad.trimming.intersect.network_hits import CurveEnds, Network, locate_in_faces
@@ -109,10 +109,15 @@ class TracedCurve:
     points: Array
 
 
-def trace_curves(first: Network, second: Network, ends: CurveEnds, match_tol: float) -> list[TracedCurve]:
-    """All curves that the faces of two networks have in common; TrimmingError where one is not resolved."""
-    p, q = first.faces.patches, second.faces.patches
-    pairs, starts, enters = ends.pairs, ends.start, ends.enters
+def trace_curves(
+    first: Network, second: Network, joined: NetworkFaces, ends: CurveEnds, match_tol: float
+) -> list[TracedCurve]:
+    """All curves that the faces of two networks have in common; TrimmingError where one is not resolved.
+
+    `joined`: the faces of the first network, then those of the second.
+    """
+    patches, pairs = joined.patches, ends.pairs + np.array([0, len(first.faces.low)])
+    starts, enters = ends.start, ends.enters
     work, path = make_work(), np.empty((MAX_STEPS + 2, 10))
     curves: list[TracedCurve] = []
     for k in np.flatnonzero(np.diff(starts)).tolist():
@@ -120,25 +125,26 @@ def trace_curves(first: Network, second: Network, ends: CurveEnds, match_tol: fl
         own = range(starts[k], starts[k + 1])
         places, settled = np.empty((len(own), 3)), ends.parameters[own.start : own.stop].copy()
         for i in range(len(own)):
-            outcome = _settle(p, f, q, g, settled[i], work)
+            outcome = _settle(patches, f, g, settled[i], work)
             places[i] = work.jet_f[0]
             _check_outcome(outcome, places[i])
         free = ~enters[own.start : own.stop]
         if 2 * free.sum() != len(own):
             _check_outcome(CONTRARY, places[0])
         for i in np.flatnonzero(~free).tolist():
-            outcome, goal, count = _trace(p, f, q, g, settled[i], i, places, len(own), path, match_tol, work)
+            outcome, goal, count = _trace(patches, f, g, settled[i], i, places, len(own), path, match_tol, work)
             if outcome == ARRIVED and not free[goal]:
                 outcome = CONTRARY
             _check_outcome(outcome, path[count - 1, :3])
             free[goal] = False
             curves.append(TracedCurve(k, own[i], own[goal], path[:count].copy()))
-    return curves + _trace_closed_curves(first, second, pairs, curves, match_tol, work, path)
+    return curves + _trace_closed_curves(first, second, joined, pairs, curves, match_tol, work, path)
 
 
 def _trace_closed_curves(
     first: Network,
     second: Network,
+    joined: NetworkFaces,
     pairs: IntArray,
     known: list[TracedCurve],
     match_tol: float,
@@ -149,7 +155,6 @@ def _trace_closed_curves(
 
     The polygons of loops let some seeds in that lie just outside: their curves are known from then on, but not wanted.
     """
-    p, q = first.faces.patches, second.faces.patches
     closed: list[TracedCurve] = []
     outside: list[TracedCurve] = []
     seed, k = np.empty(4), 0
@@ -158,18 +163,18 @@ def _trace_closed_curves(
         points = np.concatenate([np.zeros((0, 10)), *(curve.points for curve in ordered)])
         bounds = np.concatenate([[0], np.cumsum([len(curve.points) for curve in ordered])]).astype(np.int64)
         of_pair = np.searchsorted([curve.pair for curve in ordered], np.arange(len(pairs) + 1)).astype(np.int64)
-        outcome, k = _find_seed(first.faces, second.faces, pairs, k, of_pair, bounds, points, seed, match_tol, work)
+        outcome, k = _find_seed(joined, pairs, k, of_pair, bounds, points, seed, match_tol, work)
         if k == len(pairs):
             return closed
         _check_outcome(outcome, work.jet_f[0])
         f, g = pairs[k].tolist()
         inside = [
             locate_in_faces(n, np.array([i]), uv[None])[0][0]
-            for n, i, uv in ((first, f, seed[:2]), (second, g, seed[2:]))
+            for n, i, uv in ((first, f, seed[:2]), (second, g - len(first.faces.low), seed[2:]))
         ]
-        evaluate_face(p, f, seed[0], seed[1], work.jet_f)
+        evaluate_face(joined.patches, f, seed[0], seed[1], work.jet_f)
         places = work.jet_f[:1].copy()
-        outcome, _, count = _trace(p, f, q, g, seed, -1, places, 1, path, match_tol, work)
+        outcome, _, count = _trace(joined.patches, f, g, seed, -1, places, 1, path, match_tol, work)
         curve = TracedCurve(k, -1, -1, path[:count].copy())
         if all(inside) or count == 1:
             _check_outcome(outcome, path[count - 1, :3])
@@ -197,8 +202,7 @@ class Work(NamedTuple):
     normal: Array
 
 
-@njit_cached
-def make_work() -> Work:  # pragma: no cover - compiled
+def make_work() -> Work:
     """Arrays to write to."""
     return Work(
         np.empty((3, 3)),
@@ -212,18 +216,17 @@ def make_work() -> Work:  # pragma: no cover - compiled
     )
 
 
-@njit_cached
+@njit_inner
 def _range_of(patches: PatchPolynomials, f: int, axis: int) -> float:  # pragma: no cover - compiled
     """The length of the range of u (axis 0) or v of a face."""
-    first = patches.layout[f, BREAK_U + axis]
-    return patches.breaks[first + patches.layout[f, SPANS_U + axis]] - patches.breaks[first]
+    begin = patches.layout[f, BREAK_U + axis]
+    return patches.breaks[begin + patches.layout[f, SPANS_U + axis]] - patches.breaks[begin]
 
 
-@njit_cached
+@njit_inner
 def correct_point(
-    first: PatchPolynomials,
+    patches: PatchPolynomials,
     f: int,
-    second: PatchPolynomials,
     g: int,
     at: Array,
     origin: Array,
@@ -237,8 +240,8 @@ def correct_point(
     a = work.system
     moved = np.inf
     for _ in range(NEWTON_STEPS):
-        evaluate_face(first, f, at[0], at[1], work.jet_f)
-        evaluate_face(second, g, at[2], at[3], work.jet_g)
+        evaluate_face(patches, f, at[0], at[1], work.jet_f)
+        evaluate_face(patches, g, at[2], at[3], work.jet_g)
         a[3, 4] = 0.0
         for c in range(4):
             a[3, c] = 0.0
@@ -254,8 +257,8 @@ def correct_point(
         step = 0.0
         for c in range(4):
             at[c] += a[c, 4]
-            table, face = (first, f) if c < 2 else (second, g)
-            step = max(step, abs(a[c, 4]) / _range_of(table, face, c % 2))
+            face = f if c < 2 else g
+            step = max(step, abs(a[c, 4]) / _range_of(patches, face, c % 2))
         if not step < 10.0:
             return False
         if step < STEP_TOL or (step >= moved and step < 1e-11):
@@ -264,7 +267,7 @@ def correct_point(
     return False
 
 
-@njit_cached
+@njit_inner
 def solve_four(a: Array) -> bool:  # pragma: no cover - compiled
     """Solve the 4 x 4 system a[:, :4] x = a[:, 4] in place, x in the last column; False if it is singular."""
     for k in range(4):
@@ -288,10 +291,8 @@ def solve_four(a: Array) -> bool:  # pragma: no cover - compiled
     return True
 
 
-@njit_cached
-def find_tangent(
-    first: PatchPolynomials, f: int, second: PatchPolynomials, g: int, work: Work
-) -> float:  # pragma: no cover - compiled
+@njit_inner
+def find_tangent(patches: PatchPolynomials, f: int, g: int, work: Work) -> float:  # pragma: no cover - compiled
     """Fill in the unit tangent n_f x n_g and the rates of (u, v, s, r) along it from the jets; returns the sine of the angle.
 
     The normals lead out of the solids: on the first face the second solid is on the left of the tangent, seen from outside.
@@ -314,7 +315,7 @@ def find_tangent(
     sine = t / (n * m)
     if not sine > 0.0:
         return 0.0
-    t *= first.layout[f, SENSE] * second.layout[g, SENSE]
+    t *= patches.layout[f, SENSE] * patches.layout[g, SENSE]
     tangent = work.tangent
     tangent[0], tangent[1], tangent[2] = tx / t, ty / t, tz / t
     for side in range(2):
@@ -333,21 +334,19 @@ def find_tangent(
 
 
 @njit_cached
-def _settle(
-    first: PatchPolynomials, f: int, second: PatchPolynomials, g: int, at: Array, work: Work
-) -> int:  # pragma: no cover - compiled
+def _settle(patches: PatchPolynomials, f: int, g: int, at: Array, work: Work) -> int:  # pragma: no cover - compiled
     """Move an end onto both faces, in the plane normal to the curve through the middle of its two points."""
-    evaluate_face(first, f, at[0], at[1], work.jet_f)
-    evaluate_face(second, g, at[2], at[3], work.jet_g)
-    if find_tangent(first, f, second, g, work) < MIN_SINE:
+    evaluate_face(patches, f, at[0], at[1], work.jet_f)
+    evaluate_face(patches, g, at[2], at[3], work.jet_g)
+    if find_tangent(patches, f, g, work) < MIN_SINE:
         return TANGENT
     for d in range(3):
         work.place[d] = 0.5 * (work.jet_f[0, d] + work.jet_g[0, d])
         work.normal[d] = work.tangent[d]
-    return ARRIVED if correct_point(first, f, second, g, at, work.place, work.normal, work) else STUCK
+    return ARRIVED if correct_point(patches, f, g, at, work.place, work.normal, work) else STUCK
 
 
-@njit_cached
+@njit_inner
 def _leaves(table: PatchPolynomials, f: int, u: float, v: float) -> bool:  # pragma: no cover - compiled
     """Whether (u, v) is farther beyond the domain of a face than a curve may overshoot."""
     bu, bv = table.layout[f, BREAK_U], table.layout[f, BREAK_V]
@@ -357,24 +356,21 @@ def _leaves(table: PatchPolynomials, f: int, u: float, v: float) -> bool:  # pra
     return u < u0 - du or u > u1 + du or v < v0 - dv or v > v1 + dv
 
 
-@njit_cached
-def _largest_step(
-    first: PatchPolynomials, f: int, second: PatchPolynomials, g: int, rate: Array
-) -> float:  # pragma: no cover - compiled
+@njit_inner
+def _largest_step(patches: PatchPolynomials, f: int, g: int, rate: Array) -> float:  # pragma: no cover - compiled
     """The length that passes `MAX_RANGE_FRACTION` of a parameter range at the rates given."""
     result = np.inf
     for c in range(4):
-        table, face = (first, f) if c < 2 else (second, g)
-        span = _range_of(table, face, c % 2)
+        face = f if c < 2 else g
+        span = _range_of(patches, face, c % 2)
         result = min(result, MAX_RANGE_FRACTION * span / max(abs(rate[c]), 1e-300))
     return result
 
 
 @njit_cached
 def _trace(
-    first: PatchPolynomials,
+    patches: PatchPolynomials,
     f: int,
-    second: PatchPolynomials,
     g: int,
     start: Array,
     own: int,
@@ -391,19 +387,19 @@ def _trace(
     at, new, origin, along, rate = np.empty(4), np.empty(4), np.empty(3), np.empty(3), np.empty(4)
     for c in range(4):
         at[c] = start[c]
-    evaluate_face(first, f, at[0], at[1], work.jet_f)
-    evaluate_face(second, g, at[2], at[3], work.jet_g)
-    if find_tangent(first, f, second, g, work) < MIN_SINE:
-        _store(path, 0, at, work)
+    evaluate_face(patches, f, at[0], at[1], work.jet_f)
+    evaluate_face(patches, g, at[2], at[3], work.jet_g)
+    if find_tangent(patches, f, g, work) < MIN_SINE:
+        _store(path, np.int64(0), at, work)
         return TANGENT, -1, 1
-    _store(path, 0, at, work)
+    _store(path, np.int64(0), at, work)
     for c in range(4):
         rate[c] = work.rate[c]
-    count = 1
-    h = 0.5 * _largest_step(first, f, second, g, rate)
+    count: int = np.int64(1)  # type: ignore[assignment]  # callees would be compiled again for a literal
+    h = 0.5 * _largest_step(patches, f, g, rate)
     least = MIN_STEP * h
     while count < MAX_STEPS:
-        h = min(h, _largest_step(first, f, second, g, rate))
+        h = min(h, _largest_step(patches, f, g, rate))
         if h < least:
             return STUCK, -1, count
         for d in range(3):
@@ -411,13 +407,13 @@ def _trace(
             origin[d] = path[count - 1, d] + h * along[d]
         for c in range(4):
             new[c] = at[c] + h * rate[c]
-        if not correct_point(first, f, second, g, new, origin, along, work):
+        if not correct_point(patches, f, g, new, origin, along, work):
             h *= 0.5
             continue
         drift = 0.0
         for d in range(3):
             drift += (work.jet_f[0, d] - origin[d]) ** 2
-        sine = find_tangent(first, f, second, g, work)
+        sine = find_tangent(patches, f, g, work)
         cosine = 0.0
         for d in range(3):
             cosine += work.tangent[d] * along[d]
@@ -429,33 +425,32 @@ def _trace(
         _store(path, count, new, work)
         for c in range(4):
             rate[c] = work.rate[c]
-        best, nearest = -1, np.inf
+        best: int = np.int64(-1)  # type: ignore[assignment]
+        nearest = np.inf
         for k in range(n_places):
             if k == own and count == 1:
                 continue
             if own < 0 and k == n_places - 1 and count < 3:
                 continue
             ahead = _pass_fraction(path, count - 1, places, k)
-            if 0.0 < ahead < nearest and _meets(
-                first, f, second, g, path, count - 1, ahead, places, k, match_tol, work
-            ):
+            if 0.0 < ahead < nearest and _meets(patches, f, g, path, count - 1, ahead, places, k, match_tol, work):
                 best, nearest = k, ahead
         if best >= 0:
-            _meets(first, f, second, g, path, count - 1, nearest, places, best, match_tol, work)
-            find_tangent(first, f, second, g, work)
+            _meets(patches, f, g, path, count - 1, nearest, places, best, match_tol, work)
+            find_tangent(patches, f, g, work)
             _store(path, count, work.point, work)
             return ARRIVED, best, count + 1
         for c in range(4):
             at[c] = new[c]
         count += 1
-        if _leaves(first, f, at[0], at[1]) or _leaves(second, g, at[2], at[3]):
+        if _leaves(patches, f, at[0], at[1]) or _leaves(patches, g, at[2], at[3]):
             return LOST, -1, count
         if cosine > np.cos(0.4 * MAX_TURN):
             h *= 1.6
     return STUCK, -1, count
 
 
-@njit_cached
+@njit_inner
 def _changes(before: Array, after: Array) -> float:  # pragma: no cover - compiled
     """The greater relative change of d(u, v)/dx on the two faces."""
     result = 0.0
@@ -469,14 +464,14 @@ def _changes(before: Array, after: Array) -> float:  # pragma: no cover - compil
     return np.sqrt(result)
 
 
-@njit_cached
+@njit_inner
 def _copy_point(jet: Array, places: Array, row: int) -> None:  # pragma: no cover - compiled
     """Write the point of a jet to a row of places."""
     for d in range(3):
         places[row, d] = jet[0, d]
 
 
-@njit_cached
+@njit_inner
 def _store(path: Array, row: int, at: Array, work: Work) -> None:  # pragma: no cover - compiled
     """Write the point of the first face, parameters and tangent to a row of a path."""
     for d in range(3):
@@ -486,7 +481,7 @@ def _store(path: Array, row: int, at: Array, work: Work) -> None:  # pragma: no 
         path[row, 3 + c] = at[c]
 
 
-@njit_cached
+@njit_inner
 def _pass_fraction(path: Array, row: int, places: Array, k: int) -> float:  # pragma: no cover - compiled
     """The fraction of the step from `row` at which it passes a place that is near its chord; -1 if it does not."""
     square, along, apart = 0.0, 0.0, 0.0
@@ -501,11 +496,10 @@ def _pass_fraction(path: Array, row: int, places: Array, k: int) -> float:  # pr
     return max(ahead, 1e-300)
 
 
-@njit_cached
+@njit_inner
 def _meets(
-    first: PatchPolynomials,
+    patches: PatchPolynomials,
     f: int,
-    second: PatchPolynomials,
     g: int,
     path: Array,
     row: int,
@@ -521,7 +515,7 @@ def _meets(
         work.place[d] = places[k, d]
     for c in range(4):
         work.point[c] = path[row, 3 + c] * (1.0 - ahead) + path[row + 1, 3 + c] * ahead
-    if not correct_point(first, f, second, g, work.point, work.place, work.normal, work):
+    if not correct_point(patches, f, g, work.point, work.place, work.normal, work):
         return False
     apart = 0.0
     for d in range(3):
@@ -529,11 +523,10 @@ def _meets(
     return apart <= match_tol
 
 
-@njit_cached
+@njit_inner
 def _is_known(
-    first: PatchPolynomials,
+    patches: PatchPolynomials,
     f: int,
-    second: PatchPolynomials,
     g: int,
     of_pair: IntArray,
     pair: int,
@@ -546,16 +539,15 @@ def _is_known(
     """Whether the first of the places lies on one of the known curves of a pair, as `_find_seed` gets them."""
     for k in range(of_pair[pair], of_pair[pair + 1]):
         for row in range(bounds[k], bounds[k + 1] - 1):
-            ahead = _pass_fraction(points, row, places, 0)
-            if ahead > 0.0 and _meets(first, f, second, g, points, row, ahead, places, 0, match_tol, work):
+            ahead = _pass_fraction(points, row, places, np.int64(0))
+            if ahead > 0.0 and _meets(patches, f, g, points, row, ahead, places, np.int64(0), match_tol, work):
                 return True
     return False
 
 
 @njit_cached
 def _find_seed(
-    first: NetworkFaces,
-    second: NetworkFaces,
+    faces: NetworkFaces,
     pairs: IntArray,
     begin: int,
     of_pair: IntArray,
@@ -572,7 +564,7 @@ def _find_seed(
     """
     stack = np.empty((8 * MAX_DIVISIONS + 16, 6))
     origin, normal, box = np.empty((1, 3)), np.empty(3), np.empty(4)
-    cells, others = first.cells, second.cells
+    cells = faces.cells
     for k in range(begin, len(pairs)):
         f, g = pairs[k, 0], pairs[k, 1]
         boxes = 0
@@ -580,14 +572,14 @@ def _find_seed(
             outside = False
             for d in range(3):
                 at, r = cells.centre[a, d], cells.radius[a]
-                outside = outside or at + r < second.low[g, d] or at - r > second.high[g, d]
+                outside = outside or at + r < faces.low[g, d] or at - r > faces.high[g, d]
             if outside:
                 continue
-            for b in range(others.first[g], others.first[g + 1]):
+            for b in range(cells.first[g], cells.first[g + 1]):
                 apart = 0.0
                 for d in range(3):
-                    apart += (cells.centre[a, d] - others.centre[b, d]) ** 2
-                reach = cells.radius[a] + others.radius[b]
+                    apart += (cells.centre[a, d] - cells.centre[b, d]) ** 2
+                reach = cells.radius[a] + cells.radius[b]
                 if apart > reach * reach:
                     continue
                 for c in range(4):
@@ -600,29 +592,24 @@ def _find_seed(
                     for c in range(4):
                         box[c] = stack[size, c]
                     boxes += 1
-                    state = _examine_cells(
-                        first.patches, f, second.patches, g, cells, a, others, b, box, w, x, seed, origin, normal, work
-                    )
+                    state = _examine_cells(faces.patches, f, g, cells, a, b, box, w, x, seed, origin, normal, work)
                     if state == APART:
                         continue
                     if state == CROSSING:
-                        in_regions = is_in_region(first.regions, f, seed[0], seed[1])
+                        in_regions = is_in_region(faces.regions, f, seed[0], seed[1])
                         if (
                             in_regions
-                            and is_in_region(second.regions, g, seed[2], seed[3])
-                            and not _is_known(
-                                first.patches, f, second.patches, g, of_pair, k, bounds, points, origin, match_tol, work
-                            )
+                            and is_in_region(faces.regions, g, seed[2], seed[3])
+                            and not _is_known(faces.patches, f, g, of_pair, k, bounds, points, origin, match_tol, work)
                         ):
                             return ARRIVED, k
                         continue
-                    divide_first = w * cells.radius[a] > x * others.radius[b]
+                    divide_first = w * cells.radius[a] > x * cells.radius[b]
                     if (w if divide_first else x) < 2.0**-MAX_DIVISIONS or boxes > MAX_BOXES:
                         if state == UNDECIDED:
                             state = _settle_smallest_box(
-                                first,
+                                faces,
                                 f,
-                                second,
                                 g,
                                 a,
                                 b,
@@ -656,11 +643,10 @@ def _find_seed(
     return LOST, len(pairs)
 
 
-@njit_cached
+@njit_inner
 def _settle_smallest_box(
-    first: NetworkFaces,
+    faces: NetworkFaces,
     f: int,
-    second: NetworkFaces,
     g: int,
     a: int,
     b: int,
@@ -682,15 +668,15 @@ def _settle_smallest_box(
     CROSSING with a `seed` on no known curve, UNDECIDED if neither a point nor a known curve is found near by, with the place in
     the jet of the first face; else SINGLE.
     """
-    cells, others = first.cells, second.cells
-    hu, hv, hs, hr = cells.half[a, 0], cells.half[a, 1], others.half[b, 0], others.half[b, 1]
+    cells = faces.cells
+    hu, hv, hs, hr = cells.half[a, 0], cells.half[a, 1], cells.half[b, 0], cells.half[b, 1]
     u, v = cells.middle[a, 0] + hu * box[0], cells.middle[a, 1] + hv * box[1]
-    s, r = others.middle[b, 0] + hs * box[2], others.middle[b, 1] + hr * box[3]
-    if not (is_in_region(first.regions, f, u, v) and is_in_region(second.regions, g, s, r)):
+    s, r = cells.middle[b, 0] + hs * box[2], cells.middle[b, 1] + hr * box[3]
+    if not (is_in_region(faces.regions, f, u, v) and is_in_region(faces.regions, g, s, r)):
         return SINGLE
-    evaluate_face(first.patches, f, u, v, work.jet_f)
-    evaluate_face(second.patches, g, s, r, work.jet_g)
-    sine = find_tangent(first.patches, f, second.patches, g, work)
+    evaluate_face(faces.patches, f, u, v, work.jet_f)
+    evaluate_face(faces.patches, g, s, r, work.jet_g)
+    sine = find_tangent(faces.patches, f, g, work)
     reach, apart = 0.0, 0.0
     for d in range(3):
         reach += w * (abs(work.jet_f[1, d]) * hu + abs(work.jet_f[2, d]) * hv)
@@ -699,21 +685,19 @@ def _settle_smallest_box(
         origin[0, d] = 0.5 * (work.jet_f[0, d] + work.jet_g[0, d])
         work.place[d], normal[d] = origin[0, d], work.tangent[d]
     bend = w * w * (cells.bend[a, 0] + cells.bend[a, 1] + cells.bend[a, 2])
-    reach = 4.0 * (reach + bend + x * x * (others.bend[b, 0] + others.bend[b, 1] + others.bend[b, 2]) + apart)
+    reach = 4.0 * (reach + bend + x * x * (cells.bend[b, 0] + cells.bend[b, 1] + cells.bend[b, 2]) + apart)
     seed[0], seed[1], seed[2], seed[3] = u, v, s, r
-    if sine > MIN_SINE and correct_point(first.patches, f, second.patches, g, seed, work.place, normal, work):
+    if sine > MIN_SINE and correct_point(faces.patches, f, g, seed, work.place, normal, work):
         moved = 0.0
         for d in range(3):
             moved = max(moved, abs(work.jet_f[0, d] - origin[0, d]))
         if moved < reach:
             if not (
-                is_in_region(first.regions, f, seed[0], seed[1]) and is_in_region(second.regions, g, seed[2], seed[3])
+                is_in_region(faces.regions, f, seed[0], seed[1]) and is_in_region(faces.regions, g, seed[2], seed[3])
             ):
                 return SINGLE
             _copy_point(work.jet_f, origin, 0)
-            known = _is_known(
-                first.patches, f, second.patches, g, of_pair, pair, bounds, points, origin, match_tol, work
-            )
+            known = _is_known(faces.patches, f, g, of_pair, pair, bounds, points, origin, match_tol, work)
             return SINGLE if known else CROSSING
     for row in range(bounds[of_pair[pair]], bounds[of_pair[pair + 1]] - 1):
         square, along, arm = 0.0, 0.0, 0.0
@@ -723,19 +707,17 @@ def _settle_smallest_box(
         ahead = min(max(along / max(square, 1e-300), 0.0), 1.0)
         if arm - 2.0 * ahead * along + ahead * ahead * square < reach * reach:
             return SINGLE
-    evaluate_face(first.patches, f, u, v, work.jet_f)
+    evaluate_face(faces.patches, f, u, v, work.jet_f)
     return UNDECIDED
 
 
-@njit_cached
+@njit_inner
 def _examine_cells(
-    first: PatchPolynomials,
+    patches: PatchPolynomials,
     f: int,
-    second: PatchPolynomials,
     g: int,
     cells: FaceCells,
     a: int,
-    others: FaceCells,
     b: int,
     box: Array,
     w: float,
@@ -747,15 +729,15 @@ def _examine_cells(
 ) -> int:  # pragma: no cover - compiled
     """APART without a common point, CROSSING with one in `seed` and `origin`, SINGLE for one curve at most, else UNDECIDED."""
     hu, hv = cells.half[a, 0], cells.half[a, 1]
-    hs, hr = others.half[b, 0], others.half[b, 1]
+    hs, hr = cells.half[b, 0], cells.half[b, 1]
     u, v = cells.middle[a, 0] + hu * box[0], cells.middle[a, 1] + hv * box[1]
-    s, r = others.middle[b, 0] + hs * box[2], others.middle[b, 1] + hr * box[3]
-    evaluate_face(first, f, u, v, work.jet_f)
-    evaluate_face(second, g, s, r, work.jet_g)
-    sine = find_tangent(first, f, second, g, work)
+    s, r = cells.middle[b, 0] + hs * box[2], cells.middle[b, 1] + hr * box[3]
+    evaluate_face(patches, f, u, v, work.jet_f)
+    evaluate_face(patches, g, s, r, work.jet_g)
+    sine = find_tangent(patches, f, g, work)
     p, q = work.jet_f, work.jet_g
     uu, uv, vv = cells.bend[a, 0], cells.bend[a, 1], cells.bend[a, 2]
-    ss, sr, rr = others.bend[b, 0], others.bend[b, 1], others.bend[b, 2]
+    ss, sr, rr = cells.bend[b, 0], cells.bend[b, 1], cells.bend[b, 2]
     rest = w * w * (0.5 * (uu + vv) + uv) + x * x * (0.5 * (ss + rr) + sr)
     for axis in range(3):
         if axis == 0:
@@ -782,43 +764,29 @@ def _examine_cells(
             return APART
     if sine < MIN_SINE:
         return UNDECIDED
-    # rows of the inverse of the map (parameters) -> (difference, coordinate along the curve), in units of the cells
-    size = 0.0
-    for c in range(3):
-        for d in range(3):
-            m = work.system
-            for k in range(2):
-                m[d, k] = p[1 + k, d] * (hu if k == 0 else hv)
-                m[d, 2 + k] = -q[1 + k, d] * (hs if k == 0 else hr)
-            m[d, 4] = 1.0 if d == c else 0.0
-        _fill_plane_row(m, p, q, work.tangent, hu, hv, hs, hr)
-        m[3, 4] = 0.0
-        if not solve_four(m):
-            return UNDECIDED
-        row = 0.0
+    # columns of the inverse of the map (parameters) -> (difference, coordinate along the curve), in units of the cells
+    size, along = 0.0, 0.0
+    for c in range(4):
         for k in range(4):
-            row = max(row, abs(m[k, 4]))
-        size += row * row
-    m = work.system
-    for d in range(3):
-        for k in range(2):
-            m[d, k] = p[1 + k, d] * (hu if k == 0 else hv)
-            m[d, 2 + k] = -q[1 + k, d] * (hs if k == 0 else hr)
-        m[d, 4] = 0.0
-    _fill_plane_row(m, p, q, work.tangent, hu, hv, hs, hr)
-    m[3, 4] = 1.0
-    if not solve_four(m):
-        return UNDECIDED
-    along = 0.0
-    for k in range(4):
-        along = max(along, abs(m[k, 4]))
+            jet, h = p if k < 2 else q, (hu, hv, hs, hr)[k]
+            work.system[3, k] = 0.0
+            for d in range(3):
+                work.system[d, k] = h * jet[1 + k % 2, d] if k < 2 else -h * jet[1 + k % 2, d]
+                work.system[3, k] += 0.5 * h * jet[1 + k % 2, d] * work.tangent[d]
+            work.system[k, 4] = 1.0 if k == c else 0.0
+        if not solve_four(work.system):
+            return UNDECIDED
+        along = 0.0
+        for k in range(4):
+            along = max(along, abs(work.system[k, 4]))
+        size += along * along if c < 3 else 0.0
     vary = w * (uu + 2.0 * uv + vv) + x * (ss + 2.0 * sr + rr)
     if (np.sqrt(size) + 0.5 * along) * vary > INJECTIVE:
         return UNDECIDED
     for d in range(3):
         work.place[d], normal[d] = 0.5 * (p[0, d] + q[0, d]), work.tangent[d]
     seed[0], seed[1], seed[2], seed[3] = u, v, s, r
-    if not correct_point(first, f, second, g, seed, work.place, normal, work):
+    if not correct_point(patches, f, g, seed, work.place, normal, work):
         return SINGLE
     if abs(seed[0] - u) > SEED_REACH * w * hu or abs(seed[1] - v) > SEED_REACH * w * hv:
         return SINGLE
@@ -828,23 +796,9 @@ def _examine_cells(
     return CROSSING
 
 
-@njit_cached
+@njit_inner
 def _cross(jet: Array, out: Array) -> None:  # pragma: no cover - compiled
     """S_u x S_v."""
     out[0] = jet[1, 1] * jet[2, 2] - jet[1, 2] * jet[2, 1]
     out[1] = jet[1, 2] * jet[2, 0] - jet[1, 0] * jet[2, 2]
     out[2] = jet[1, 0] * jet[2, 1] - jet[1, 1] * jet[2, 0]
-
-
-@njit_cached
-def _fill_plane_row(
-    m: Array, p: Array, q: Array, normal: Array, hu: float, hv: float, hs: float, hr: float
-) -> None:  # pragma: no cover - compiled
-    """The derivatives of the mean point along a direction, in units of the cells."""
-    for k in range(4):
-        m[3, k] = 0.0
-    for d in range(3):
-        m[3, 0] += 0.5 * hu * p[1, d] * normal[d]
-        m[3, 1] += 0.5 * hv * p[2, d] * normal[d]
-        m[3, 2] += 0.5 * hs * q[1, d] * normal[d]
-        m[3, 3] += 0.5 * hr * q[2, d] * normal[d]

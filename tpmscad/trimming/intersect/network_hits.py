@@ -23,12 +23,12 @@ from tpmscad.trimming.operands.network_tables import (
     NetworkEdges,
     NetworkFaces,
     PatchPolynomials,
-    check_spline_curves,
-    count_use_segments,
+    divide_uses,
     evaluate_face,
     evaluate_use_parameters,
     find_overlapping_boxes,
     is_in_region,
+    list_spline_curves,
     tabulate_edges,
     tabulate_faces,
 )
@@ -93,7 +93,7 @@ class CurveEnds:
 
 
 def prepare_network(brep: Brep) -> Network:
-    """An operand of a cut; InvalidRequest if it is not closed, or of other faces than patches and planes."""
+    """An operand of a cut; InvalidRequest if it is not closed."""
     unmatched = connectivity.find_unmatched_edges(brep)
     if len(unmatched):
         at = format_point(brep.vertices[brep.edges.start[unmatched[0]]])
@@ -117,7 +117,7 @@ def find_hits(one: Network, other: Network, tol: float) -> Hits:
         at = format_point(found.touching[0])
         raise TrimmingError(f"an edge of one network touches a face of the other, or lies in it, at {at}")
     inside, border = locate_in_faces(other, face, found.uv)
-    curves = check_spline_curves(one.brep)
+    curves = list_spline_curves(one.brep)
     e = one.brep.edges
     point, slope = (
         (np.zeros((0, 3)), np.zeros((0, 3)))
@@ -200,7 +200,7 @@ def locate_in_faces(network: Network, face: IntArray, uv: Array) -> tuple[BoolAr
     doubtful = np.flatnonzero(apart[:, 0] < POLYGON_DOUBT * apart[:, 1])
     if not len(doubtful):
         return inside, distance
-    use, begin, length = _list_segment_uses(brep)
+    use, begin, length = divide_uses(brep)
     for i in doubtful.tolist():
         segment = nearest[i]
         k, metric = int(use[segment]), evaluate_faces(faces.patches, face[[i]], uv[[i]])[0, 1:]
@@ -224,14 +224,6 @@ def locate_in_faces(network: Network, face: IntArray, uv: Array) -> tuple[BoolAr
     return inside, distance
 
 
-def _list_segment_uses(brep: Brep) -> tuple[IntArray, Array, Array]:
-    """The edge use of each polygon segment, and the fraction of the use where it starts and that it covers."""
-    count = count_use_segments(brep)
-    owner = np.repeat(np.arange(len(brep.uses)), count)
-    first = np.cumsum(count) - count
-    return owner, (np.arange(len(owner)) - first[owner]) / count[owner], 1.0 / count[owner]
-
-
 def collect_curve_ends(first: Network, second: Network, hits: tuple[Hits, Hits], tol: float) -> CurveEnds:
     """The ends of curves at all hits, and all pairs of faces whose boxes overlap."""
     parts = []
@@ -252,7 +244,7 @@ def collect_curve_ends(first: Network, second: Network, hits: tuple[Hits, Hits],
             along = np.cross(mine, theirs) * (one.brep.faces.sense[face] * other.brep.faces.sense[own.face])[:, None]
             along *= 1 if side == 0 else -1
             e = one.brep.edges
-            slope = evaluate_curves(check_spline_curves(one.brep), e.curve[own.edge], own.t, (1,))[0]
+            slope = evaluate_curves(list_spline_curves(one.brep), e.curve[own.edge], own.t, (1,))[0]
             slope = e.motion[own.edge].apply_to_vectors(slope) * one.brep.uses.sense[use][:, None]
             into = np.cross(mine, slope)
             turn = np.einsum("nk,nk->n", along, into)

@@ -1,36 +1,41 @@
 """The faces and edges of a network of patches as polynomials in space, in flat tables that compiled loops read.
 
 Every carrier becomes one tensor of monomials per knot span, in two local parameters on [-1, 1], placed by the motion of its
-face; a plane becomes a bilinear patch. Spans are divided into *cells*, edges into *pieces*, and for each the second
-derivatives are bounded by the sums of their coefficients: with the point and the first derivatives at the middle, Taylor's
-formula bounds the cell, and each smaller part of it. These bounds hold for the polynomials, round-off apart.
+face; a plane becomes a bilinear patch, and a quadric a spline equal to it up to round-off (`conic_splines`). Spans are divided
+into *cells*, edges into *pieces*, and for each the second derivatives are bounded by the sums of their coefficients: with the
+point and the first derivatives at the middle, Taylor's formula bounds the cell, and each smaller part of it. These bounds hold
+for the polynomials, round-off apart.
 """
 
 from __future__ import annotations
 
 from functools import lru_cache
 from math import comb
-from typing import NamedTuple, TypeVar
+from typing import NamedTuple
+from weakref import WeakKeyDictionary
 
 import numpy as np
 
-from tpmscad._compiled_loops import njit_cached
+from tpmscad._compiled_loops import njit_cached, njit_inner
 from tpmscad._typing import Array, BoolArray, IntArray
 from tpmscad.brep.boundary_representation import Brep
-from tpmscad.brep.carriers import Plane
+from tpmscad.brep.carriers import Circle, ConicalSurface, Ellipse, Plane, SphericalSurface
 from tpmscad.brep.foot_surface import MAX_DEGREE, span_powers
+from tpmscad.brep.quadrics import MIN_POLE_STEP_ANGLE
 from tpmscad.errors import InvalidRequest
 from tpmscad.rigid_motion import Motion
 from tpmscad.splines.bspline import BSplineCurve, BSplineSurface, is_segment
 from tpmscad.splines.curve_batch import evaluate_curves
-
-T = TypeVar("T", Array, IntArray)
+from tpmscad.trimming.operands.conic_splines import approximate_conic, approximate_quadric
 
 CELLS_PER_SIDE = 6
 """Cells along each parameter of a patch of one span, and pieces of an edge of one span; a span is never shared by two."""
 
 PATCHES_PER_BATCH = 64
 """Patches divided at once: their arrays stay below a few tens of megabytes."""
+
+BOX_PAIRS_AT_ONCE = 1_000_000
+"""Pairs of boxes that are compared at once, a megabyte of answers."""
 
 SEGMENTS_PER_USE = 24
 """Segments of the polygon that stands for a curved edge in (u, v)."""
@@ -148,7 +153,7 @@ class _Cells(NamedTuple):
 
 
 def tabulate_faces(brep: Brep) -> NetworkFaces:
-    """The faces of a network; InvalidRequest if one of them is neither a spline patch nor a plane."""
+    """The faces of a network."""
     faces = brep.faces
     polygons = sample_loops(brep)
     first_segment = np.concatenate([[0], np.cumsum([len(p) for p in polygons])])
@@ -157,18 +162,14 @@ def tabulate_faces(brep: Brep) -> NetworkFaces:
     own_surface = np.empty(len(faces), np.int64)
     for f, c in enumerate(faces.carrier.tolist()):
         carrier = brep.carriers[c]
-        own_surface[f] = len(surfaces) if isinstance(carrier, Plane) else number.setdefault(c, len(surfaces))
-        if own_surface[f] < len(surfaces):
+        if isinstance(carrier, BSplineSurface):
+            own_surface[f] = number.setdefault(c, len(surfaces))
+            if own_surface[f] == len(surfaces):
+                surfaces.append(carrier)
             continue
-        if isinstance(carrier, Plane):
-            surfaces.append(_bound_plane(carrier, polygons[f].reshape(-1, 2)))
-        elif isinstance(carrier, BSplineSurface):
-            surfaces.append(carrier)
-        else:
-            raise InvalidRequest(
-                f"a face lies on a {type(carrier).__name__}: networks of spline patches and planes can be cut by each other, "
-                "a body of quadrics cuts a lattice by infill"
-            )
+        own_surface[f] = len(surfaces)
+        bound = _bound_plane if isinstance(carrier, Plane) else approximate_quadric
+        surfaces.append(bound(carrier, polygons[f].reshape(-1, 2)))
     divided = _divide_patches(surfaces)
     cells = [divided[i] for i in own_surface.tolist()]
     motion = faces.motion
@@ -211,10 +212,36 @@ def tabulate_faces(brep: Brep) -> NetworkFaces:
     )
 
 
+def join_faces(first: NetworkFaces, second: NetworkFaces) -> NetworkFaces:
+    """The faces of two networks as one table, those of the second behind the first's: half the arguments of compiled loops."""
+    both = (first, second)
+    layout = [p.layout.copy() for p in (first.patches, second.patches)]
+    layout[1][:, [BREAK_U, BREAK_V]] += len(first.patches.breaks)
+    layout[1][:, COEFFICIENT] += len(first.patches.coefficients)
+    cells = (np.concatenate(columns) for columns in zip(*(own.cells[1:] for own in both), strict=True))
+    return NetworkFaces(
+        PatchPolynomials(
+            np.concatenate(layout),
+            np.concatenate([own.patches.breaks for own in both]),
+            np.concatenate([own.patches.coefficients for own in both]),
+        ),
+        FaceCells(_join_starts(*(own.cells.first for own in both)), *cells),
+        FaceRegions(
+            _join_starts(*(own.regions.first for own in both)), np.concatenate([own.regions.segments for own in both])
+        ),
+        *(np.concatenate(columns) for columns in zip(*(own[3:] for own in both), strict=True)),
+    )
+
+
+def _join_starts(first: IntArray, second: IntArray) -> IntArray:
+    """The starts of parts that follow each other."""
+    return np.concatenate([first, first[-1] + second[1:]])
+
+
 def tabulate_edges(brep: Brep) -> NetworkEdges:
-    """The edges of a network; InvalidRequest if one of them is no B-spline."""
+    """The edges of a network."""
     edges = brep.edges
-    curves = check_spline_curves(brep)
+    curves = list_spline_curves(brep)
     return tabulate_segments(curves, edges.curve, edges.motion, edges.span)
 
 
@@ -257,27 +284,78 @@ def tabulate_segments(curves: tuple[BSplineCurve, ...], curve: IntArray, motion:
     )
 
 
-def check_spline_curves(brep: Brep) -> tuple[BSplineCurve, ...]:
-    """The curves of a network's edges; InvalidRequest if one that an edge uses is no B-spline."""
-    for c in np.unique(brep.edges.curve).tolist():
-        if not isinstance(brep.curves[c], BSplineCurve):
-            raise InvalidRequest(
-                f"an edge lies on a {type(brep.curves[c]).__name__}: the edges of a network are B-splines"
-            )
-    return tuple(c if isinstance(c, BSplineCurve) else _NO_CURVE for c in brep.curves)
+def list_spline_curves(brep: Brep) -> tuple[BSplineCurve, ...]:
+    """The curves of a network's edges as splines: conics equal to them up to round-off, on the spans of their edges."""
+    if brep not in _spline_curves:
+        edges = brep.edges
+        _spline_curves[brep] = tuple(
+            curve if isinstance(curve, BSplineCurve) else _approximate_used(curve, edges.span[edges.curve == c])
+            for c, curve in enumerate(brep.curves)
+        )
+    return _spline_curves[brep]
+
+
+_spline_curves: WeakKeyDictionary[Brep, tuple[BSplineCurve, ...]] = WeakKeyDictionary()
+"""What `list_spline_curves` has made of networks that are in use."""
+
+
+def _approximate_used(conic: Circle | Ellipse, spans: Array) -> BSplineCurve:
+    """A conic on the spans (n, 2) of its edges; a line in its place if it has none."""
+    return approximate_conic(conic, float(spans.min()), float(spans.max())) if len(spans) else _NO_CURVE
 
 
 _NO_CURVE = BSplineCurve(np.zeros((2, 3)), np.array([0.0, 0.0, 1.0, 1.0]), 1)
 
 
+class UseSegments(NamedTuple):
+    """The segments of all loops' polygons, in the order of the uses.
+
+    `use`: the use of each; `begin`: the fraction of its way where it starts; `length`: the fraction that it covers, 0 of a step
+    along a pole.
+    """
+
+    use: IntArray
+    begin: Array
+    length: Array
+
+
+def divide_uses(brep: Brep) -> UseSegments:
+    """Segments that stand for the edge uses: one where these are straight in (u, v), and one for a step along a pole.
+
+    At the pole of a sphere or the apex of a cone a loop runs from the end of a use to another u, where the next one starts.
+    """
+    uses = brep.uses
+    is_line = np.array([is_segment(c) for c in brep.pcurves], bool)
+    straight_edge = np.array([is_segment(c) for c in brep.curves], bool)[brep.edges.curve[uses.edge]]
+    straight = np.where(uses.pcurve >= 0, is_line[uses.pcurve] if len(is_line) else False, straight_edge)
+    regular = np.where(straight, 1, SEGMENTS_PER_USE)
+    count = regular + _step_along_poles(brep)
+    owner = np.repeat(np.arange(len(uses)), count)
+    position = np.arange(len(owner)) - (np.cumsum(count) - count)[owner]
+    length = np.where(position < regular[owner], 1.0 / regular[owner], 0.0)
+    return UseSegments(owner, position / regular[owner], length)
+
+
+def _step_along_poles(brep: Brep) -> BoolArray:
+    """Uses (K,) behind whose end the loop steps along a pole."""
+    faces = brep.faces
+    result = np.zeros(len(brep.uses), bool)
+    has_pole = np.array([isinstance(c, SphericalSurface | ConicalSurface) for c in brep.carriers], bool)
+    use = np.flatnonzero(has_pole[faces.carrier][brep.face_of_use])
+    if len(use):
+        following = np.arange(1, len(brep.uses) + 1)
+        following[faces.use_start[1:] - 1] = faces.use_start[:-1]
+        end, start = (evaluate_uses(brep, k, np.full(len(use), x)) for k, x in ((use, 1.0), (following[use], 0.0)))
+        result[use] = np.abs(end - start)[:, 0] > MIN_POLE_STEP_ANGLE
+    return result
+
+
 def sample_loops(brep: Brep) -> list[Array]:
     """The loops of each face as segments (m, 2, 2) in the (u, v) of its carrier."""
-    uses, faces = brep.uses, brep.faces
-    count = count_use_segments(brep)
-    owner = np.repeat(np.arange(len(uses)), count)
-    first = np.concatenate([[0], np.cumsum(count)])
-    fraction = (np.arange(len(owner)) - first[owner]) / count[owner]
-    points = evaluate_uses(brep, owner, fraction)
+    faces = brep.faces
+    use, begin, _ = divide_uses(brep)
+    first = np.searchsorted(use, np.arange(len(brep.uses) + 1))
+    points = evaluate_uses(brep, use, begin)
     result = []
     for f in range(len(faces)):
         loops = []
@@ -286,15 +364,6 @@ def sample_loops(brep: Brep) -> list[Array]:
             loops.append(np.stack([own, np.roll(own, -1, axis=0)], axis=1))
         result.append(np.concatenate(loops))
     return result
-
-
-def count_use_segments(brep: Brep) -> IntArray:
-    """The number of segments (K,) that stand for each edge use: one where it is straight in (u, v)."""
-    uses = brep.uses
-    is_line = np.array([is_segment(c) for c in brep.pcurves], bool)
-    straight_edge = np.array([is_segment(c) for c in brep.curves], bool)[brep.edges.curve[uses.edge]]
-    straight = np.where(uses.pcurve >= 0, is_line[uses.pcurve] if len(is_line) else False, straight_edge)
-    return np.where(straight, 1, SEGMENTS_PER_USE)
 
 
 def evaluate_uses(brep: Brep, use: IntArray, fraction: Array) -> Array:
@@ -316,7 +385,7 @@ def evaluate_use_parameters(brep: Brep, use: IntArray, t: Array) -> Array:
     if len(rows):
         face = brep.face_of_use[use[rows]]
         edge = uses.edge[use[rows]]
-        curves = check_spline_curves(brep)
+        curves = list_spline_curves(brep)
         points = edges.motion[edge].apply(evaluate_curves(curves, edges.curve[edge], t[rows])[0])
         local = brep.faces.motion[face].apply_inverse(points)
         for c in np.unique(brep.faces.carrier[face]).tolist():
@@ -439,7 +508,7 @@ def _cut_into_pieces(curve: BSplineCurve, low: float, high: float) -> Array:
 
 
 @njit_cached
-def grow_rows(table: T) -> T:  # pragma: no cover - compiled
+def grow_rows(table: Array) -> Array:  # pragma: no cover - compiled
     """A copy of a table (n, k) with room for as many rows again; a loop compiles in a tenth of the time of np.concatenate."""
     result = np.empty((2 * table.shape[0], table.shape[1]), table.dtype)
     for i in range(table.shape[0]):
@@ -448,26 +517,17 @@ def grow_rows(table: T) -> T:  # pragma: no cover - compiled
     return result
 
 
-@njit_cached
 def find_overlapping_boxes(low_a: Array, high_a: Array, low_b: Array, high_b: Array, margin: float) -> IntArray:
-    """The pairs (n, 2) of boxes that come nearer to each other than `margin` along every axis."""
-    result = np.empty((64, 2), np.int64)
-    count = 0
-    for i in range(len(low_a)):
-        for j in range(len(low_b)):
-            if (
-                low_a[i, 0] <= high_b[j, 0] + margin
-                and low_b[j, 0] <= high_a[i, 0] + margin
-                and low_a[i, 1] <= high_b[j, 1] + margin
-                and low_b[j, 1] <= high_a[i, 1] + margin
-                and low_a[i, 2] <= high_b[j, 2] + margin
-                and low_b[j, 2] <= high_a[i, 2] + margin
-            ):
-                if count == len(result):
-                    result = grow_rows(result)
-                result[count, 0], result[count, 1] = i, j
-                count += 1
-    return result[:count]
+    """The pairs (n, 2) of boxes that come nearer to each other than `margin` along every axis, in order."""
+    rows = max(1, BOX_PAIRS_AT_ONCE // max(1, len(low_b)))
+    found = [np.zeros((0, 2), np.int64)]
+    for i in range(0, len(low_a), rows):
+        near = np.ones((len(low_a[i : i + rows]), len(low_b)), bool)
+        for d in range(3):
+            near &= low_a[i : i + rows, None, d] <= high_b[:, d] + margin
+            near &= low_b[:, d] <= high_a[i : i + rows, None, d] + margin
+        found.append(np.argwhere(near) + np.array([i, 0]))
+    return np.ascontiguousarray(np.concatenate(found))
 
 
 @njit_cached
@@ -501,7 +561,7 @@ def evaluate_face(patches: PatchPolynomials, f: int, u: float, v: float, jet: Ar
         jet[0, d], jet[1, d], jet[2, d] = s, su / hu, sv / hv
 
 
-@njit_cached
+@njit_inner
 def evaluate_piece(edges: NetworkEdges, piece: int, x: float, jet: Array) -> None:
     """Fill in the point and the first derivative (2, 3) of a piece at its local parameter x on [-1, 1]."""
     for d in range(3):

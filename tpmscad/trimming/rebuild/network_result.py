@@ -22,7 +22,7 @@ from tpmscad.splines.curve_batch import evaluate_curves
 from tpmscad.trimming.intersect.arrangement import SubSegments
 from tpmscad.trimming.intersect.common_curves import CommonCurves
 from tpmscad.trimming.intersect.network_hits import Network
-from tpmscad.trimming.operands.network_tables import check_spline_curves
+from tpmscad.trimming.operands.network_tables import list_spline_curves
 
 SAMPLE_FRACTIONS = np.linspace(0.0, 1.0, 13)
 """Fractions of an edge at which the polygons of loops are sampled."""
@@ -144,7 +144,7 @@ def _chain_face(
     start, end = np.where(back, edges.end[edge], edges.start[edge]), np.where(back, edges.start[edge], edges.end[edge])
     try:
         chained = chain_loops(start, end, direction)
-        nested = nest_loops([np.concatenate([points[i, :-1] for i in loop]) for loop in chained])
+        nested = nest_loops([np.concatenate([points[i] for i in loop]) for loop in chained])  # with steps along poles
     except LoopError as error:
         brep = network.brep
         e = brep.uses.edge[brep.faces.use_start[brep.faces.loop_start[face]]]
@@ -178,7 +178,7 @@ def _sample_uses(
 
 def _all_curves(operands: tuple[CutNetwork, CutNetwork], arcs: CommonCurves) -> tuple[BSplineCurve, ...]:
     """The curves of both operands, then those of the arcs."""
-    one, other = (check_spline_curves(o.network.brep) for o in operands)
+    one, other = (list_spline_curves(o.network.brep) for o in operands)
     return (*one, *other, *arcs.curves)
 
 
