@@ -96,6 +96,12 @@ def test_derivatives_are_those_of_the_values(carrier, pairs) -> None:
     np.testing.assert_allclose(carrier.gradient(points), slope, atol=2e-9)
 
 
+def test_a_jet_is_a_point_and_its_derivatives(carrier, pairs) -> None:
+    u, v = pairs
+    for found, orders in zip(carrier.jet(u, v), ((0, 0), (1, 0), (0, 1)), strict=True):
+        np.testing.assert_allclose(found, carrier(u, v, *orders), atol=1e-13)
+
+
 def test_on_the_axis_everything_is_finite(carrier) -> None:
     on_axis = FRAME[0] + np.array([0.0, 0.7])[:, None] * FRAME[2]
     for value in (carrier.parameters, carrier.distance, carrier.gradient):

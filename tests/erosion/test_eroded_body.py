@@ -140,6 +140,13 @@ def test_round_a_concave_edge_in_space_the_skin_is_as_thick_as_elsewhere() -> No
     assert_valid_and_deep(body, eroded(body, 1.0), 1.0)
 
 
+@pytest.mark.slow
+def test_edges_keep_off_the_tail_where_a_sheet_barely_crosses_itself() -> None:
+    """The skin is 1e-3 thicker than a radius of curvature of the spline; a step over the crossing leaves a wrong vertex."""
+    body = BODIES["cam"]()
+    assert_valid_and_deep(body, eroded(body, 2.25), 2.25)
+
+
 def test_a_bore_thicker_than_what_is_beside_it_leaves_two_parts() -> None:
     body = bd.Box(30, 24, 18) - bd.Rot(90, 0, 0) * bd.Cylinder(5, 40)
     brep = eroded(body, 2.6)

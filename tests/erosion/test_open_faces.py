@@ -56,6 +56,25 @@ def test_open_faces_get_no_skin_adjacent_ones_included() -> None:
     assert (least, greatest) == pytest.approx((1.5, 1.5), rel=1e-9)
 
 
+def test_concave_edges_may_end_in_an_open_face() -> None:
+    """The tubes of the upright edges of a blind pocket go on beyond the plane that ends them."""
+    t = 1.3
+    brep, *thickness = eroded(bd.Box(30, 26, 22) - bd.Pos(0, 0, 6) * bd.Box(12, 10, 12), t, (UP,))
+    pocket = (
+        12 * 10 * (11 + t) + 2 * t * (12 + 10) * 11 + np.pi * t**2 / 4 * (2 * (12 + 10) + 4 * 11) + 2 / 3 * np.pi * t**3
+    )
+    assert volume(brep) == pytest.approx((30 - 2 * t) * (26 - 2 * t) * (22 - t) - pocket, rel=1e-9)
+    assert thickness == pytest.approx([t, t], rel=1e-6)
+
+
+def test_rounds_that_end_the_skin_may_end_in_an_open_face() -> None:
+    body = bd.fillet(bd.Box(20, 20, 12).edges().filter_by(bd.Axis.Z), 3)
+    brep, *thickness = eroded(body, 1.5, (UP, RIGHT, -RIGHT, bd.Vector(0, 1, 0), bd.Vector(0, -1, 0)))
+    corner = 3 * 3 + np.pi * 1.5**2 / 4  # its square without a quarter disc of 1.5, and two of them beside it
+    assert volume(brep) == pytest.approx((20 * 20 - 4 * corner) * 10.5, rel=1e-9)
+    assert thickness == pytest.approx([1.5, 1.5], rel=1e-6)
+
+
 def test_a_free_form_body_open_at_one_end_has_its_closed_form_volume() -> None:
     a, b, skin = 3.9, 2.4, 0.8
     brep, least, greatest = eroded(BODIES["ellipse"](), skin, (UP,))

@@ -7,8 +7,12 @@ from typing import Any
 import build123d as bd
 import numpy as np
 import pytest
+from OCP.BRepClass3d import BRepClass3d_SolidClassifier
+from OCP.gp import gp_Pnt
+from OCP.TopAbs import TopAbs_IN
 
 import tpmscad
+from tpmscad.brep.moments import integral_properties
 from tpmscad.kernel.body_import.cad_body import read_body
 from tpmscad.kernel.boolean.hollow_body import count_closed_cavities, find_skin_faces
 from tpmscad.kernel.boolean.inward_offset import offset_by_occt
@@ -82,7 +86,7 @@ CLOSED_FORMS = {
 def test_what_is_deeper_than_the_skin_has_its_closed_form_volume(name: str) -> None:
     make, skin, expected = CLOSED_FORMS[name]
     found = eroded(make(), skin)
-    assert found.method == "exact erosion"
+    assert found.method == "an arrangement of offset faces"
     assert volume(found) == pytest.approx(expected, rel=1e-7)
     measured = thickness(found)
     assert measured.least == pytest.approx(skin, rel=1e-6)
@@ -119,7 +123,7 @@ def test_a_skin_of_just_the_reach_of_a_tube_is_made_a_little_thicker() -> None:
     request = ErosionRequest(pocketed, 5.0, (), depth, np.zeros((0, 3)))
     with pytest.raises(tpmscad.TrimmingError):
         erode_in_arrays(request)
-    parts = erode_in_arrays(request, excess=SKIN_EXCESS)
+    parts, _ = erode_in_arrays(request, excess=SKIN_EXCESS)
     measured = measure_skin_thickness([face for part in parts for face in faces_of(part.shape)], depth)
     assert (measured.least, measured.greatest) == pytest.approx((5.0005, 5.0005), rel=1e-6)
 
@@ -133,6 +137,32 @@ def test_the_refusal_of_a_skin_names_the_thickest_one() -> None:
     assert volume(eroded(body, 2.399)) > 0
 
 
+def test_a_skin_at_which_two_offset_planes_coincide_is_made_a_little_thicker() -> None:
+    """Half the thickness of the plate below the boss; the tube between them ends there in a cusp."""
+    found = eroded(bd.Box(40, 30, 8) + bd.Pos(4, 0, 9) * bd.Cylinder(8, 10), 4.0)
+    measured = thickness(found)
+    assert (measured.least, measured.greatest) == pytest.approx((4.0004, 4.0004), rel=1e-6)
+    assert volume(found) == pytest.approx(607.98, rel=1e-4)
+
+
+def test_beside_a_bore_the_thickness_is_measured_on_the_skin_only() -> None:
+    """Points of a grid that the chords of the circle leave in the bore are not points of the face round it."""
+    measured = thickness(eroded(bd.Box(30, 24, 18) - bd.Rot(90, 0, 0) * bd.Cylinder(5, 40), 0.8))
+    assert measured.least == pytest.approx(0.8, rel=1e-9)
+
+
+def test_depths_have_the_sign_that_the_classifier_gives() -> None:
+    solid = read_body(bd.Box(30, 26, 22) - bd.Pos(0, 0, 6) * bd.Box(12, 10, 12) + bd.Pos(15, 0, 0) * bd.Sphere(6)).shape
+    points = np.random.default_rng(2).uniform(-16, 16, (150, 3))
+    classifier = BRepClass3d_SolidClassifier(solid)
+    inside = []
+    for point in points.tolist():
+        classifier.Perform(gp_Pnt(*point), 1e-7)
+        inside.append(classifier.State() == TopAbs_IN)
+    assert 30 < sum(inside) < 140
+    np.testing.assert_array_equal(SkinDepth(solid, faces_of(solid))(points) > 0, inside)
+
+
 def dumbbell() -> bd.Part:
     """A block and a plate of which a sheet of 0.3 is deeper than 1, joined by a rod that is nowhere deeper."""
     block, rod, plate = bd.Box(12, 10, 10), bd.Rot(0, 90, 0) * bd.Cylinder(0.9, 8), bd.Box(2.3, 10, 10)
@@ -143,6 +173,9 @@ def dumbbell() -> bd.Part:
 def test_an_offset_that_lacks_a_part_is_refused(lost: int) -> None:
     found = eroded(dumbbell())
     assert len(found.parts) == 2
+    assert found.breps is not None
+    volumes = [integral_properties.volume(integral_properties.integrate_faces(brep)).sum() for brep in found.breps]
+    assert volumes == pytest.approx([part.volume for part in found.parts], rel=1e-9)
     points, depths = sample_depths(found.depth, 1.0, DEPTH_SAMPLES, INSET_SAMPLES)
     deep = points[depths > DEEP_RATIO]
     check_eroded(found.parts, (), 1.0, found.depth, deep)
@@ -186,7 +219,7 @@ def test_beside_a_leaning_side_the_skin_ends_in_a_round_where_a_mitre_would_be_t
     top = body.faces().sort_by(bd.Axis.Z)[-1:]
     found = eroded(body, 1.0, top)
     measured = thickness(found, top)
-    assert found.method == "exact erosion"
+    assert found.method == "an arrangement of offset faces"
     assert (measured.least, measured.greatest) == pytest.approx((1.0, 1.0), rel=1e-6)
 
 
@@ -223,7 +256,7 @@ def test_the_certificate_says_how_thick_the_skin_is() -> None:
     assert found.met
     assert found.betti[0] == 1
     assert found.volume < body.volume
-    assert any(note.startswith("skin of 1 by exact erosion: 1 to 1 thick") for note in found.notes)
+    assert any(note.startswith("skin of 1 by an arrangement of offset faces: 1 to 1 thick") for note in found.notes)
 
 
 def test_skin_faces_of_a_free_form_body_are_told_from_the_splines_that_cross_it() -> None:

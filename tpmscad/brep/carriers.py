@@ -56,6 +56,12 @@ class Plane:
         constant = {(1, 0): self.x_axis, (0, 1): self.y_axis}.get((du, dv), np.zeros(3))
         return np.zeros_like(u) + constant
 
+    def jet(self, u: Array, v: Array) -> tuple[Array, Array, Array]:
+        """Points and first derivatives by u and by v at parameters (n,), (n,): (n, 3) each."""
+        y_axis, shape = self.y_axis, (len(u), 3)
+        points = self.origin + u[:, None] * self.x_axis + v[:, None] * y_axis
+        return points, np.full(shape, self.x_axis), np.full(shape, y_axis)
+
     def parameters(self, points: ArrayLike) -> Array:
         """(u, v) of the orthogonal projections of points (..., 3): (..., 2)."""
         return (np.asarray(points, float) - self.origin) @ np.stack([self.x_axis, self.y_axis], axis=1)

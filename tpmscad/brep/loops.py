@@ -100,10 +100,19 @@ def point_in_polygon(polygon: Array, point: Array) -> bool:
 def points_in_polygons(start: Array, end: Array, points: Array) -> BoolArray:
     """Whether points (n, 2) lie in the region bounded by segments from start to end (m, 2), by the even-odd rule: (n,).
 
-    A ray from each point towards larger x is intersected with all segments; holes are segments like others.
+    A ray from each point towards larger x is intersected with the segments that it may meet: those whose lower end is not above
+    the point and whose upper end is. Holes are segments like others.
     """
     (x0, y0), (x1, y1), (x, y) = start.T, end.T, points.T
-    straddles = (y0 > y[:, None]) != (y1 > y[:, None])
-    with np.errstate(divide="ignore", invalid="ignore"):
-        crossing = x0 + (y[:, None] - y0) * (x1 - x0) / (y1 - y0)
-    return np.asarray(np.count_nonzero(straddles & (crossing > x[:, None]), axis=1) % 2 == 1)
+    segment, point = pair_with_intervals(y, np.minimum(y0, y1), np.maximum(y0, y1))
+    crossing = x0[segment] + (y[point] - y0[segment]) * (x1 - x0)[segment] / (y1 - y0)[segment]
+    return np.asarray(np.bincount(point[crossing > x[point]], minlength=len(points)) % 2 == 1)
+
+
+def pair_with_intervals(values: Array, low: Array, high: Array) -> tuple[IntArray, IntArray]:
+    """All pairs of half-open intervals [low, high) (m,) and values (n,) in them: numbers (k,) of intervals and of values."""
+    order = np.argsort(values)
+    first, last = np.searchsorted(values[order], np.stack([low, high]))
+    count = last - first
+    interval = np.repeat(np.arange(len(count)), count)
+    return interval, order[np.arange(len(interval)) + np.repeat(last - np.cumsum(count), count)]

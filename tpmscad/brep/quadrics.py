@@ -60,6 +60,18 @@ class _SurfaceOfRevolution:
             return np.asarray(across)
         return np.asarray(across + z * self.axis + (0.0 if dv else self.origin))
 
+    def jet(self, u: Array, v: Array) -> tuple[Array, Array, Array]:
+        """Points and derivatives by u and by v at parameters (n,), (n,): (n, 3) each; three calls take three times as long."""
+        u, v = u[:, None], v[:, None]
+        (r, z), (by_r, by_z) = self._profile_point(v, 0), self._profile_point(v, 1)
+        cosine, sine, y_axis = np.cos(u), np.sin(u), self.y_axis
+        away = cosine * self.x_axis + sine * y_axis
+        return (
+            self.origin + r * away + z * self.axis,
+            r * (cosine * y_axis - sine * self.x_axis),
+            by_r * away + by_z * self.axis,
+        )
+
     def normal(self, u: ArrayLike, v: ArrayLike) -> Array:
         """S_u x S_v at the pairs (u, v), not normalised: (..., 3)."""
         return np.cross(self(u, v, 1, 0), self(u, v, 0, 1))

@@ -10,9 +10,9 @@ from scipy.interpolate import make_interp_spline
 from tpmscad._typing import Array
 from tpmscad.brep.carriers import EdgeCurve, Plane
 from tpmscad.brep.curve_recognition import recognise_line_or_circle
+from tpmscad.erosion.edge_graph import TracedEdge
 from tpmscad.erosion.intersections import meet_pair
 from tpmscad.erosion.sheets import Sheet
-from tpmscad.erosion.tracing import TracedEdge
 from tpmscad.errors import TrimmingError, format_point
 from tpmscad.splines.adaptive_curve_fit import fit_adaptively
 from tpmscad.splines.bspline import BSplineCurve, BSplineSurface, is_segment, line_segment
@@ -28,6 +28,9 @@ AFFINE_TOL = 1e-11
 
 MIN_POINTS = 9
 """Fewest points of a trace that is interpolated; a shorter one is filled up."""
+
+MAX_DIVISIONS = 4
+"""How often the points of a trace are doubled if Newton's method finds no point of the edge between them."""
 
 SAMPLES = 33
 """Points along a known curve at which pcurves are tested for straightness."""
@@ -46,8 +49,25 @@ class FittedEdge:
 
 
 def fit_edge(one: Sheet, other: Sheet, edge: TracedEdge, size: float) -> FittedEdge:
-    """The curve of a traced edge, a line or a circle where it is one, within 5e-10 of the size of both sheets."""
+    """The curve of a traced edge, a line or a circle where it is one, within 5e-10 of the size of both sheets.
+
+    Near a centre of curvature the parameters change fast along an edge; its trace is then interpolated through more points.
+    """
     parameters, points = _fill_up(one, other, edge)
+    for _ in range(MAX_DIVISIONS):
+        try:
+            return _fit(one, other, parameters, points, size)
+        except _LostEdge:
+            parameters, points = _divide(one, other, parameters, points)
+    return _fit(one, other, parameters, points, size)
+
+
+class _LostEdge(TrimmingError):
+    """A point of an edge that Newton's method does not find from the interpolated trace."""
+
+
+def _fit(one: Sheet, other: Sheet, parameters: Array, points: Array, size: float) -> FittedEdge:
+    """The curve through the parameters (n, 4) and points (n, 3) of a trace."""
     known = recognise_line_or_circle(points, KNOWN_REL_TOL * size)
     if known is not None and is_segment(known[0]):
         t = (points - points[0]) @ known[0](0.5 * known[1][1], 1)
@@ -65,10 +85,10 @@ def fit_edge(one: Sheet, other: Sheet, edge: TracedEdge, size: float) -> FittedE
         guess, slope = path(s), path(s, 1)
         at, along = (guess[:, 4:], slope[:, 4:]) if known is None else (known[0](s), known[0](s, 1))
         along = along / np.linalg.norm(along, axis=1, keepdims=True)
-        y, found, ok = meet_pair(one, other, guess[:, :4], at, along)
-        if not ok.all():
-            raise TrimmingError(f"an edge of the eroded body is lost near {format_point(at[~ok][0])}")
-        return y, found
+        found = meet_pair(one, other, guess[:, :4], at, along)
+        if not found.converged.all():
+            raise _LostEdge(f"an edge of the eroded body is lost near {format_point(at[~found.converged][0])}")
+        return found.parameters, found.points
 
     pcurves: list[BSplineCurve | None] = [None, None]
     curved = [k for k, sheet in enumerate((one, other)) if not isinstance(sheet.carrier, Plane)]
@@ -117,15 +137,19 @@ def _fill_up(one: Sheet, other: Sheet, edge: TracedEdge) -> tuple[Array, Array]:
         kept[np.flatnonzero(kept)[-2]] = False
     parameters, points = parameters[kept], points[kept]
     while len(points) < MIN_POINTS:
-        step = np.diff(points, axis=0)
-        along = step / np.linalg.norm(step, axis=1, keepdims=True)
-        between = 0.5 * (parameters[1:] + parameters[:-1])
-        y, found, ok = meet_pair(one, other, between, 0.5 * (points[1:] + points[:-1]), along)
-        if not ok.all():
-            raise TrimmingError(f"an edge of the eroded body is lost near {format_point(points[0])}")
-        at = np.arange(1, len(points))
-        parameters, points = np.insert(parameters, at, y, axis=0), np.insert(points, at, found, axis=0)
+        parameters, points = _divide(one, other, parameters, points)
     return parameters, points
+
+
+def _divide(one: Sheet, other: Sheet, parameters: Array, points: Array) -> tuple[Array, Array]:
+    """The parameters and points of a trace with a point more between any two."""
+    step = np.diff(points, axis=0)
+    along = step / np.linalg.norm(step, axis=1, keepdims=True)
+    found = meet_pair(one, other, 0.5 * (parameters[1:] + parameters[:-1]), 0.5 * (points[1:] + points[:-1]), along)
+    if not found.converged.all():
+        raise TrimmingError(f"an edge of the eroded body is lost near {format_point(points[:-1][~found.converged][0])}")
+    at = np.arange(1, len(points))
+    return np.insert(parameters, at, found.parameters, axis=0), np.insert(points, at, found.points, axis=0)
 
 
 def _straight(t: Array, uv: Array, size: float) -> BSplineCurve | None:

@@ -14,8 +14,11 @@ from tpmscad.brep.free_form_surface import FreeFormSurface
 from tpmscad.brep.loops import LoopError, chain_loops, nest_loops, points_in_polygons
 from tpmscad.brep.restricted_surfaces import restrict_carriers
 from tpmscad.erosion.edge_fits import fit_edge
+from tpmscad.erosion.edge_graph import EdgeGraph
 from tpmscad.erosion.offset_shell import OffsetShell, build_offset_shell
-from tpmscad.erosion.tracing import EdgeGraph, trace_edges
+from tpmscad.erosion.rim_cuts import cut_rim
+from tpmscad.erosion.seeds import find_seeds
+from tpmscad.erosion.tracing import leave_vertices, trace_from_seed
 from tpmscad.errors import TrimmingError, format_point
 from tpmscad.rigid_motion import Motion
 from tpmscad.splines.bspline import BSplineCurve
@@ -34,11 +37,8 @@ CARRIER_MARGIN = 0.3
 """In body sizes: how far fitted carriers may go on beyond the vertices. A lattice that the eroded body trims is followed beyond
 its edges; with 0.001 the trim of an elliptic prism fails, and the kernel's split takes twice as long."""
 
-CHECK_GRID = 24
-"""Nodes along each parameter of a sheet at which the faces are compared with the depth."""
-
 CHECK_BORDER = 0.01
-"""Of the extent of a sheet's domain: nodes nearer to the border of a face are not compared."""
+"""Of the extent of a sheet's domain: nodes nearer to the border of a face are not compared with the depth."""
 
 
 def erode_body(
@@ -70,8 +70,23 @@ def erode_body(
     """
     opened = np.zeros(len(brep.faces), bool) if is_open is None else is_open
     shell = build_offset_shell(brep, free_form, skin, opened)
-    graph = trace_edges(shell)
-    return _Builder(shell, graph).build()
+    return _Builder(shell, trace_edges(shell)).build()
+
+
+def trace_edges(shell: OffsetShell) -> EdgeGraph:
+    """All edges of the eroded body. Raises TrimmingError where an edge cannot be followed to its ends.
+
+    A point of the shell bounds the eroded body if no site is nearer than the skin. First the rims are cut where they get shallow,
+    and edges are traced from all vertices. Then edges that no vertex leads to are sought on all sheets.
+    """
+    graph = EdgeGraph(shell)
+    for rim in range(len(shell.rims)):
+        cut_rim(graph, rim)
+    leave_vertices(graph)
+    for seed in find_seeds(graph):
+        trace_from_seed(graph, *seed)
+        leave_vertices(graph)
+    return graph
 
 
 class _Builder:
@@ -139,7 +154,7 @@ class _Builder:
             own = self.uses.get(sheet, [])
             paths = [self._path(sheet, use) for use in own]
             faces = self._chain(sheet, own, paths, ends)
-            self._check_depth(sheet, paths)
+            self._check_depth(sheet, [np.concatenate([paths[i] for i in loop]) for face in faces for loop in face])
             for loops in faces:
                 for loop in loops:
                     rows += [own[i] for i in loop]
@@ -200,24 +215,19 @@ class _Builder:
             raise TrimmingError(f"the faces of an offset surface do not close about (u, v) = {at}: {error}") from error
         return [[loops[i] for i in face] for face in nested]
 
-    def _check_depth(self, sheet: int, paths: list[Array]) -> None:
-        """TrimmingError if a node of the sheet is deep enough but outside its faces, or inside and too shallow."""
-        own = self.shell.sheets[sheet]
-        low, high = own.box()
-        axes = (np.linspace(a, b, CHECK_GRID + 2)[1:-1] for a, b in zip(low, high, strict=True))
-        uv = np.stack(np.meshgrid(*axes, indexing="ij"), axis=2).reshape(-1, 2)
-        uv = uv[own.contains(uv)]
-        if not len(uv):
-            return
-        deep = np.isinf(self.shell.sites.nearest(own.carrier(*uv.T), self.graph.limit).depth)
-        if not paths:
+    def _check_depth(self, sheet: int, polygons: list[Array]) -> None:
+        """TrimmingError if a node of the sheet is deep enough but outside its faces (n, 2), or inside and too shallow."""
+        own, grid = self.shell.sheets[sheet], self.graph.grid(sheet)
+        uv, deep = grid.uv[grid.inside], grid.deep[grid.inside]
+        if not polygons:
             wrong = deep
         else:
-            start, end = (np.concatenate([p[k] for p in paths]) for k in (slice(None, -1), slice(1, None)))
+            start, end = np.concatenate(polygons), np.concatenate([np.roll(p, -1, axis=0) for p in polygons])
             inside = points_in_polygons(start, end, uv)
             wrong = inside != deep
             if wrong.any():
-                near = _distance_to_segments(uv[wrong] / (high - low), start / (high - low), end / (high - low))
+                extent = np.ptp(own.box(), axis=0)
+                near = _distance_to_segments(uv[wrong] / extent, start / extent, end / extent)
                 wrong[np.flatnonzero(wrong)[near < CHECK_BORDER]] = False
         if wrong.any():
             at = format_point(own.carrier(*uv[wrong][0]))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -35,26 +36,34 @@ def _within_domains(sheets: Sequence[Sheet], y: Array) -> Array:
     return y
 
 
-def meet_pair(one: Sheet, other: Sheet, y: Array, at: Array, along: Array) -> tuple[Array, Array, BoolArray]:
-    """Points of two sheets in the planes through `at` (n, 3) normal to `along` (n, 3), from parameters y (n, 4).
+@dataclass(frozen=True, slots=True, eq=False)
+class Meeting:
+    """Points (n, 3) of two sheets, parameters (n, 4), derivatives by these (n, 4, 3), and which points converged (n,)."""
 
-    Returns the parameters (n, 4), the points (n, 3), and which of them converged.
-    """
-    y, scale = y.copy(), 1.0 + float(np.abs(at).max(initial=0.0))
-    residual = np.full((len(y), 4), np.inf)
-    points = np.zeros((len(y), 3))
+    parameters: Array
+    points: Array
+    frames: Array
+    converged: BoolArray
+
+
+def meet_pair(one: Sheet, other: Sheet, y: Array, at: Array, along: Array) -> Meeting:
+    """Points of two sheets in the planes through `at` (n, 3) normal to `along` (n, 3), from parameters y (n, 4)."""
+    y, scale, n = y.copy(), 1.0 + float(np.abs(at).max(initial=0.0)), len(y)
+    residual, frames, points = np.full((n, 4), np.inf), np.zeros((n, 4, 3)), np.zeros((n, 3))
+    matrix = np.empty((n, 4, 4))
     for _ in range(MAX_STEPS):
-        first, first_u, first_v = one.jet(y[:, :2])
-        second, second_u, second_v = other.jet(y[:, 2:])
+        first, frames[:, 0], frames[:, 1] = one.jet(y[:, :2])
+        second, frames[:, 2], frames[:, 3] = other.jet(y[:, 2:])
         points = 0.5 * (first + second)
         residual = np.concatenate([first - second, ((first - at) * along).sum(axis=1, keepdims=True)], axis=1)
         if np.abs(residual).max(initial=0.0) <= RESIDUAL_REL_TOL * scale:
             break
-        matrix = np.zeros((len(y), 4, 4))
-        matrix[:, :3] = np.stack([first_u, first_v, -second_u, -second_v], axis=2)
-        matrix[:, 3, 0], matrix[:, 3, 1] = (first_u * along).sum(axis=1), (first_v * along).sum(axis=1)
+        matrix[:, :3, :2] = frames[:, :2].swapaxes(1, 2)
+        matrix[:, :3, 2:] = -frames[:, 2:].swapaxes(1, 2)
+        matrix[:, 3, :2], matrix[:, 3, 2:] = (frames[:, :2] @ along[:, :, None])[:, :, 0], 0.0
         y = _within_domains((one, other), y - _solve(matrix, residual))
-    return y, points, np.asarray(np.abs(residual).max(axis=1, initial=0.0) <= 1000 * RESIDUAL_REL_TOL * scale)
+    converged = np.abs(residual).max(axis=1, initial=0.0) <= 1000 * RESIDUAL_REL_TOL * scale
+    return Meeting(y, points, frames, np.asarray(converged))
 
 
 def meet_three(sheets: Sequence[Sheet], y: Array) -> tuple[Array, Array] | None:

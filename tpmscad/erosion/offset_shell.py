@@ -271,20 +271,25 @@ class _Assembly:
         def inward(t: Array) -> Array:
             return np.stack([self.inward(f, curve(t)) for f in joint.faces])
 
-        self._add_tube(joint, curve, span, inward, (0, 1))
+        wide = self._widen_span(joint, span) if is_segment(curve) else span
+        self._add_tube(joint, curve, span, wide, inward, (0, 1))
 
     def _add_tube(
         self,
         joint: _Joint,
         curve: EdgeCurve,
         span: tuple[float, float],
+        wide: tuple[float, float],
         inward: Callable[[Array], Array],
         sides: tuple[int, ...],
     ) -> None:
-        """The tube of an edge, its site, and its rims along the faces `sides` (0, 1), whose normals are the first ones."""
+        """The tube of an edge, its site, and its rims along the faces `sides` (0, 1), whose normals are the first ones.
+
+        wide: the span of the tube, longer than the edge's where the faces go on beyond open ones at its ends.
+        """
         brep, edge = self.brep, joint.edge
         ends = int(brep.edges.start[edge]), int(brep.edges.end[edge])
-        tube = make_tube(curve, span, ends, inward, self.skin, self.size)
+        tube = make_tube(curve, wide, ends, inward, self.skin, self.size)
         number = self._add_sheet(tube.sheet)
         self.tubes.append((number, tube))
         self.sites.append(EdgeSite(curve, span))
@@ -298,7 +303,11 @@ class _Assembly:
             pcurve = brep.pcurves[brep.uses.pcurve[use]] if brep.uses.pcurve[use] >= 0 else None
             side = self._offset_curve(edge, span, face, pcurve, sheet)
             along_tube = -sense * self.sheets[sheet].sense * tube.sheet.sense
-            self.rims.append(Rim(side, span, (sheet, number), (pcurve, tube.sides[own]), (sense, along_tube)))
+            pcurves: list[BSplineCurve | None] = [pcurve, tube.sides[own]]
+            reach = span
+            if wide != span:
+                side, pcurves, reach = _extend(side, pcurves, span, wide)
+            self.rims.append(Rim(side, reach, (sheet, number), (pcurves[0], pcurves[1]), (sense, along_tube)))
 
     def add_open_joint(self, joint: _Joint) -> None:
         """What an edge of an open face needs: a rim in a concave edge of two of them, a tube where the skin ends in a round."""
@@ -326,7 +335,8 @@ class _Assembly:
             along = np.cos(RIM_OVERHANG) * into - np.sin(RIM_OVERHANG) * self.inward(opened, points)
             return np.stack([self.inward(face, points), along])
 
-        self._add_tube(joint, curve, span, inward, (k,))
+        wide = self._widen_span(joint, span) if is_segment(curve) else span
+        self._add_tube(joint, curve, span, wide, inward, (k,))
 
     def _offset_curve(
         self, edge: int, span: tuple[float, float], face: int, pcurve: BSplineCurve | None, sheet: int

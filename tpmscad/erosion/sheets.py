@@ -80,8 +80,7 @@ class Sheet:
 
     def jet(self, uv: Array) -> tuple[Array, Array, Array]:
         """Points and first derivatives (n, 3) at parameters (n, 2)."""
-        u, v = uv.T
-        return self.carrier(u, v), self.carrier(u, v, 1, 0), self.carrier(u, v, 0, 1)
+        return self.carrier.jet(uv[:, 0], uv[:, 1])
 
     def outward(self, uv: Array) -> Array:
         """Unit outward normals (n, 3) of the eroded body at parameters (n, 2)."""

@@ -13,11 +13,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from tpmscad._typing import Array, IntArray
-from tpmscad.brep.carriers import EdgeCurve
+from tpmscad._typing import Array, BoolArray, IntArray
+from tpmscad.brep.carriers import Circle, EdgeCurve
 from tpmscad.brep.free_form_surface import FreeFormSurface
 from tpmscad.brep.loops import points_in_polygons
 from tpmscad.brep.orthogonal_projection import project_to_curve
+from tpmscad.erosion.simple_sites import SimpleSites
+from tpmscad.splines.bspline import is_segment
 from tpmscad.trimming.operands.face_regions import FaceRegion, shift_to_period
 
 BORDER_REL_TOL = 1e-5
@@ -57,21 +59,25 @@ class FaceSite:
 
     def feet(self, points: Array, limit: float) -> tuple[Array, Array]:
         """Distances (n,) of points (n, 3), infinite without a foot in the face or from `limit` on, and (u, v) (n, 2)."""
-        carrier = self.region.carrier
+        carrier, all_uv, all_distances = self.region.carrier, np.zeros((len(points), 2)), np.full(len(points), np.inf)
         if isinstance(carrier, FreeFormSurface):
             found = carrier.foot_points(points, 1)
             distance, uv = np.abs(found.distance), found.parameters
         else:
-            distance, uv = np.abs(carrier.distance(points)), carrier.parameters(points)
-        uv = shift_to_period(uv, carrier, self.region.reference_parameters)
+            distance, uv = np.abs(carrier.distance(points)), None
         near = np.flatnonzero(distance < limit)
-        inside = np.zeros(len(points), bool)
+        if not len(near):
+            return all_distances, all_uv
+        uv = carrier.parameters(points[near]) if uv is None else uv[near]
+        all_uv[near] = uv = shift_to_period(uv, carrier, self.region.reference_parameters)
+        inside = np.zeros(len(near), bool)
         for segments in (self.region.segments, *self.strips):
-            inside[near] |= points_in_polygons(segments[:, 0], segments[:, 1], uv[near])
-        outside = near[~inside[near]]
+            inside |= points_in_polygons(segments[:, 0], segments[:, 1], uv)
+        outside = np.flatnonzero(~inside)
         if len(outside):
-            inside[outside] = self.region.distance_to_border(carrier(*uv[outside].T)) <= self.tol
-        return np.where(inside, distance, np.inf), uv
+            inside[outside] = self.region.is_near_border(carrier(*uv[outside].T), self.tol)
+        all_distances[near[inside]] = distance[near[inside]]
+        return all_distances, all_uv
 
     def box(self) -> Array:
         """Bounding box (2, 3) of samples of the face."""
@@ -140,6 +146,13 @@ class VertexSite:
 Site = FaceSite | OpenSite | EdgeSite | VertexSite
 
 
+def _is_simple(site: Site) -> bool:
+    """Whether a site is a vertex or a straight or circular edge."""
+    return isinstance(site, VertexSite) or (
+        isinstance(site, EdgeSite) and (is_segment(site.curve) or isinstance(site.curve, Circle))
+    )
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class NearestSites:
     """Depths (n,) of points, infinite where no site is within the limit, nearest sites (n,), and parameters there (n, 2)."""
@@ -151,10 +164,16 @@ class NearestSites:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class BodySites:
-    """All sites of a body, and boxes (S, 2, 3) around them."""
+    """All sites of a body, boxes (S, 2, 3) around them, and in which multiple of a distance sought they are sought (S,).
+
+    `simple`: the vertices, straight and circular edges among them once more, in arrays. `others` (S,): which the rest are.
+    """
 
     sites: Sequence[Site]
     boxes: Array
+    reaches: Array
+    simple: SimpleSites
+    others: BoolArray
 
     @classmethod
     def of(cls, sites: Sequence[Site], skin: float, size: float) -> BodySites:
@@ -163,7 +182,13 @@ class BodySites:
         faces = [site.face if isinstance(site, OpenSite) else site for site in sites]
         wide = [BEYOND * skin if isinstance(site, FaceSite) and site.strips else 0.0 for site in faces]
         margin = np.maximum(BOX_MARGIN * size, wide)[:, None, None]
-        return cls(sites, boxes + margin * np.array([[-1.0], [1.0]]))
+        reaches = np.array([BEYOND if isinstance(site, OpenSite) else 1.0 for site in sites])
+        edges = [site for site in sites if isinstance(site, EdgeSite)]
+        lines = [(e.curve, e.span) for e in edges if is_segment(e.curve)]
+        arcs = [(e.curve, e.span) for e in edges if isinstance(e.curve, Circle)]
+        simple = SimpleSites.of([site.point for site in sites if isinstance(site, VertexSite)], lines, arcs)
+        others = np.array([not _is_simple(site) for site in sites])
+        return cls(sites, boxes + margin * np.array([[-1.0], [1.0]]), reaches, simple, others)
 
     def nearest(self, points: Array, limit: float) -> NearestSites:
         """The nearest sites of points (n, 3), sought up to the distance `limit` (model units)."""
@@ -175,15 +200,28 @@ class BodySites:
             depth[at[closer]], site[at[closer]], parameters[at[closer]] = distance[closer], s, uv[closer]
         return NearestSites(depth, site, parameters)
 
-    def _near_boxes(self, points: Array, reach: float) -> Iterator[tuple[int, IntArray]]:
+    def are_deeper(self, points: Array, limit: float) -> BoolArray:
+        """Which points (n, 3) have no site nearer than `limit` (model units): (n,)."""
+        if not len(points):
+            return np.zeros(0, bool)
+        deep = ~self.simple.are_near(points, limit)
+        for s, near in self._near_boxes(points, limit, self.others):
+            at = near[deep[near]]
+            if len(at):
+                deep[at] = ~(self.sites[s].feet(points[at], limit)[0] < limit)
+        return deep
+
+    def _near_boxes(
+        self, points: Array, limit: float, among: BoolArray | bool = True
+    ) -> Iterator[tuple[int, IntArray]]:
         """The sites whose boxes any of the points (n, 3) come near to, with these points."""
         if not len(points):
             return
-        reach *= BEYOND
+        square = (limit * self.reaches) ** 2
         low, high = points.min(axis=0), points.max(axis=0)
         gap = np.maximum(np.maximum(self.boxes[:, 0] - high, low - self.boxes[:, 1]), 0.0)
-        for s in np.flatnonzero((gap * gap).sum(axis=1) < reach * reach).tolist():
+        for s in np.flatnonzero(((gap * gap).sum(axis=1) < square) & among).tolist():
             outside = np.maximum(np.maximum(self.boxes[s, 0] - points, points - self.boxes[s, 1]), 0.0)
-            at = np.flatnonzero((outside * outside).sum(axis=1) < reach * reach)
+            at = np.flatnonzero((outside * outside).sum(axis=1) < square[s])
             if len(at):
                 yield s, at

@@ -1,11 +1,10 @@
 """A body filled with a lattice behind a solid skin.
 
 The body is eroded by the skin, the lattice is subtracted from what is left, and the voids that remain are subtracted from the
-body. A body of planes and quadrics whose concave edges are straight or circular is eroded by the kernel's arrangement of its
-offset surfaces, which is exact and fastest. All other bodies without poles and gaps, free-form faces included, are eroded by an
-arrangement of offset faces in arrays (`tpmscad.erosion`); the skin then has the thickness asked for everywhere, round concave
-edges too. What both refuse is offset with mitres, or by the kernel in a process of its own with a time limit. Whatever the
-method, the thickness is measured, on the offset body and on the result.
+body. A body without poles and gaps is eroded by an arrangement of offset faces in arrays (`tpmscad.erosion`); the skin then has
+the thickness asked for everywhere, round concave edges too. Where offset faces touch without crossing, the skin is made thicker
+by 1e-4. What this refuses is offset by the kernel in a process of its own with a time limit. Whatever the method, the thickness
+is measured, on the offset body and on the result.
 """
 
 from __future__ import annotations
@@ -19,15 +18,17 @@ import numpy as np
 from scipy.optimize import minimize
 
 from tpmscad._typing import Array
+from tpmscad.brep.boundary_representation import Brep
+from tpmscad.brep.winding_numbers import winding_numbers
 from tpmscad.erosion.eroded_body import erode_body as erode_body_in_arrays
 from tpmscad.errors import InvalidRequest, KernelError, format_point
 from tpmscad.fallbacks import Fallback, Fallbacks
 from tpmscad.kernel.body_import.body_brep import read_free_form_body
 from tpmscad.kernel.body_import.cad_body import CadBody, read_body
-from tpmscad.kernel.boolean.erosion import erode
 from tpmscad.kernel.boolean.hollow_body import count_closed_cavities, find_skin_faces
 from tpmscad.kernel.boolean.inward_offset import offset_by_occt
-from tpmscad.kernel.build.solids import build_solids
+from tpmscad.kernel.build.solids import build_solids, select_solids
+from tpmscad.kernel.export.solid_mesh import mesh_solids
 from tpmscad.kernel.measure.skin_depth import SkinDepth, SkinThickness, measure_skin_thickness, sample_depths
 from tpmscad.kernel.occt.bounding_boxes import enclosing_box
 from tpmscad.kernel.occt.exploration import faces_of
@@ -51,10 +52,7 @@ DEEPEST_REL_TOL = 1e-5
 
 SKIN_EXCESS = 1e-4
 """In skins: by how much the skin is thicker in the second attempt. Offset surfaces of a body in round numbers may touch without
-crossing at just the thickness asked for: a tube may meet the edge between two others."""
-
-EROSION_MARGIN = 0.6
-"""In skins: by how much the offset surfaces exceed their faces in the second attempt to intersect them."""
+crossing at just the thickness asked for: a tube may meet the edge between two others, or two planes may coincide."""
 
 DEPTH_SAMPLES = 256
 INSET_SAMPLES = 256
@@ -68,14 +66,21 @@ MITRE_GAP = 1 - 1 / MAX_THICKNESS_RATIO
 """In skins: distance from the offset body up to which a point may be missed in a mitre; the tube that the mitre replaces is
 nowhere farther from it."""
 
+MESH_DEVIATION, MESH_ANGLE = 0.004, 0.5
+"""In skins, and radians: fineness of the meshes of the eroded body that must hold these points."""
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ErodedBody:
-    """The parts of a body deeper than the skin, largest first, the depth they were measured by, and the method."""
+    """The parts of a body deeper than the skin, largest first, the depth they were measured by, and the method.
+
+    breps: the boundary representation of each part, None if the kernel made them.
+    """
 
     parts: tuple[CadBody, ...]
     depth: SkinDepth
     method: str
+    breps: tuple[Brep, ...] | None = None
 
 
 def fill_within_skin(block: LatticeBlock, body: CadBody, skin: float, open_faces: Sequence[Any] = ()) -> BooleanResult:
@@ -122,7 +127,8 @@ def erode_body(body: CadBody, skin: float, open_faces: Sequence[Any] = ()) -> Er
 
     request = ErosionRequest(body, skin, open_faces, depth, points[depths > DEEP_RATIO * skin])
     eroded = EROSION_METHODS.run(request)
-    return ErodedBody(eroded.value, depth, eroded.name)
+    parts, breps = eroded.value
+    return ErodedBody(parts, depth, eroded.name, breps)
 
 
 def find_deepest(depth: SkinDepth, points: Array, depths: Array) -> tuple[Array, float]:
@@ -165,7 +171,11 @@ class ErosionRequest:
         return parts
 
 
-def erode_in_arrays(request: ErosionRequest, excess: float = 0.0) -> tuple[CadBody, ...]:
+ErodedParts = tuple[tuple[CadBody, ...], tuple[Brep, ...] | None]
+"""The parts of an eroded body, and their boundary representations if they were made in arrays."""
+
+
+def erode_in_arrays(request: ErosionRequest, excess: float = 0.0) -> ErodedParts:
     """The parts of a body deeper than (1 + excess) skins, by an arrangement of offset faces."""
     own = faces_of(request.body.shape)
     body = read_free_form_body(request.body.shape, [str(i) for i in range(len(own))])
@@ -173,23 +183,18 @@ def erode_in_arrays(request: ErosionRequest, excess: float = 0.0) -> tuple[CadBo
     eroded = erode_body_in_arrays(body.brep, body.free_form, (1 + excess) * request.skin, opened[body.brep.faces.tag])
     if not len(eroded.faces):
         raise KernelError("offset by the skin", "the offset is empty")
-    return request.check(build_solids(eroded).solids)
+    built = build_solids(eroded)
+    return request.check(built.solids), tuple(select_solids(eroded, built, [k])[0] for k in range(built.n_solids))
 
 
-def _erode_exactly(request: ErosionRequest, margin: float = 0.0, mitres: bool = True) -> tuple[CadBody, ...]:
-    return request.check(erode(request.body, request.skin, request.open_faces, request.depth, margin, mitres))
-
-
-def _offset_in_kernel(request: ErosionRequest, join: str) -> tuple[CadBody, ...]:
-    return request.check(offset_by_occt(request.body.shape, request.skin, request.open_faces, join))
+def _offset_in_kernel(request: ErosionRequest, join: str) -> ErodedParts:
+    return request.check(offset_by_occt(request.body.shape, request.skin, request.open_faces, join)), None
 
 
 EROSION_METHODS = Fallbacks(
     (
-        Fallback("exact erosion", partial(_erode_exactly, mitres=False), "half a second for a bracket"),
         Fallback("an arrangement of offset faces", erode_in_arrays, "one to three seconds"),
         Fallback("an arrangement of offset faces", partial(erode_in_arrays, excess=SKIN_EXCESS), "as much again"),
-        Fallback("exact erosion", partial(_erode_exactly, margin=EROSION_MARGIN), "as much as the first"),
         Fallback("the kernel's offset with arcs", partial(_offset_in_kernel, join="arc"), "up to 20 s of CPU"),
         Fallback("the kernel's offset with mitres", partial(_offset_in_kernel, join="mitre"), "up to 20 s of CPU"),
     )
@@ -208,12 +213,12 @@ def check_eroded(parts: Sequence[CadBody], open_faces: Sequence[Any], skin: floa
     for check in check_skin_thickness(measure_skin_thickness(inner, depth), skin):
         if not check.passed:
             raise KernelError("offset by the skin", check.shortfall)
-    bounds = [SkinDepth(part.shape, faces_of(part.shape)) for part in parts]
-    missed = deep
-    for bound in bounds:
-        missed = missed[~bound.contains(missed)]
-    gaps = np.min([bound.distances(missed) for bound in bounds], axis=0)
-    missed = missed[(gaps > MITRE_GAP * skin) | (depth.distances(missed) > MAX_THICKNESS_RATIO * skin)]
+    meshes = [mesh for part in parts for mesh in mesh_solids(part.shape, MESH_DEVIATION * skin, MESH_ANGLE)]
+    held = np.sum([winding_numbers(mesh.points, mesh.triangles, deep) for mesh in meshes], axis=0)
+    missed = deep[held < 1]
+    if len(missed):
+        gaps = np.min([SkinDepth(part.shape, faces_of(part.shape)).distances(missed) for part in parts], axis=0)
+        missed = missed[(gaps > MITRE_GAP * skin) | (depth.distances(missed) > MAX_THICKNESS_RATIO * skin)]
     if len(missed):
         where = format_point(missed[0])
         raise KernelError("offset by the skin", f"the offset misses a part of the body near {where}")

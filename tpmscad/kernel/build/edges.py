@@ -21,7 +21,7 @@ from OCP.TopoDS import TopoDS_Edge, TopoDS_Face, TopoDS_Vertex
 
 from tpmscad._typing import Array, IntArray
 from tpmscad.brep.boundary_representation import Brep
-from tpmscad.brep.carriers import Carrier, Circle, ConicalSurface, Ellipse, SphericalSurface
+from tpmscad.brep.carriers import Carrier, Circle, ConicalSurface, Ellipse, SphericalSurface, ToroidalSurface
 from tpmscad.brep.conics import TWO_PI
 from tpmscad.brep.foot_surface import find_point_sides
 from tpmscad.brep.quadrics import MIN_POLE_STEP_ANGLE
@@ -197,6 +197,8 @@ def _has_pole(carrier: Carrier) -> bool:
     """Whether a line v = const of the carrier is a point."""
     if isinstance(carrier, BSplineSurface):
         return bool(find_point_sides(carrier)[[0, 2]].any())
+    if isinstance(carrier, ToroidalSurface):
+        return carrier.major < carrier.minor
     return isinstance(carrier, SphericalSurface | ConicalSurface)
 
 

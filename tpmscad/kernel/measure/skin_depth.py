@@ -6,22 +6,23 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from OCP.BRep import BRep_Tool
 from OCP.BRepBuilderAPI import BRepBuilderAPI_MakeVertex
 from OCP.BRepClass3d import BRepClass3d_SolidClassifier
-from OCP.BRepExtrema import BRepExtrema_DistShapeShape
-from OCP.gp import gp_Pnt
-from OCP.TopAbs import TopAbs_IN, TopAbs_OUT
+from OCP.BRepExtrema import BRepExtrema_DistShapeShape, BRepExtrema_IsInFace
+from OCP.BRepGProp import BRepGProp_Face
+from OCP.gp import gp_Pnt, gp_Vec
+from OCP.TopAbs import TopAbs_OUT
 from OCP.TopoDS import TopoDS_Face, TopoDS_Solid
 
 from tpmscad._typing import Array
-from tpmscad.errors import KernelError
+from tpmscad.errors import KernelError, format_point
 from tpmscad.kernel.measure.shape_sampling import sample_edge, sample_faces, sobol_points
+from tpmscad.kernel.occt import convert
 from tpmscad.kernel.occt.bounding_boxes import enclosing_box
 from tpmscad.kernel.occt.construction import make_compound
 from tpmscad.kernel.occt.convert import CONFUSION_TOLERANCE
-from tpmscad.kernel.occt.exploration import ShapeKey, edges_of
+from tpmscad.kernel.occt.exploration import ShapeKey, edges_of, faces_of
 
 MAX_FACE_POINTS = 300
 MAX_EDGE_POINTS = 200
@@ -38,7 +39,12 @@ PIECES_PER_EDGE = 4
 
 
 class SkinDepth:
-    """Distances of points from the faces of a solid that carry a skin, and whether the points lie in the solid."""
+    """Distances of points from the faces of a solid that carry a skin, and whether the points lie in the solid.
+
+    A point whose nearest point is inside a face lies on the side of the face's normal that it is seen from. The kernel's
+    classifier is asked only where the nearest point is on an edge, or where not all faces carry a skin: in a solid of splines it
+    takes 82 ms a point, a distance 2 to 5 ms.
+    """
 
     def __init__(self, solid: TopoDS_Solid, faces: Sequence[TopoDS_Face]) -> None:
         self.solid = solid
@@ -46,29 +52,39 @@ class SkinDepth:
         self._measure = BRepExtrema_DistShapeShape()
         self._measure.LoadS2(make_compound(self.faces))
         self._classify = BRepClass3d_SolidClassifier(solid)
+        self._is_whole = len(self.faces) == len(faces_of(solid))
 
     def distances(self, points: Array) -> Array:
         """Distances (n,) of points (n, 3) from the nearest face, without sign."""
-        found = np.empty(len(points))
-        for i, (x, y, z) in enumerate(points.tolist()):
-            self._measure.LoadS1(BRepBuilderAPI_MakeVertex(gp_Pnt(x, y, z)).Vertex())
-            if not self._measure.Perform():
-                raise KernelError("depth below the skin", f"no foot point for ({x:g}, {y:g}, {z:g})", self.solid)
-            found[i] = self._measure.Value()
-        return found
-
-    def contains(self, points: Array, boundary: bool = True) -> NDArray[np.bool_]:
-        """Whether points (n, 3) lie inside the solid, or on its boundary if `boundary`: (n,)."""
-        found = np.empty(len(points), bool)
-        for i, (x, y, z) in enumerate(points.tolist()):
-            self._classify.Perform(gp_Pnt(x, y, z), CONFUSION_TOLERANCE)
-            state = self._classify.State()
-            found[i] = state != TopAbs_OUT if boundary else state == TopAbs_IN
-        return found
+        return np.array([self._distance(point) for point in points.tolist()]).reshape(-1)
 
     def __call__(self, points: Array) -> Array:
         """Depths (n,) of points (n, 3), negative outside the solid."""
-        return np.where(self.contains(points), 1.0, -1.0) * self.distances(points)
+        depth = np.empty(len(points))
+        for i, point in enumerate(points.tolist()):
+            depth[i] = self._distance(point)
+            side = self._side_of_foot() if self._is_whole else None
+            if side is None:
+                self._classify.Perform(gp_Pnt(*point), CONFUSION_TOLERANCE)
+                side = -1.0 if self._classify.State() == TopAbs_OUT else 1.0
+            depth[i] *= side
+        return depth
+
+    def _distance(self, point: list[float]) -> float:
+        """Distance of a point; the foot is then known."""
+        self._measure.LoadS1(BRepBuilderAPI_MakeVertex(gp_Pnt(*point)).Vertex())
+        if not self._measure.Perform():
+            raise KernelError("depth below the skin", f"no foot point for {format_point(point)}", self.solid)
+        return float(self._measure.Value())
+
+    def _side_of_foot(self) -> float | None:
+        """1 if the last point is behind the face that holds its foot, -1 if before it, None if the foot is on an edge."""
+        if self._measure.SupportTypeShape2(1) != BRepExtrema_IsInFace:
+            return None
+        foot, normal = gp_Pnt(), gp_Vec()
+        face = convert.as_face(self._measure.SupportOnShape2(1))
+        BRepGProp_Face(face).Normal(*self._measure.ParOnFaceS2(1), foot, normal)
+        return 1.0 if gp_Vec(foot, self._measure.PointOnShape1(1)).Dot(normal) <= 0 else -1.0
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -104,7 +120,7 @@ def measure_skin_thickness(inner: Sequence[TopoDS_Face], depth: SkinDepth) -> Sk
     for face in inner:
         box = enclosing_box(face)
         low, high = np.minimum(low, box[0]), np.maximum(high, box[1])
-    on_faces = sample_faces(inner, float(np.linalg.norm(high - low)) / POINTS_ACROSS).points
+    on_faces = sample_faces(inner, float(np.linalg.norm(high - low)) / POINTS_ACROSS, exact=True).points
     edges = {ShapeKey(e): e for face in inner for e in edges_of(face) if not BRep_Tool.Degenerated_s(e)}
     along = np.concatenate([np.zeros((0, 3)), *(sample_edge(edge, PIECES_PER_EDGE) for edge in edges.values())])
     rng = np.random.default_rng(0)
@@ -130,5 +146,6 @@ def sample_depths(depth: SkinDepth, skin: float, in_box: int, below_faces: int) 
     if len(below) > below_faces:
         below = rng.choice(below, below_faces, replace=False)
     points = np.concatenate([anywhere, below])
-    points = points[depth.contains(points, boundary=False)]
-    return points, depth.distances(points)
+    depths = depth(points)
+    inside = depths > CONFUSION_TOLERANCE
+    return points[inside], depths[inside]

@@ -11,7 +11,7 @@ from tpmscad._typing import Array, BoolArray, IntArray
 from tpmscad.brep.boundary_representation import Brep
 from tpmscad.brep.carriers import EdgeCurve, Plane
 from tpmscad.brep.free_form_surface import BodyCarrier
-from tpmscad.brep.loops import points_in_polygons
+from tpmscad.brep.loops import pair_with_intervals, points_in_polygons
 from tpmscad.splines.bspline import is_segment
 from tpmscad.trimming.operands.trimming_body import TrimmingBody, face_use_range
 
@@ -53,6 +53,20 @@ class FaceRegion:
         along = np.clip(ahead / np.maximum(length, MIN_SQUARED_LENGTH), 0.0, 1.0)
         square = (a * a).sum(axis=1) - 2.0 * (points @ a.T) - along * (2.0 * ahead - along * length)
         return np.asarray(np.sqrt(np.maximum(square.min(axis=1) + (points * points).sum(axis=1), 0.0)))
+
+    def is_near_border(self, points: Array, distance: float) -> BoolArray:
+        """Which points (n, 3) lie within a small distance of the border: (n,)."""
+        start, end = self.border[:, 0], self.border[:, 1]
+        axis = int(np.ptp(self.border, axis=(0, 1)).argmax())
+        one, other = start[:, axis], end[:, axis]
+        low, high = np.minimum(one, other) - distance, np.maximum(one, other) + distance
+        segment, point = pair_with_intervals(points[:, axis], low, high)
+        arm, step = points[point] - start[segment], (end - start)[segment]
+        along = np.clip((arm * step).sum(axis=1) / np.maximum((step * step).sum(axis=1), MIN_SQUARED_LENGTH), 0.0, 1.0)
+        near = np.linalg.norm(arm - along[:, None] * step, axis=1) <= distance
+        found = np.zeros(len(points), bool)
+        found[point[near]] = True
+        return found
 
 
 def shift_to_period(uv: Array, carrier: BodyCarrier, reference: Array) -> Array:

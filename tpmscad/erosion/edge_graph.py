@@ -1,0 +1,117 @@
+"""The graph of edges and vertices of an eroded body, and what its offset shell says of points."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from tpmscad._typing import Array, BoolArray
+from tpmscad.erosion.offset_shell import OffsetShell
+from tpmscad.erosion.sites import FaceSite, OpenSite, depth_limit
+
+MERGE_REL_TOL = 1e-6
+"""In body sizes: vertices within it are one."""
+
+GRID = 33
+"""Nodes along each parameter of a sheet, at which its depth is sampled."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class TracedEdge:
+    """An edge of two sheets: parameters (m, 4) and points (m, 3) in order, vertices, and directions (2, 3) into it there."""
+
+    sheets: tuple[int, int]
+    parameters: Array
+    points: Array
+    leaving: Array
+    start: int
+    end: int
+
+
+@dataclass(frozen=True, slots=True)
+class RimPiece:
+    """A part of a rim between two parameters and vertices."""
+
+    rim: int
+    span: tuple[float, float]
+    start: int
+    end: int
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class SheetGrid:
+    """Nodes (n, n) of a sheet, n = `GRID`: (u, v), points, and which are in the domain, and which are deep enough as well."""
+
+    uv: Array
+    points: Array
+    inside: BoolArray
+    deep: BoolArray
+
+
+@dataclass(slots=True, eq=False)
+class EdgeGraph:
+    """Vertices with the sheets that meet there and the parameters on them, traced edges, and pieces of rims."""
+
+    shell: OffsetShell
+    vertices: list[Array] = field(default_factory=list)
+    incident: list[list[tuple[int, Array]]] = field(default_factory=list)
+    edges: list[TracedEdge] = field(default_factory=list)
+    rim_pieces: list[RimPiece] = field(default_factory=list)
+    grids: dict[int, SheetGrid] = field(default_factory=dict)
+
+    @property
+    def limit(self) -> float:
+        """Depth from which a point counts as deep enough."""
+        return depth_limit(self.shell.skin, self.shell.size)
+
+    def vertex_at(self, point: Array, entries: list[tuple[int, Array]]) -> int:
+        """The vertex at a point, made if there is none, with sheets and parameters added."""
+        gaps = np.linalg.norm(np.reshape(self.vertices, (-1, 3)) - point, axis=1)
+        if len(gaps) and gaps.min() <= MERGE_REL_TOL * self.shell.size:
+            vertex = int(gaps.argmin())
+        else:
+            vertex = len(self.vertices)
+            self.vertices.append(point)
+            self.incident.append([])
+        own = self.incident[vertex]
+        for sheet, uv in entries:
+            if all(s != sheet or not self._same_place(sheet, w, uv) for s, w in own):
+                own.append((sheet, uv))
+        return vertex
+
+    def _same_place(self, sheet: int, one: Array, other: Array) -> bool:
+        """Whether parameters that belong to one point are the same place of a sheet."""
+        extent = np.ptp(self.shell.sheets[sheet].box(), axis=0)
+        return bool((np.abs(one - other) <= 1e-3 * extent).all())
+
+    def are_deep(self, points: Array) -> BoolArray:
+        """Which points (n, 3) are deep enough: (n,)."""
+        return self.shell.sites.are_deeper(points, self.limit)
+
+    def nearest_sheet(self, point: Array) -> tuple[int, Array] | None:
+        """The sheet of the site that is too near to a point (3,), and parameters on it to start from; None if it has no sheet."""
+        shell = self.shell
+        near = shell.sites.nearest(point[None], shell.skin)
+        site = int(near.site[0])
+        sheet = int(shell.sheet_of_site[site]) if site >= 0 else -1
+        if sheet < 0:
+            return None
+        if isinstance(shell.sites.sites[site], FaceSite | OpenSite):
+            return sheet, near.parameters[0]
+        return sheet, shell.sheets[sheet].parameters_near(point)
+
+    def grid(self, number: int) -> SheetGrid:
+        """The nodes of a sheet, sampled when they are first asked for."""
+        if number not in self.grids:
+            sheet = self.shell.sheets[number]
+            low, high = sheet.box()
+            axes = (np.linspace(a, b, GRID + 2)[1:-1] for a, b in zip(low, high, strict=True))
+            uv = np.stack(np.meshgrid(*axes, indexing="ij"), axis=2)
+            inside = sheet.contains(uv.reshape(-1, 2)).reshape(uv.shape[:2])
+            points = np.full((*inside.shape, 3), np.nan)
+            points[inside] = sheet.carrier(*uv[inside].T)
+            deep = inside.copy()
+            deep[inside] = self.are_deep(points[inside])
+            self.grids[number] = SheetGrid(uv, points, inside, deep)
+        return self.grids[number]
