@@ -26,6 +26,7 @@ from OCP.Geom import Geom_BSplineSurface, Geom_OffsetSurface
 from scipy.spatial import cKDTree
 
 import tpmscad
+from benchmarks.small_bodies import FREE_FORM_BODIES
 from tpmscad.kernel.body_import.cad_body import read_body
 from tpmscad.kernel.boolean.hollow_body import find_skin_faces
 from tpmscad.kernel.measure.shape_report import check_shape
@@ -92,43 +93,12 @@ CASES = {
 }
 
 
-def cam() -> bd.Shape:
-    points = [(4.0, 0), (1.8, 2.7), (-1.3, 3.1), (-4, 1), (-3.1, -2.2), (0.5, -2.6)]
-    return bd.extrude(bd.make_face(bd.Spline(*points, periodic=True)), 5)
-
-
-def turned() -> bd.Shape:
-    """A spline revolved."""
-    side = bd.Spline((3.2, 0), (3.6, 1.6), (2.4, 4), (1.6, 6))
-    profile = bd.make_face([*bd.Polyline((1.6, 6), (0, 6), (0, 0), (3.2, 0)).edges(), side])
-    return bd.revolve(bd.Plane.XZ * profile, bd.Axis.Z)
-
-
-def elbow() -> bd.Shape:
-    path = bd.Spline((0, 0, 0), (0, 0, 3), (2, 0.8, 5.2), (4.8, 1.6, 5.6))
-    return bd.sweep(bd.Plane(origin=path @ 0, z_dir=path % 0) * bd.Ellipse(2.0, 1.3), path)
-
-
-def blade() -> bd.Shape:
-    """A ruled loft between two quadratic arcs with a chord each."""
-    sections = []
-    for z, (a, b), c in ((0, ((0, 0), (7, 0)), (3.5, 6)), (5, ((1, 1), (6, 1.5)), (3.5, 6.5))):
-        ends = (*a, z), (*b, z)
-        arc = bd.Edge.make_bezier(ends[0], (*c, z), ends[1])
-        sections.append(bd.Face(bd.Wire([arc, bd.Edge.make_line(ends[1], ends[0])])))
-    return bd.loft(sections, ruled=True)
-
-
 ERODED: dict[str, Callable[[], Any]] = {
     "box": lambda: bd.Box(30, 26, 22),
     "bored": lambda: bd.Cylinder(12, 26) - bd.Cylinder(4, 40),
     "pocket": lambda: bd.Box(30, 26, 22) - bd.Pos(0, 0, 6) * bd.Box(12, 10, 12),
     **{name: case.make for name, case in CASES.items() if name != "cylinder"},
-    "cam": cam,
-    "turned": turned,
-    "elbow": elbow,
-    "ellipse": lambda: bd.extrude(bd.Ellipse(3.9, 2.4), 5),
-    "blade": blade,
+    **{name: make for name, make in FREE_FORM_BODIES.items() if name != "dome"},
 }
 """Bodies that are eroded without being filled."""
 

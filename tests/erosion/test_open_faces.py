@@ -8,8 +8,8 @@ import build123d as bd
 import numpy as np
 import pytest
 
+from benchmarks.small_bodies import FREE_FORM_BODIES
 from tests.erosion.test_eroded_body import ellipse_perimeter
-from tests.kernel.test_free_form_cut import BODIES
 from tpmscad.brep.boundary_representation import Brep
 from tpmscad.brep.moments import integral_properties
 from tpmscad.erosion.eroded_body import erode_body
@@ -77,17 +77,17 @@ def test_rounds_that_end_the_skin_may_end_in_an_open_face() -> None:
 
 def test_a_free_form_body_open_at_one_end_has_its_closed_form_volume() -> None:
     a, b, skin = 3.9, 2.4, 0.8
-    brep, least, greatest = eroded(BODIES["ellipse"](), skin, (UP,))
+    brep, least, greatest = eroded(FREE_FORM_BODIES["ellipse"](), skin, (UP,))
     section = np.pi * a * b - ellipse_perimeter(a, b) * skin + np.pi * skin**2
     assert volume(brep) == pytest.approx(section * (5 - skin), rel=2e-7)
     assert (least, greatest) == pytest.approx((skin, skin), rel=1e-6)
 
 
-@pytest.mark.parametrize("name", ["cam", "handle", "blade"])
+@pytest.mark.parametrize("name", ["cam", "turned", "blade"])
 def test_free_form_bodies_may_be_open(name: str) -> None:
     """Faces of `handle` and `blade` lean in above the open end, where the skin is thicker by the slope."""
     skin = 0.3
-    brep, least, greatest = eroded(BODIES[name](), skin, (UP,))
+    brep, least, greatest = eroded(FREE_FORM_BODIES[name](), skin, (UP,))
     assert least == pytest.approx(skin, rel=1e-6)
     assert greatest < 1.06 * skin
     assert {brep.tags[t] for t in brep.faces.tag} == {"skin"}

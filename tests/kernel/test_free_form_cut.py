@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-
 import numpy as np
 import pytest
 
@@ -11,6 +9,7 @@ pytest.importorskip("OCP")
 
 import build123d as bd
 
+from benchmarks.small_bodies import FREE_FORM_BODIES
 from tests.trimming.conftest import Cover, cover
 from tpmscad.brep import connectivity
 from tpmscad.brep.boundary_representation import Brep, reverse_faces
@@ -30,64 +29,15 @@ pytestmark = [pytest.mark.kernel, pytest.mark.slow]
 __all__ = ["cover"]
 
 
-def cam() -> bd.Shape:
-    """An extruded periodic spline: the third derivative jumps across six lines."""
-    points = [(4.0, 0), (1.8, 2.7), (-1.3, 3.1), (-4, 1), (-3.1, -2.2), (0.5, -2.6)]
-    return bd.extrude(bd.make_face(bd.Spline(*points, periodic=True)), 5)
-
-
-def handle() -> bd.Shape:
-    """A spline revolved."""
-    side = bd.Spline((3.2, 0), (3.6, 1.6), (2.4, 4), (1.6, 6))
-    profile = bd.make_face([*bd.Polyline((1.6, 6), (0, 6), (0, 0), (3.2, 0)).edges(), side])
-    return bd.revolve(bd.Plane.XZ * profile, bd.Axis.Z)
-
-
-def elbow() -> bd.Shape:
-    """An ellipse swept along a spline in space."""
-    path = bd.Spline((0, 0, 0), (0, 0, 3), (2, 0.8, 5.2), (4.8, 1.6, 5.6))
-    return bd.sweep(bd.Plane(origin=path @ 0, z_dir=path % 0) * bd.Ellipse(2.0, 1.3), path)
-
-
-def ellipse() -> bd.Shape:
-    return bd.extrude(bd.Ellipse(3.9, 2.4), 5)
-
-
-def blade() -> bd.Shape:
-    """A ruled loft between two quadratic arcs with a chord each."""
-    sections = []
-    for z, ends, top in ((0, ((0, 0), (7, 0)), (3.5, 6)), (5, ((1, 1), (6, 1.5)), (3.5, 6.5))):
-        (a, b), c = ((x, y, z) for x, y in ends), (*top, z)
-        sections.append(bd.Face(bd.Wire([bd.Edge.make_bezier(a, c, b), bd.Edge.make_line(b, a)])))
-    return bd.loft(sections, ruled=True)
-
-
-def dome() -> bd.Shape:
-    """A spline revolved that meets the axis at a right angle: a pole where the surface is smooth."""
-    side = bd.Spline((4, 0), (3.2, 2.4), (0, 4), tangents=((0, 1), (-1, 0)))
-    profile = bd.make_face([side, *bd.Polyline((0, 4), (0, 0), (4, 0)).edges()])
-    return bd.revolve(bd.Plane.XZ * profile, bd.Axis.Z)
-
-
-BODIES: dict[str, Callable[[], bd.Shape]] = {
-    "cam": cam,
-    "handle": handle,
-    "elbow": elbow,
-    "ellipse": ellipse,
-    "blade": blade,
-    "dome": dome,
-}
-
-
 def place(body: bd.Shape, angles: tuple[float, float, float]) -> bd.Shape:
     """The body turned, with its bounding box about the middle of a cell."""
     turned = bd.Rotation(*angles) * body
     return bd.Pos(*(np.array([5.0, 5.0, 5.0]) - np.array(tuple(turned.bounding_box().center())))) * turned
 
 
-@pytest.fixture(scope="module", params=BODIES)
+@pytest.fixture(scope="module", params=FREE_FORM_BODIES)
 def case(request: pytest.FixtureRequest) -> tuple[bd.Shape, FreeFormBody]:
-    body = place(BODIES[request.param](), (20.0, 35.0, 50.0))
+    body = place(FREE_FORM_BODIES[request.param](), (20.0, 35.0, 50.0))
     return body, read_free_form_body(body)
 
 
@@ -134,7 +84,7 @@ def test_it_is_what_the_kernel_cuts(case, cover: Cover) -> None:
 
 
 def test_tags_are_those_of_the_shapes_faces() -> None:
-    body = ellipse()
+    body = FREE_FORM_BODIES["ellipse"]()
     names = [f"face {i}" for i in range(len(body.faces()))]
     read = read_free_form_body(body, names)
     area = dict.fromkeys(names, 0.0)
