@@ -2,15 +2,12 @@
 
 from __future__ import annotations
 
-from functools import lru_cache
-
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
 from tests.shapes import round_shapes as shapes
-from tpmscad import fields
-from tpmscad.brep import connectivity
+from tests.trimming.network_operands import combine, rod, volume
 from tpmscad.brep.boundary_representation import Brep
 from tpmscad.brep.carriers import (
     Circle,
@@ -22,12 +19,9 @@ from tpmscad.brep.carriers import (
     SphericalSurface,
     ToroidalSurface,
 )
-from tpmscad.brep.moments import integral_properties
 from tpmscad.brep.quadrics import MIN_POLE_STEP_ANGLE
-from tpmscad.levelset.field_solid import fit_field
 from tpmscad.splines.bspline import BSplineSurface
 from tpmscad.trimming.intersect.network_hits import locate_in_faces, prepare_network
-from tpmscad.trimming.network_boolean import KEPT_INSIDE, NetworkResult, Operation, combine_networks
 from tpmscad.trimming.operands.conic_splines import approximate_conic, approximate_quadric
 from tpmscad.trimming.operands.network_tables import divide_uses
 from tpmscad.trimming.operands.polyhedra import box
@@ -49,25 +43,6 @@ BODIES = {
     "cone": lambda: shapes.cone(1.5, 3.0, rotation=TILT, translation=(0.1, 0.2, -1.7)),
     "torus": lambda: shapes.torus(1.2, 0.4, rotation=TILT, translation=(0.1, 0.2, -0.1)),
 }
-
-
-@lru_cache
-def rod() -> Brep:
-    """A solid of patches with T-vertices, and caps."""
-    return fit_field(fields.rod(fields.tpms("schwarz_p", 3.0), -0.6), np.full(3, -1.87), np.full(3, 1.93), 2e-2).brep
-
-
-def volume(brep: Brep) -> float:
-    return float(integral_properties.volume(integral_properties.integrate_faces(brep))[0])
-
-
-def combine(first: Brep, second: Brep) -> dict[Operation, NetworkResult]:
-    """All operations, each result closed with connected loops."""
-    found = {operation: combine_networks(first, second, operation) for operation in KEPT_INSIDE}
-    for result in found.values():
-        assert connectivity.is_closed(result.brep)
-        assert not len(connectivity.find_broken_loops(result.brep))
-    return found
 
 
 def measure_edges(brep: Brep) -> float:

@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 
 from tests.trimming.conftest import Cover, cover
+from tests.trimming.network_operands import combine, rod, volume
 from tpmscad import fields
 from tpmscad.brep import connectivity
 from tpmscad.brep.boundary_representation import Brep, move_brep, reverse_faces, select_faces, translate_brep
 from tpmscad.brep.free_form_surface import FreeFormSurface
-from tpmscad.brep.moments import integral_properties
 from tpmscad.errors import InvalidRequest, TrimmingError
 from tpmscad.levelset.field_solid import fit_field
 from tpmscad.rigid_motion import Motion
@@ -40,25 +40,6 @@ SKEW = Motion(np.array([[0.36, 0.48, -0.8], [-0.8, 0.6, 0.0], [0.48, 0.64, 0.6]]
 @lru_cache
 def ball(centre: tuple[float, float, float], radius: float) -> Brep:
     return fit_field(fields.sphere(centre, radius), LOW, HIGH, 1e-2).brep
-
-
-@lru_cache
-def rod() -> Brep:
-    """A solid with caps at its box, and patches with T-vertices."""
-    return fit_field(fields.rod(fields.tpms("schwarz_p", 3.0), -0.6), LOW + 0.13, HIGH - 0.07, 2e-2).brep
-
-
-def volume(brep: Brep) -> float:
-    return float(integral_properties.volume(integral_properties.integrate_faces(brep))[0])
-
-
-def combine(first: Brep, second: Brep) -> dict[Operation, NetworkResult]:
-    """All operations, each result closed with connected loops."""
-    found = {operation: combine_networks(first, second, operation) for operation in KEPT_INSIDE}
-    for result in found.values():
-        assert connectivity.is_closed(result.brep)
-        assert not len(connectivity.find_broken_loops(result.brep))
-    return found
 
 
 def assert_volumes_add_up(first: Brep, second: Brep, found: dict[Operation, NetworkResult]) -> None:
