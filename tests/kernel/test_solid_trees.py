@@ -8,8 +8,9 @@ import pytest
 pytest.importorskip("OCP")
 
 import build123d as bd
+from OCP.TopoDS import TopoDS_Shape
 
-from tpmscad.kernel.boolean.solid_trees import SolidSet, combine_sets, cut_by_box, list_solids, make_quadric_set
+from tpmscad.kernel.boolean.solid_trees import SolidSet, combine_sets, list_solids, make_box_set, make_quadric_set
 from tpmscad.kernel.measure.creases import measure_creases
 from tpmscad.kernel.measure.shape_report import check_shape
 from tpmscad.kernel.occt.construction import make_compound
@@ -27,6 +28,10 @@ def ball(x: float, number: int) -> SolidSet:
 
 def complement(of: SolidSet) -> SolidSet:
     return SolidSet(of.shape, not of.complement)
+
+
+def within_box(of: SolidSet) -> TopoDS_Shape:
+    return combine_sets(+1, [of, make_box_set(LO, HI)]).shape
 
 
 LENS = np.pi * (4 + 0.8) * (2 - 0.8) ** 2 / 12
@@ -48,14 +53,14 @@ PAIR = ball(1.6, 0), ball(2.4, 1)
     ],
 )
 def test_every_combination_has_the_volume_of_its_sets(found: SolidSet, volume: float) -> None:
-    report = check_shape(make_compound(list_solids(cut_by_box(found, LO, HI))))
+    report = check_shape(make_compound(list_solids(within_box(found))))
     assert report.ok
     assert report.volume == pytest.approx(volume, rel=1e-8)
 
 
 def test_sets_that_do_not_meet_leave_nothing() -> None:
     apart = combine_sets(+1, [ball(1.0, 0), ball(3.5, 1)])
-    assert list_solids(cut_by_box(apart, LO, HI)) == ()
+    assert list_solids(within_box(apart)) == ()
 
 
 def test_creases_of_a_prism_are_its_edges_and_the_sharpest_wedge_is_its_corner() -> None:
@@ -69,7 +74,7 @@ def test_creases_of_a_prism_are_its_edges_and_the_sharpest_wedge_is_its_corner()
 
 
 def test_a_concave_edge_is_a_wedge_of_more_than_half_a_turn() -> None:
-    found = measure_creases(list_solids(cut_by_box(combine_sets(-1, PAIR), LO, HI)))
+    found = measure_creases(list_solids(within_box(combine_sets(-1, PAIR))))
     assert found.sharpest_deg == pytest.approx(180 + 2 * np.degrees(np.arcsin(0.4)), abs=1e-4)
     assert found.length == pytest.approx(2 * np.pi * np.sqrt(1 - 0.16), rel=1e-6)
 
