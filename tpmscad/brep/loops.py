@@ -59,6 +59,20 @@ def chain_loops(start: IntArray, end: IntArray, direction: EndDirection) -> list
     return loops
 
 
+def chain_faces(start: IntArray, end: IntArray, paths: Sequence[Array]) -> list[list[list[int]]]:
+    """Faces as lists of loops of directed edges, on whose left they lie, by the points (m, 2) along each edge.
+
+    start, end (n,): vertices of the edges. Raises LoopError if they bound no face.
+    """
+
+    def direction(i: int, at_end: bool) -> Array:
+        return np.asarray(paths[i][-1] - paths[i][-2] if at_end else paths[i][1] - paths[i][0])
+
+    loops = chain_loops(start, end, direction)
+    nested = nest_loops([np.concatenate([paths[i] for i in loop]) for loop in loops])  # with steps along poles
+    return [[loops[j] for j in members] for members in nested]
+
+
 def _first_clockwise(candidates: list[int], arrived: int, direction: EndDirection) -> int:
     """The candidate with the smallest clockwise turn from the reversed direction in which edge `arrived` ends."""
     back = -direction(arrived, True)

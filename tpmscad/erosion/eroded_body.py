@@ -11,7 +11,7 @@ from tpmscad.brep import connectivity
 from tpmscad.brep.boundary_representation import Brep, Edges, EdgeUses, Faces, drop_unused_geometry
 from tpmscad.brep.carriers import EdgeCurve, Plane
 from tpmscad.brep.free_form_surface import FreeFormSurface
-from tpmscad.brep.loops import LoopError, chain_loops, nest_loops, points_in_polygons
+from tpmscad.brep.loops import LoopError, chain_faces, points_in_polygons
 from tpmscad.brep.restricted_surfaces import restrict_carriers
 from tpmscad.erosion.edge_fits import fit_edge
 from tpmscad.erosion.edge_graph import EdgeGraph
@@ -204,16 +204,11 @@ class _Builder:
         start, end = ends[edge, 0], ends[edge, 1]
         start, end = np.where(sense > 0, start, end), np.where(sense > 0, end, start)
 
-        def direction(i: int, at_end: bool) -> Array:
-            return np.asarray(paths[i][-1] - paths[i][-2] if at_end else paths[i][1] - paths[i][0])
-
         try:
-            loops = chain_loops(start, end, direction)
-            nested = nest_loops([np.concatenate([paths[i] for i in loop]) for loop in loops])
+            return chain_faces(start, end, paths)
         except LoopError as error:
             at = format_point(paths[0][0])
             raise TrimmingError(f"the faces of an offset surface do not close about (u, v) = {at}: {error}") from error
-        return [[loops[i] for i in face] for face in nested]
 
     def _check_depth(self, sheet: int, polygons: list[Array]) -> None:
         """TrimmingError if a node of the sheet is deep enough but outside its faces (n, 2), or inside and too shallow."""

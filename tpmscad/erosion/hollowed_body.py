@@ -23,7 +23,7 @@ from tpmscad.brep.boundary_representation import (
     select_faces,
 )
 from tpmscad.brep.carriers import Plane
-from tpmscad.brep.loops import LoopError, chain_loops, nest_loops, points_in_polygons
+from tpmscad.brep.loops import LoopError, chain_faces, points_in_polygons
 from tpmscad.errors import TrimmingError, format_point
 from tpmscad.rigid_motion import Motion
 
@@ -225,20 +225,14 @@ class _OpenedFaces:
         edge, back = uses[:, 0], uses[:, 1] < 0
         points = plane.parameters(sample_edges(whole, edge, CHORDS_PER_EDGE))
         points[back] = points[back, ::-1]
-
-        def direction(i: int, at_end: bool) -> Array:
-            step = np.diff(points[i, -2:] if at_end else points[i, :2], axis=0)[0]
-            return np.asarray(step / np.linalg.norm(step))
-
         edges = whole.edges
         start = np.where(back, edges.end[edge], edges.start[edge])
         end = np.where(back, edges.start[edge], edges.end[edge])
         try:
-            loops = chain_loops(start, end, direction)
-            nested = nest_loops([np.concatenate([points[i, :-1] for i in loop]) for loop in loops])
+            faces = chain_faces(start, end, list(points))
         except LoopError as error:
             raise TrimmingError(f"{error}, of the open face at {format_point(whole.vertices[start[0]])}") from error
-        return [[uses[loops[j]] for j in members] for members in nested]
+        return [[uses[loop] for loop in loops] for loops in faces]
 
 
 def _place_plane(brep: Brep, face: int) -> Plane:

@@ -14,7 +14,7 @@ from tpmscad._typing import Array, BoolArray, IntArray
 from tpmscad.brep import connectivity
 from tpmscad.brep.boundary_representation import Brep, Edges, EdgeUses, Faces, drop_unused_geometry
 from tpmscad.brep.carriers import Plane
-from tpmscad.brep.loops import LoopError, chain_loops, nest_loops
+from tpmscad.brep.loops import LoopError, chain_faces
 from tpmscad.errors import TrimmingError, format_point
 from tpmscad.rigid_motion import Motion
 from tpmscad.splines.bspline import BSplineCurve
@@ -138,19 +138,15 @@ def _chain_face(
     points = _sample_uses(network, face, uses, edges, operands, arcs, pcurves)
     points[back] = points[back, ::-1]
 
-    def direction(i: int, at_end: bool) -> Array:
-        return np.asarray(points[i, -1] - points[i, -2] if at_end else points[i, 1] - points[i, 0])
-
     start, end = np.where(back, edges.end[edge], edges.start[edge]), np.where(back, edges.start[edge], edges.end[edge])
     try:
-        chained = chain_loops(start, end, direction)
-        nested = nest_loops([np.concatenate([points[i] for i in loop]) for loop in chained])  # with steps along poles
+        faces = chain_faces(start, end, list(points))
     except LoopError as error:
         brep = network.brep
         e = brep.uses.edge[brep.faces.use_start[brep.faces.loop_start[face]]]
         at = format_point(brep.vertices[brep.edges.start[e]])
         raise TrimmingError(f"{error}, of the face at {at}") from error
-    return [[uses[chained[j]] for j in loops] for loops in nested]
+    return [[uses[loop] for loop in loops] for loops in faces]
 
 
 def _sample_uses(
