@@ -2,7 +2,7 @@
 
 An operand of the tree is a quadric (`quadric_leaves`), or a minimum or maximum of fields whose level sets do not meet in the box,
 such as the two walls of a sheet, which smooth patches bound entirely. Leaves without a surface in the box are solid or void
-all over it, and are left out.
+all over it, and are left out. A part of quadrics alone is split into them without samples: each is exact by itself.
 """
 
 from __future__ import annotations
@@ -14,6 +14,7 @@ import numpy as np
 
 from tpmscad._typing import Array
 from tpmscad.errors import CrossingSurfaces, LevelSetError
+from tpmscad.fields.analysis.local_leaves import find_meeting_leaves, keeps_sign
 from tpmscad.fields.analysis.outermost_extremes import expose_extremes, list_leaves, list_operands
 from tpmscad.fields.analysis.quadric_leaves import find_quadric
 from tpmscad.fields.field import Field, MinMaxField
@@ -85,13 +86,24 @@ def _leave_out(field: Field, samples: _LeafSamples) -> Field | bool:
         if isinstance(first, bool) or isinstance(second, bool):
             return not neutral
         return MinMaxField(first, second, field.sign)
-    if find_quadric(field) is not None or len(samples.of(field)):
+    exact = find_quadric(field) is not None
+    if not keeps_sign(field, samples.lo, samples.hi) if exact else len(samples.of(field)) > 0:
         return field
     return bool(field(0.5 * (samples.lo + samples.hi)) < 0)
 
 
+def has_meeting_quadrics(field: Field, lo: Array, hi: Array, tol: float) -> bool:
+    """Whether the field is a tree of quadrics alone of which two come as near as `tol` where they bound the solid in the box."""
+    tree = expose_extremes(field)
+    return _is_exact(tree) and find_meeting_leaves(tree, lo, hi, tol) is not None
+
+
+def _is_exact(field: Field) -> bool:
+    return all(find_quadric(leaf) is not None for leaf in list_leaves(field))
+
+
 def _split(field: Field, samples: _LeafSamples) -> Combination | Field:
-    if not isinstance(field, MinMaxField) or not samples.cross(field):
+    if not isinstance(field, MinMaxField) or not (_is_exact(field) or samples.cross(field)):
         return field
     parts = [_split(operand, samples) for operand in list_operands(field)]
     smooth = [part for part in parts if not isinstance(part, Combination) and find_quadric(part) is None]

@@ -28,6 +28,8 @@ from tpmscad.kernel.build.solids import BrepSolids, build_solids
 from tpmscad.kernel.measure.envelope import Envelope
 from tpmscad.kernel.occt.bounding_boxes import enclosing_box
 from tpmscad.lattices.spline_maps import SplineMap
+from tpmscad.levelset.crossing_operands import has_meeting_quadrics
+from tpmscad.levelset.field_solid import validate_box
 from tpmscad.results.certificate import certify_built_solids, certify_kernel_solids
 from tpmscad.results.loose_pieces import drop_loose_pieces, drop_loose_solids
 from tpmscad.results.model import Model
@@ -109,6 +111,8 @@ def solidify(
             domain, extend_level_sets_linearly(as_field(field), *bounds), tol=tol, loose=loose, progress=progress
         )
     stages = StageTimer(progress)
+    if has_meeting_quadrics(as_field(field), *validate_box(*parse_corners(domain), tol), tol):
+        return _solidify_crossing(as_field(field), domain, tol, loose, stages)
     try:
         found = fit_field_patches(field, *parse_corners(domain), tol, stages, executor=executor)
     except CrossingSurfaces:

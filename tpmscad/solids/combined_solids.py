@@ -30,6 +30,7 @@ from tpmscad.errors import InvalidRequest, LevelSetError, TrimmingError
 from tpmscad.fallbacks import Fallback, Fallbacks
 from tpmscad.fields.analysis import volume_quadrature
 from tpmscad.fields.analysis.betti_numbers import Betti, compute_betti_numbers
+from tpmscad.fields.analysis.local_measures import STANDARD_ERRORS, has_slope_bounds, measure_locally
 from tpmscad.fields.analysis.outermost_extremes import combine_complements
 from tpmscad.fields.analysis.quadric_leaves import QuadricLeaf, find_quadric
 from tpmscad.fields.data.field_notes import collect_notes
@@ -273,16 +274,23 @@ def _compare_with_field(
     measures: PatchMeasures, field: Field, lo: Array, hi: Array, own: float, own_betti: Betti
 ) -> PatchMeasures:
     """The measures with the field's volume, and a note if grids count other Betti numbers than the solid's."""
-    spacing = float((hi - lo).max()) / N_QUADRATURE_LINES
-    volume, error = volume_quadrature.integrate_volume(field, lo, hi, spacing)
+    notes = measures.notes
+    if has_slope_bounds(field):
+        volume, error, counted = measure_locally(field, lo, hi, own_betti.__eq__)
+        notes = (
+            *notes,
+            f"the volume of the field is that of a stratified sample, within {STANDARD_ERRORS:g} standard errors",
+        )
+    else:
+        spacing = float((hi - lo).max()) / N_QUADRATURE_LINES
+        volume, error = volume_quadrature.integrate_volume(field, lo, hi, spacing)
+        counted = compute_betti_numbers(field, lo, hi, confirm=own_betti.__eq__, crossing=True)
     check = Check(
         "volume",
         abs(volume - own),
         FIELD_VOLUME_RTOL * volume + error,
         f"volume {own:.6g} differs from the field's, {volume:.6g} within {error:.2g}",
     )
-    counted = compute_betti_numbers(field, lo, hi, confirm=own_betti.__eq__, crossing=True)
-    notes = measures.notes
     if counted != own_betti:
         words = (
             "do not settle on grids" if counted is None else f"are {counted} on grids, which acute wedges fall apart on"
