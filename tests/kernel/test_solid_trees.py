@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from itertools import product
+
 import numpy as np
 import pytest
 
@@ -10,10 +12,19 @@ pytest.importorskip("OCP")
 import build123d as bd
 from OCP.TopoDS import TopoDS_Shape
 
-from tpmscad.kernel.boolean.solid_trees import SolidSet, combine_sets, list_solids, make_box_set, make_quadric_set
+from tpmscad.kernel.boolean.solid_trees import (
+    SolidSet,
+    combine_sets,
+    group_apart,
+    list_solids,
+    make_box_set,
+    make_quadric_set,
+)
 from tpmscad.kernel.measure.creases import measure_creases
 from tpmscad.kernel.measure.shape_report import check_shape
+from tpmscad.kernel.occt.bounding_boxes import enclosing_box
 from tpmscad.kernel.occt.construction import make_compound
+from tpmscad.kernel.occt.exploration import solids_of
 
 pytestmark = pytest.mark.kernel
 
@@ -56,6 +67,42 @@ def test_every_combination_has_the_volume_of_its_sets(found: SolidSet, volume: f
     report = check_shape(make_compound(list_solids(within_box(found))))
     assert report.ok
     assert report.volume == pytest.approx(volume, rel=1e-8)
+
+
+def segment(distance: float) -> float:
+    """Area of the part of a disc of radius 0.5 beyond a chord."""
+    return 0.25 * np.arccos(2 * distance) - distance * np.sqrt(0.25 - distance**2)
+
+
+@pytest.mark.parametrize(
+    ("point", "axis", "volume"),
+    [
+        ((0, 4, 7), (0, 0, 1), np.pi / 16 * 4),  # along an edge of the box, a quarter of it inside
+        ((9, -0.3, 2), (1, 0, 0), segment(0.3) * 4),  # the axis misses the box
+        ((4.2, 9, 2), (0, -1, 0), segment(0.2) * 4),
+        ((1, 1, 2), (1, 1, 0), np.pi / 4 * np.sqrt(32) - 2 * 2 / 3 * 0.5**3 * 2),  # less two corners
+    ],
+)
+def test_cylinders_reach_through_the_box_and_no_farther_than_they_must(
+    point: tuple[float, ...], axis: tuple[float, ...], volume: float
+) -> None:
+    direction = np.array(axis) / np.linalg.norm(axis)
+    found = make_quadric_set("cylinder", np.array(point, float), direction, 0.5, LO, HI, 3)
+    assert sum(check_shape(each).volume for each in list_solids(within_box(found))) == pytest.approx(volume, rel=1e-8)
+    assert np.abs(np.array(enclosing_box(found.shape)) - MIDDLE).max() < 4
+
+
+def test_shapes_of_a_group_are_apart() -> None:
+    struts = [
+        make_quadric_set("cylinder", np.array(at, float), np.array(axis, float), 0.2, LO, HI, k).shape
+        for k, (at, axis) in enumerate(product([(1, 1, 1), (3, 3, 3)], np.eye(3)))
+    ]
+    groups = group_apart(struts)
+    assert [len(solids_of(group)) for group in groups] == [2, 2, 2]
+    volume = check_shape(list_solids(within_box(combine_sets(-1, [SolidSet(s) for s in struts])))[0]).volume
+    # three tubes of a node less what they share: 16/3 r^3 each two of them, 8 (2 - sqrt 2) r^3 all three
+    node = 3 * np.pi * 0.04 * 4 - (3 * 16 / 3 - 8 * (2 - np.sqrt(2))) * 0.2**3
+    assert volume == pytest.approx(node, rel=1e-8)
 
 
 def test_sets_that_do_not_meet_leave_nothing() -> None:

@@ -24,7 +24,7 @@ from tpmscad.fields.field import Field, MinMaxField
 ROUND_OFF = 1e-9
 """Relative excess of the half diagonal: values are exact to a few units in the last place of the coordinates."""
 
-FIRST_CELLS = 16
+FIRST_CELLS = 4
 """Cells along the longest edge of a box on the first grid."""
 
 CELLS_AT_A_TIME = 512
@@ -78,6 +78,11 @@ class LocalLeaves:
         return found
 
 
+def count_first_cells(lo: Array, hi: Array) -> IntArray:
+    """The cells (3,) along the axes of a box on the first grid, FIRST_CELLS along the longest one."""
+    return np.ceil(FIRST_CELLS * (hi - lo) / (hi - lo).max()).astype(np.int64)
+
+
 def locate_leaves(field: Field, lo: Array, hi: Array, counts: IntArray) -> LocalLeaves:
     """The leaves that matter in the cells of a grid with `counts` (3,) cells along the axes of a box."""
     tree = expose_extremes(field)
@@ -113,8 +118,7 @@ def find_meeting_leaves(field: Field, lo: Array, hi: Array, reach: float) -> Arr
 
     Depth first: of a tree of many crossings the first one is found in a fraction of the time that all would take.
     """
-    counts = np.maximum(1, np.round(FIRST_CELLS * (hi - lo) / (hi - lo).max())).astype(np.int64)
-    waiting = [locate_leaves(field, lo, hi, counts)]
+    waiting = [locate_leaves(field, lo, hi, count_first_cells(lo, hi))]
     while waiting:
         local = waiting.pop()
         shared = np.flatnonzero(np.bincount(np.concatenate(local.members), minlength=len(local.cells)) > 1)
@@ -129,9 +133,11 @@ def find_meeting_leaves(field: Field, lo: Array, hi: Array, reach: float) -> Arr
 
 
 def keeps_sign(leaf: Field, lo: Array, hi: Array) -> bool:
-    """Whether a leaf of bounded slope is proved solid all over a box, or void; False if that is not known."""
-    local = locate_leaves(leaf, lo, hi, np.full(3, FIRST_CELLS))
-    return not len(local.cells) and sum(len(boxes) for boxes, _ in local.solid) in (0, FIRST_CELLS**3)
+    """Whether a leaf is proved solid all over a box, or void, by cells of a sixteenth of its edges; False if it is not."""
+    local = locate_leaves(leaf, lo, hi, np.ones(3, np.int64))
+    for _ in range(4):
+        local = halve_cells(local)
+    return not len(local.cells) and sum(len(boxes) * edge**3 for boxes, edge in local.solid) in (0, 16**3)
 
 
 def _decide(local: LocalLeaves) -> LocalLeaves:

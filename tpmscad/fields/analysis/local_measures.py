@@ -15,7 +15,7 @@ import numpy as np
 from tpmscad import topology
 from tpmscad._typing import Array
 from tpmscad.fields.analysis.betti_numbers import MAX_UNIFORM_NODES, Betti
-from tpmscad.fields.analysis.local_leaves import FIRST_CELLS, LocalLeaves, halve_cells, locate_leaves
+from tpmscad.fields.analysis.local_leaves import LocalLeaves, count_first_cells, halve_cells, locate_leaves
 from tpmscad.fields.analysis.outermost_extremes import expose_extremes, list_leaves
 from tpmscad.fields.analysis.slope_bounds import bound_slope
 from tpmscad.fields.field import Field
@@ -54,8 +54,7 @@ def measure_locally(field: Field, lo: Array, hi: Array, confirm: Callable[[Betti
     Betti numbers are those of the first grid that other evidence confirms, by `confirm`, or else those on which the last two
     grids agree: grids do not resolve every neck, and acute wedges may fall apart on them.
     """
-    counts = np.maximum(1, np.round(FIRST_CELLS * (hi - lo) / (hi - lo).max())).astype(np.int64)
-    local = locate_leaves(field, lo, hi, counts)
+    local = locate_leaves(field, lo, hi, count_first_cells(lo, hi))
     rng = np.random.default_rng(SEED)
     volume, uncertainty = 0.0, np.inf
     counted: list[Betti] = []
