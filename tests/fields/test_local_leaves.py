@@ -10,10 +10,11 @@ from tpmscad.fields.analysis.local_leaves import (
     LocalLeaves,
     find_meeting_leaves,
     halve_cells,
+    has_slope_bounds,
     keeps_sign,
     locate_leaves,
 )
-from tpmscad.fields.analysis.local_measures import has_slope_bounds, measure_locally
+from tpmscad.fields.analysis.local_measures import measure_locally
 from tpmscad.fields.analysis.slope_bounds import bound_slope
 from tpmscad.fields.field import Field
 
@@ -49,10 +50,11 @@ def locate(field: Field, halvings: int = 2) -> LocalLeaves:
 PLUGGED = (fields.sphere((1, 2, 2), 1.5) & ~fields.sphere((1, 2, 2), 0.5)) | fields.sphere((1, 2, 2), 0.8)
 """A ball with a cavity, which another ball fills: no leaf but the first bounds the solid."""
 
-UNBOUNDED = build_tree(0, 2) | (fields.tpms("gyroid", 2.0) & build_tree(1, 2))
+WAVES = build_tree(0, 2) | (fields.tpms("gyroid", 2.0) & build_tree(1, 2))
+UNBOUNDED = build_tree(0, 2) | (fields.expression("x*y - z") & build_tree(1, 2))
 
 
-@pytest.mark.parametrize("field", [*(build_tree(seed) for seed in range(12)), PLUGGED, UNBOUNDED])
+@pytest.mark.parametrize("field", [*(build_tree(seed) for seed in range(12)), PLUGGED, WAVES, UNBOUNDED])
 def test_decisions_of_cells_are_those_of_the_field_everywhere(field: Field) -> None:
     local = locate(field)
     centres = [low + (np.arange(n) + 0.5) * s for low, n, s in zip(LO, local.counts, local.size, strict=True)]
@@ -77,12 +79,35 @@ def test_few_of_many_leaves_matter_in_a_cell() -> None:
     assert sum(map(len, locate(PLUGGED, 4).members[1:])) == 0
 
 
-@pytest.mark.parametrize("field", [build_tree(3), 2 * fields.box((0, 0, 0), (1, 2, 3)) - 1, fields.constant(2.0)])
-def test_no_gradient_exceeds_its_bound(field: Field) -> None:
+BOUNDED = (
+    build_tree(3),
+    2 * fields.box((0, 0, 0), (1, 2, 3)) - 1,
+    fields.constant(2.0),
+    *(fields.tpms(name, (2.0, 3.0, 5.0)) for name in fields.TPMS),
+    fields.expression("sin(2*x)*cos(y)^3 - 0.3*sin(x + z)"),
+    fields.tpms("gyroid", 3.0) - fields.ramp("x", (0.0, 0.5), (0.0, 2.0)),
+)
+
+
+@pytest.mark.parametrize("field", BOUNDED)
+def test_no_gradient_exceeds_its_bound_and_none_is_far_below(field: Field) -> None:
+    points = np.random.default_rng(0).uniform(-3, 3, (2000, 3))
     for each in (field, fields.translate(field, (1, 2, 3)), fields.rotate(field, "z", 30.0), -0.5 * field):
-        gradient = np.linalg.norm(each.gradient(np.random.default_rng(0).uniform(-3, 3, (500, 3))), axis=1)
+        gradient = np.linalg.norm(each.gradient(points), axis=1)
         assert gradient.max() <= bound_slope(each) * (1 + 1e-12)
-    assert not has_slope_bounds(fields.sphere((0, 0, 0), 1.0) | fields.tpms("gyroid", 1.0))
+        assert bound_slope(each) <= 6 * gradient.max()
+    assert has_slope_bounds(field)
+
+
+def test_fields_without_a_bound_have_none() -> None:
+    for each in (
+        fields.from_function(lambda x, y, z: x),
+        fields.expression("x*y"),
+        fields.expression("exp(sin(x))"),
+        fields.sphere((0, 0, 0), 1.0) * fields.tpms("gyroid", 1.0),
+    ):
+        assert bound_slope(each) == np.inf
+        assert not has_slope_bounds(fields.sphere((0, 0, 0), 1.0) | each)
 
 
 @pytest.mark.parametrize("gap", [0.3, 0.8, 1.37])
@@ -106,18 +131,18 @@ def test_a_ring_of_struts_has_a_tunnel_whatever_else_was_counted() -> None:
 
 def test_leaves_meet_where_both_bound_the_solid() -> None:
     pair = fields.sphere((0.6, 2, 2), 1.0) | fields.sphere((1.4, 2, 2), 1.0)
-    at = find_meeting_leaves(pair, LO, HI, 0.01)
+    at = find_meeting_leaves(pair, LO, HI, 0.01, (True, True))
     assert at is not None
-    assert np.abs(at - [1, 2, 2]).max() < 1
     assert np.hypot(at[0] - 1, np.hypot(at[1] - 2, at[2] - 2) - np.sqrt(1 - 0.16)) < 0.03
+    assert find_meeting_leaves(pair, LO, HI, 0.01, (False, False)) is None
     apart = fields.sphere((0, 2, 2), 0.9) | fields.sphere((2, 2, 2), 1.0)
-    assert find_meeting_leaves(apart, LO, HI, 0.02) is None
-    assert find_meeting_leaves(apart, LO, HI, 0.3) is not None
-    assert find_meeting_leaves(PLUGGED, LO, HI, 0.02) is None
+    assert find_meeting_leaves(apart, LO, HI, 0.02, (True, True)) is None
+    assert find_meeting_leaves(apart, LO, HI, 0.3, (True, False)) is not None
+    assert find_meeting_leaves(PLUGGED, LO, HI, 0.02, (True, True, True)) is None
 
 
 def test_a_leaf_without_a_surface_in_the_box_keeps_its_sign() -> None:
     assert keeps_sign(fields.sphere((1, 2, 2), 9.0), LO, HI)
     assert keeps_sign(fields.cylinder((1, 9, 2), 1.0, "x"), LO, HI)
     assert not keeps_sign(fields.cylinder((1, 5, 2), 1.0, "x"), LO, HI)
-    assert not keeps_sign(fields.tpms("gyroid", 1.0) + 9.0, LO, HI)
+    assert not keeps_sign(fields.from_function(lambda x, y, z: x + 9.0), LO, HI)

@@ -14,7 +14,7 @@ import numpy as np
 
 from tpmscad._typing import Array
 from tpmscad.errors import CrossingSurfaces, LevelSetError
-from tpmscad.fields.analysis.local_leaves import find_meeting_leaves, keeps_sign
+from tpmscad.fields.analysis.local_leaves import find_meeting_leaves, has_slope_bounds, keeps_sign
 from tpmscad.fields.analysis.outermost_extremes import expose_extremes, list_leaves, list_operands
 from tpmscad.fields.analysis.quadric_leaves import find_quadric
 from tpmscad.fields.field import Field, MinMaxField
@@ -93,17 +93,20 @@ def _leave_out(field: Field, samples: _LeafSamples) -> Field | bool:
 
 
 def has_meeting_quadrics(field: Field, lo: Array, hi: Array, tol: float) -> bool:
-    """Whether the field is a tree of quadrics alone of which two come as near as `tol` where they bound the solid in the box."""
+    """Whether a quadric is known to come as near as `tol` to another leaf where both bound the solid in the box.
+
+    By bounds on slopes, without samples; False if a leaf has none.
+    """
     tree = expose_extremes(field)
-    return _is_exact(tree) and find_meeting_leaves(tree, lo, hi, tol) is not None
-
-
-def _is_exact(field: Field) -> bool:
-    return all(find_quadric(leaf) is not None for leaf in list_leaves(field))
+    exact = [find_quadric(leaf) is not None for leaf in list_leaves(tree)]
+    return any(exact) and has_slope_bounds(tree) and find_meeting_leaves(tree, lo, hi, tol, exact) is not None
 
 
 def _split(field: Field, samples: _LeafSamples) -> Combination | Field:
-    if not isinstance(field, MinMaxField) or not (_is_exact(field) or samples.cross(field)):
+    if not isinstance(field, MinMaxField):
+        return field
+    exact = all(find_quadric(leaf) is not None for leaf in list_leaves(field))
+    if not (exact or has_meeting_quadrics(field, samples.lo, samples.hi, samples.tol) or samples.cross(field)):
         return field
     parts = [_split(operand, samples) for operand in list_operands(field)]
     smooth = [part for part in parts if not isinstance(part, Combination) and find_quadric(part) is None]

@@ -30,7 +30,8 @@ from tpmscad.errors import InvalidRequest, LevelSetError, TrimmingError
 from tpmscad.fallbacks import Fallback, Fallbacks
 from tpmscad.fields.analysis import volume_quadrature
 from tpmscad.fields.analysis.betti_numbers import Betti, compute_betti_numbers
-from tpmscad.fields.analysis.local_measures import STANDARD_ERRORS, has_slope_bounds, measure_locally
+from tpmscad.fields.analysis.local_leaves import has_slope_bounds
+from tpmscad.fields.analysis.local_measures import STANDARD_ERRORS, measure_locally
 from tpmscad.fields.analysis.outermost_extremes import combine_complements
 from tpmscad.fields.analysis.quadric_leaves import QuadricLeaf, find_quadric
 from tpmscad.fields.data.field_notes import collect_notes

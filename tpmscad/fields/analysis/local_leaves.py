@@ -78,6 +78,11 @@ class LocalLeaves:
         return found
 
 
+def has_slope_bounds(field: Field) -> bool:
+    """Whether the slopes of all leaves are bounded."""
+    return all(np.isfinite(bound_slope(leaf)) for leaf in list_leaves(expose_extremes(field)))
+
+
 def count_first_cells(lo: Array, hi: Array) -> IntArray:
     """The cells (3,) along the axes of a box on the first grid, FIRST_CELLS along the longest one."""
     return np.ceil(FIRST_CELLS * (hi - lo) / (hi - lo).max()).astype(np.int64)
@@ -113,15 +118,20 @@ def halve_cells(local: LocalLeaves, selected: IntArray | None = None) -> LocalLe
     return _decide(finer)
 
 
-def find_meeting_leaves(field: Field, lo: Array, hi: Array, reach: float) -> Array | None:
+def find_meeting_leaves(field: Field, lo: Array, hi: Array, reach: float, among: Sequence[bool]) -> Array | None:
     """The centre (3,) of a box of edges below `reach` in which two leaves matter, None if there is none in the box [lo, hi].
 
-    Depth first: of a tree of many crossings the first one is found in a fraction of the time that all would take.
+    One of the two is `among` those flagged, in the order of `list_leaves`. Depth first: of a tree of many crossings the first one
+    is found in a fraction of the time that all would take.
     """
     waiting = [locate_leaves(field, lo, hi, count_first_cells(lo, hi))]
     while waiting:
         local = waiting.pop()
-        shared = np.flatnonzero(np.bincount(np.concatenate(local.members), minlength=len(local.cells)) > 1)
+        count, flagged = np.zeros(len(local.cells), np.int64), np.zeros(len(local.cells), bool)
+        for rows, flag in zip(local.members, among, strict=True):
+            count[rows] += 1
+            flagged[rows] |= flag
+        shared = np.flatnonzero((count > 1) & flagged)
         if not len(shared):
             continue
         if local.size.max() <= reach:

@@ -16,8 +16,6 @@ from tpmscad import topology
 from tpmscad._typing import Array
 from tpmscad.fields.analysis.betti_numbers import MAX_UNIFORM_NODES, Betti
 from tpmscad.fields.analysis.local_leaves import LocalLeaves, count_first_cells, halve_cells, locate_leaves
-from tpmscad.fields.analysis.outermost_extremes import expose_extremes, list_leaves
-from tpmscad.fields.analysis.slope_bounds import bound_slope
 from tpmscad.fields.field import Field
 
 LEAST_CELLS = 128
@@ -41,11 +39,6 @@ class LocalMeasures(NamedTuple):
     volume: float
     uncertainty: float
     betti: Betti | None
-
-
-def has_slope_bounds(field: Field) -> bool:
-    """Whether the slopes of all leaves are bounded, so that local measures cost less than global ones."""
-    return all(np.isfinite(bound_slope(leaf)) for leaf in list_leaves(expose_extremes(field)))
 
 
 def measure_locally(field: Field, lo: Array, hi: Array, confirm: Callable[[Betti], bool]) -> LocalMeasures:
@@ -82,4 +75,5 @@ def _sample_volume(local: LocalLeaves, rng: np.random.Generator) -> tuple[float,
     found = local.is_solid(rng.random((len(local.cells), 2, 3)))
     cell = float(np.prod(local.size))
     differ = np.count_nonzero(found[:, 0] != found[:, 1])
-    return local.solid_volume + cell * found.mean(axis=1).sum(), STANDARD_ERRORS * cell * 0.5 * float(np.sqrt(differ))
+    volume = local.solid_volume + cell * float(found.mean(axis=1).sum())
+    return volume, STANDARD_ERRORS * cell * 0.5 * float(np.sqrt(differ))
