@@ -126,6 +126,15 @@ def test_a_concave_edge_is_a_wedge_of_more_than_half_a_turn() -> None:
     assert found.length == pytest.approx(2 * np.pi * np.sqrt(1 - 0.16), rel=1e-6)
 
 
+@pytest.mark.parametrize("tilt_deg", [20.0, 50.0])
+def test_the_sharpest_wedge_is_found_along_an_edge(tilt_deg: float) -> None:
+    tilt = np.radians(tilt_deg)
+    rod = make_quadric_set("cylinder", MIDDLE, UP, 0.5, LO, HI, 0)
+    plane = make_quadric_set("plane", MIDDLE, np.array([np.sin(tilt), 0.0, np.cos(tilt)]), 0.0, LO, HI, 1)
+    found = measure_creases(list_solids(within_box(combine_sets(+1, [rod, plane]))))
+    assert found.sharpest_deg == pytest.approx(90 - tilt_deg, abs=1e-3)
+
+
 def test_smooth_joints_are_no_creases() -> None:
     slot = bd.extrude(bd.SlotOverall(6, 2), 1).solid().wrapped
     assert measure_creases([slot]).count == 8  # two ends of four edges each; the four seams between them are smooth

@@ -11,12 +11,19 @@ from OCP.BRepGProp import BRepGProp_Face
 from OCP.GCPnts import GCPnts_AbscissaPoint
 from OCP.gp import gp_Pnt, gp_Vec
 from OCP.TopoDS import TopoDS_Edge, TopoDS_Face
+from scipy.optimize import minimize_scalar
 
 from tpmscad._typing import Array
 from tpmscad.kernel.occt.exploration import ShapeKey, edges_of, faces_of, orientation_sign
 
 MIN_CREASE_DEG = 0.1
 """Angle between the normals of two faces from which their edge is a crease."""
+
+SAMPLES = 9
+"""Points of an edge, its ends included, at which the wedge is measured."""
+
+N_SEARCHED = 10
+"""Edges with the sharpest samples, on which the least wedge is sought between these."""
 
 LENGTH_TOL = 1e-6
 """Absolute error of a length, model units."""
@@ -33,37 +40,67 @@ class SolidCreases:
 
 
 def measure_creases(solids: Any) -> SolidCreases:
-    """The creases of solids, by the normals of both faces in the middle of each edge."""
+    """The creases of solids, by the normals of both faces along each edge."""
     uses: dict[ShapeKey, list[tuple[TopoDS_Edge, TopoDS_Face]]] = {}
     for solid in solids:
         for face in faces_of(solid):
             for edge in edges_of(face):
                 uses.setdefault(ShapeKey(edge), []).append((edge, face))
-    lengths, sharpest = [], 360.0
+    lengths: list[float] = []
+    wedges: list[tuple[float, int, _Wedge]] = []
+    steps = np.linspace(0.0, 1.0, SAMPLES)
     for pair in uses.values():
         if len(pair) != 2 or ShapeKey(pair[0][1]) == ShapeKey(pair[1][1]):  # a seam, or the edge of a pole
             continue
-        (edge, first), (_, second) = pair
-        n, m = _normal_in_middle(edge, first), _normal_in_middle(edge, second)
-        turn = float(np.degrees(np.arctan2(np.linalg.norm(np.cross(n, m)), n @ m)))
-        if turn < MIN_CREASE_DEG:
+        edge = _Wedge(*pair)
+        degrees = edge.measure(steps)
+        if np.abs(180.0 - degrees).max() < MIN_CREASE_DEG:
             continue
-        curve, tangent = BRepAdaptor_Curve(edge), gp_Vec()
-        curve.D1(0.5 * (curve.FirstParameter() + curve.LastParameter()), gp_Pnt(), tangent)
-        # the first face lies on the left of its edge, seen from outside: at a convex edge the second normal turns to the right
-        convex = np.cross(n, m) @ np.array(tangent.Coord()) * orientation_sign(edge) > 0
-        sharpest = min(sharpest, 180.0 - turn if convex else 180.0 + turn)
-        lengths.append(float(GCPnts_AbscissaPoint.Length_s(curve, LENGTH_TOL)))
+        lengths.append(float(GCPnts_AbscissaPoint.Length_s(edge.curve, LENGTH_TOL)))
+        k = int(np.argmin(degrees))
+        wedges.append((float(degrees[k]), k, edge))
     if not lengths:
         return SolidCreases(0, 0.0, 0.0, 180.0)
+    wedges.sort(key=lambda wedge: wedge[0])
+    sharpest = wedges[0][0]
+    for _, k, edge in wedges[:N_SEARCHED]:
+        between = float(steps[max(k - 1, 0)]), float(steps[min(k + 1, SAMPLES - 1)])
+        found = minimize_scalar(lambda t, of=edge: of.measure(np.array([t]))[0], bounds=between, method="bounded")
+        sharpest = min(sharpest, float(found.fun))
     return SolidCreases(len(lengths), sum(lengths), min(lengths), sharpest)
 
 
-def _normal_in_middle(edge: TopoDS_Edge, face: TopoDS_Face) -> Array:
-    """The outward unit normal of a face in the middle of one of its edges."""
-    curve = BRepAdaptor_Curve2d(edge, face)
-    at = curve.Value(0.5 * (curve.FirstParameter() + curve.LastParameter()))
-    normal = gp_Vec()
-    BRepGProp_Face(face, False).Normal(at.X(), at.Y(), gp_Pnt(), normal)
-    found = np.array(normal.Coord())
-    return found / max(float(np.linalg.norm(found)), 1e-300)
+class _Wedge:
+    """The angle of material along an edge between two faces, given as the edge is used by each."""
+
+    def __init__(self, first: tuple[TopoDS_Edge, TopoDS_Face], second: tuple[TopoDS_Edge, TopoDS_Face]) -> None:
+        self.curve = BRepAdaptor_Curve(first[0])
+        self._sign = orientation_sign(first[0])
+        self._sides = [(BRepAdaptor_Curve2d(edge, face), BRepGProp_Face(face, False)) for edge, face in (first, second)]
+
+    def measure(self, fractions: Array) -> Array:
+        """The angles (n,) in degrees, to 360, at fractions (n,) of the parameters of the edge."""
+        start, end = self.curve.FirstParameter(), self.curve.LastParameter()
+        at = (start + fractions * (end - start)).tolist()
+        n, m = (_find_normals(curve, face, at) for curve, face in self._sides)
+        across = np.cross(n, m)
+        turn = np.degrees(np.arctan2(np.linalg.norm(across, axis=1), (n * m).sum(axis=1)))
+        tangent, point = gp_Vec(), gp_Pnt()
+        tangents = []
+        for parameter in at:
+            self.curve.D1(parameter, point, tangent)
+            tangents.append(tangent.Coord())
+        # the first face lies on the left of its edge, seen from outside: at a convex edge the second normal turns to the right
+        convex = (across * np.array(tangents)).sum(axis=1) * self._sign > 0
+        return np.where(convex, 180.0 - turn, 180.0 + turn)
+
+
+def _find_normals(curve: BRepAdaptor_Curve2d, face: BRepGProp_Face, parameters: list[float]) -> Array:
+    """The outward unit normals (n, 3) of a face at parameters of one of its edges."""
+    point, normal = gp_Pnt(), gp_Vec()
+    found = np.empty((len(parameters), 3))
+    for k, parameter in enumerate(parameters):
+        at = curve.Value(parameter)
+        face.Normal(at.X(), at.Y(), point, normal)
+        found[k] = normal.Coord()
+    return found / np.maximum(np.linalg.norm(found, axis=1, keepdims=True), 1e-300)
