@@ -119,3 +119,29 @@ def test_a_wall_thinner_than_the_tolerance_is_still_refused() -> None:
     thin = fields.sheet(fields.tpms("gyroid", 10.0), -0.002, 0.002) & fields.sphere((5, 5, 5), 4.0)
     with pytest.raises(LevelSetError, match="too thin"):
         tpmscad.solidify(thin, BOX, tol=0.05)
+
+
+def test_a_lattice_of_struts_is_counted_and_measured_cell_by_cell() -> None:
+    """Body-centred cells, two along each axis: 28 lines through 35 nodes, with 64 struts between them."""
+    middles = np.stack(np.meshgrid(*(np.array([2.5, 7.5]),) * 3), axis=-1).reshape(-1, 3)
+    lines = {}
+    for middle in middles:
+        for axis in np.array(DIAGONALS, float):
+            foot = middle - axis * (middle @ axis) / 3
+            lines[(*axis, *np.round(foot, 6))] = foot, axis
+    struts = fields.union(*(fields.cylinder(foot, 0.5, axis) for foot, axis in lines.values()))
+    assert len(lines) == 28
+    model = tpmscad.solidify(struts, BOX, tol=0.02)
+    certificate = model.certificate
+    assert certificate.met
+    assert certificate.n_faces == 118
+    assert certificate.betti == (1, 64 - 35 + 1, 0)
+    assert not any("Betti" in note for note in certificate.notes)
+    assert any("stratified sample" in note for note in certificate.notes)
+    figures = certificate.figures
+    assert (
+        abs(figures["volume of the field"] - model.volume)
+        <= figures["uncertainty of that volume"]
+        < 1e-3 * model.volume
+    )
+    assert figures["least wedge in degrees"] == pytest.approx(90)
