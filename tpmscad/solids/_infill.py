@@ -21,6 +21,7 @@ from tpmscad.kernel.boolean.cut_faces import UNKNOWN, label_cut_solids
 from tpmscad.kernel.boolean.hollow_body import resolve_open_faces
 from tpmscad.kernel.measure.envelope import Envelope
 from tpmscad.kernel.occt.bounding_boxes import enclosing_box
+from tpmscad.levelset.crossing_operands import has_meeting_quadrics
 from tpmscad.requests.face_selection import resolve_face_selectors
 from tpmscad.requests.lattice_options import InfillOptions
 from tpmscad.requests.lattice_request import LatticeRequest, lattice_in_body, resolve_lattice_request, rotation_matrix
@@ -85,6 +86,8 @@ def infill(options: InfillOptions) -> Model:
         distance = lattice_distance(request, None, turn)
     else:
         _reject_lattice_options(options)
+        if skin is None and options.tol is not None and _has_meeting_quadrics(as_field(surface), read, options.tol):
+            return _infill_crossing(as_field(surface), read, options, stages)
         try:
             block, name = build_field_block(surface, read, options.tol, stages), "field infill"
         except CrossingSurfaces as error:
@@ -119,6 +122,11 @@ def infill(options: InfillOptions) -> Model:
         distance_to_reference=distance,
         envelope=Envelope(read.name, read.volume, read.shape),
     )
+
+
+def _has_meeting_quadrics(field: Field, body: CadBody, tol: float) -> bool:
+    """Whether level sets of a field are known to cross in the box of a body, before they are sampled and fitted."""
+    return tol > 0 and has_meeting_quadrics(field, *expand_body_box(*enclosing_box(body.shape)), tol)
 
 
 def _infill_crossing(field: Field, body: CadBody, options: InfillOptions, stages: StageTimer) -> Model:
