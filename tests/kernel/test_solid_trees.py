@@ -20,6 +20,7 @@ from tpmscad.kernel.boolean.solid_trees import (
     make_box_set,
     make_quadric_set,
 )
+from tpmscad.kernel.boolean.sphere_frames import ACROSS, SKEW, choose_sphere_frame
 from tpmscad.kernel.measure.creases import measure_creases
 from tpmscad.kernel.measure.shape_report import check_shape
 from tpmscad.kernel.occt.bounding_boxes import enclosing_box
@@ -90,6 +91,21 @@ def test_cylinders_reach_through_the_box_and_no_farther_than_they_must(
     found = make_quadric_set("cylinder", np.array(point, float), direction, 0.5, LO, HI, 3)
     assert sum(check_shape(each).volume for each in list_solids(within_box(found))) == pytest.approx(volume, rel=1e-8)
     assert np.abs(np.array(enclosing_box(found.shape)) - MIDDLE).max() < 4
+
+
+def test_the_seam_of_a_sphere_is_crossed_by_nothing_if_it_can_be() -> None:
+    """Corners of a box cut the ball three times: edges that end on the seam would be read on the wrong side of it."""
+    centre, radius = np.array([1.0, 1.2, 0.9]), 1.5
+    t = np.linspace(0, np.pi, 500)[:, None]
+
+    def cuts(frame: tuple[np.ndarray, np.ndarray]) -> int:
+        seam = centre + radius * (np.cos(t) * frame[0] + np.sin(t) * frame[1])
+        return int(np.count_nonzero(np.diff(np.sign(seam), axis=0)))
+
+    poles, across = choose_sphere_frame(centre, radius, lambda points: points.T)
+    assert poles @ across == pytest.approx(0)
+    assert cuts((poles, across)) == 0
+    assert cuts((np.array(SKEW), np.array(ACROSS))) > 0
 
 
 def test_shapes_of_a_group_are_apart() -> None:

@@ -34,6 +34,7 @@ from tpmscad.fields.analysis.local_leaves import has_slope_bounds
 from tpmscad.fields.analysis.local_measures import STANDARD_ERRORS, measure_locally
 from tpmscad.fields.analysis.outermost_extremes import combine_complements
 from tpmscad.fields.analysis.quadric_leaves import QuadricLeaf, find_quadric
+from tpmscad.fields.analysis.slope_bounds import bound_slope
 from tpmscad.fields.data.field_notes import collect_notes
 from tpmscad.fields.field import Field
 from tpmscad.fields.kinds.linear_extension import extend_level_sets_linearly
@@ -47,6 +48,7 @@ from tpmscad.kernel.boolean.solid_trees import (
     make_box_set,
     make_quadric_set,
 )
+from tpmscad.kernel.boolean.sphere_frames import choose_sphere_frame
 from tpmscad.kernel.build.solids import BrepSolids, build_solids
 from tpmscad.kernel.measure.creases import measure_creases
 from tpmscad.kernel.measure.mass_properties import solid_moments
@@ -146,9 +148,7 @@ def _combine_networks_of(request: _Request) -> BrepSolids:
     if not any(isinstance(operand, FieldPatches) for operand in request.operands):
         raise InvalidRequest("planes, spheres and cylinders alone are combined by the kernel, which is exact")
     sets: list[ExactOrCut] = [
-        (operand.fitted.brep, False)
-        if isinstance(operand, FieldPatches)
-        else _make_quadric(operand, request.lo, request.hi, number)
+        (operand.fitted.brep, False) if isinstance(operand, FieldPatches) else _make_quadric(request, operand, number)
         for number, operand in enumerate(request.operands)
     ]
     found = request.evaluate(sets, request.domain, _combine_mixed)
@@ -212,15 +212,29 @@ def _combine_in_kernel(request: _Request) -> OcctSolids:
     sets = [
         SolidSet(build_solids(operand.fitted.brep, operand.moments).shape)
         if isinstance(operand, FieldPatches)
-        else _make_quadric(operand, request.lo, request.hi, number)
+        else _make_quadric(request, operand, number)
         for number, operand in enumerate(request.operands)
     ]
     return OcctSolids(list_solids(request.evaluate(sets, request.domain, combine_sets).shape))
 
 
-def _make_quadric(q: QuadricLeaf, lo: Array, hi: Array, number: int) -> SolidSet:
-    """An exact operand, as far as it reaches in the box."""
-    return SolidSet(make_quadric_set(q.kind, q.point, q.axis, q.radius, lo, hi, number).shape, q.sign < 0)
+def _make_quadric(request: _Request, q: QuadricLeaf, number: int) -> SolidSet:
+    """An exact operand, as far as it reaches in the box; the seam of a sphere where few others cross it."""
+    frame = {}
+    if q.kind == "sphere":
+        others = [
+            field
+            for k, field in enumerate(list_fields(request.tree))
+            if k != number and abs(float(field(q.point))) <= bound_slope(field) * q.radius
+        ]
+
+        def measure_distances(points: Array) -> Array:
+            sides = np.concatenate([points - request.lo, request.hi - points], axis=1).T
+            return np.concatenate([sides, *(field(points)[None] for field in others)])
+
+        frame = {"frame": choose_sphere_frame(q.point, q.radius, measure_distances)}
+    made = make_quadric_set(q.kind, q.point, q.axis, q.radius, request.lo, request.hi, number, **frame)
+    return SolidSet(made.shape, q.sign < 0)
 
 
 METHODS: Fallbacks[[_Request], BrepSolids | OcctSolids] = Fallbacks(

@@ -24,6 +24,7 @@ from tpmscad._typing import Array
 from tpmscad.errors import KernelError
 from tpmscad.fields.analysis.outermost_extremes import combine_complements
 from tpmscad.kernel.boolean.boolean_operations import sort_by_volume, translate_occt_errors
+from tpmscad.kernel.boolean.sphere_frames import ACROSS, SKEW
 from tpmscad.kernel.occt import convert
 from tpmscad.kernel.occt.construction import make_compound
 from tpmscad.kernel.occt.exploration import solids_of
@@ -36,10 +37,6 @@ END, END_STEP = 0.1, 0.013
 others there, which took 4 of 17 s for 76 struts."""
 
 
-SKEW, ACROSS = (0.6120, 0.2391, 0.7538), (0.7712, -0.4386, -0.4614)
-"""Direction of the poles of spheres, and of their seams: planes along axes and diagonals meet neither."""
-
-
 @dataclass(frozen=True, slots=True, eq=False)
 class SolidSet:
     """The points of a shape, or those outside it if `complement` is set."""
@@ -49,17 +46,24 @@ class SolidSet:
 
 
 def make_quadric_set(
-    kind: str, point: Array, axis: Array, radius: float, lo: Array, hi: Array, number: int
+    kind: str,
+    point: Array,
+    axis: Array,
+    radius: float,
+    lo: Array,
+    hi: Array,
+    number: int,
+    frame: tuple[Array, Array] = (np.array(SKEW), np.array(ACROSS)),
 ) -> SolidSet:
     """A half-space, ball or endless cylinder, as far as it reaches in a box; kinds "plane", "sphere", "cylinder".
 
-    The shape of a half-space is a block behind the plane. `number` makes the far ends of all different.
+    The shape of a half-space is a block behind the plane. `number` makes the far ends of all different. frame:
+    directions of the poles and of the seam of a sphere (`choose_sphere_frame`).
     """
     reach = (REACH + REACH_STEP * number) * float(np.linalg.norm(hi - lo))
     if kind == "sphere":
-        return SolidSet(
-            BRepPrimAPI_MakeSphere(gp_Ax2(gp_Pnt(*point.tolist()), gp_Dir(*SKEW), gp_Dir(*ACROSS)), radius).Solid()
-        )
+        poles, seam = (gp_Dir(*direction.tolist()) for direction in frame)
+        return SolidSet(BRepPrimAPI_MakeSphere(gp_Ax2(gp_Pnt(*point.tolist()), poles, seam), radius).Solid())
     middle = 0.5 * (lo + hi)
     along = float((middle - point) @ axis)
     direction = gp_Dir(*axis.tolist())
