@@ -195,9 +195,11 @@ def _antiderivative_on_spline(surface: BSplineSurface, u: Array, v: Array, first
         if len(at) == 0:
             continue
         part = (np.minimum(u[at], high) - low) / (high - low)
-        own = _restrict_bernstein(
-            np.tensordot(_bernstein_conversion(surface.knots_u, degree, low, high), ruled[at], (1, 1)), part
+        support = slice(
+            first := int(np.searchsorted(surface.knots_u, low, side="right")) - 1 - degree, first + degree + 1
         )
+        conversion = _bernstein_conversion(surface.knots_u, degree, low, high)[:, support]
+        own = _restrict_bernstein(np.tensordot(conversion, ruled[at, support], (1, 1)), part)
         own = own.reshape(degree + 1, -1)
         along = (values @ own).reshape(len(x), -1, 6)
         normal = _cross((slopes @ own).reshape(len(x), -1, 6)[..., :3], along[..., 3:])
