@@ -7,14 +7,15 @@ how many of them are no plane or quadric, the greatest distance of an edge from 
 seconds, faces and method. Each filling runs in a process of its own.
 
 Outcomes: met; WRONG if the file read again is not valid, or its volume is not that of random points that the kernel's classifier
-finds in the body and the published formula of the surface in the wall; "not met" and "refused" with the reason; "hang" after the
-seconds given.
+finds in the body and the published formula of the surface in the wall; "not met" and "refused" with the reason; "hang" after
+three times the CPU seconds given, with the judgement.
 """
 
 from __future__ import annotations
 
 import argparse
 import json
+import signal
 import subprocess
 import sys
 import tempfile
@@ -143,10 +144,11 @@ def run_apart(path: Path, task: str, given: argparse.Namespace) -> dict[str, Any
     """The result of a task in a process of its own."""
     command = [sys.executable, "-m", "benchmarks.real_files", str(path), "--task", task]
     command += ["--cells", str(given.cells), "--skin-cells", str(given.skin_cells)]
-    try:
-        done = subprocess.run(command, capture_output=True, text=True, timeout=3 * given.seconds, check=False)
-    except subprocess.TimeoutExpired:
-        return {"outcome": "hang", "words": f"after {3 * given.seconds} s", "seconds": float("nan")}
+    limit = int(3 * given.seconds)
+    command = ["bash", "-c", f'ulimit -t {limit}; exec "$@"', "limited", *command]
+    done = subprocess.run(command, capture_output=True, text=True, check=False)
+    if done.returncode in (-signal.SIGXCPU, -signal.SIGKILL):
+        return {"outcome": "hang", "words": f"after {limit} s of CPU time", "seconds": float("nan")}
     lines = done.stdout.strip().splitlines()
     if done.returncode or not lines:
         last = (done.stderr.strip().splitlines() or ["no words"])[-1]

@@ -101,16 +101,25 @@ def _find_crossings(distances: PatchDistances, branches: Sequence[CoarseBranch])
         form = placed.forms[int(placed.number[branch.pair])]
         if not isinstance(form, FreeFormSurface):
             continue
-        for axis, line, is_seam in _list_lines(form):
+        for axis, lines, is_seam in _list_lines(form):
             period = form.period[axis]
-            off = _measure_offset(own[:, axis], line, period)
-            near = np.abs(off) < 0.25 * period if period else np.ones(len(off), bool)
+            off = _measure_offset(own[:, axis, None], lines, period)
+            near = np.abs(off) < 0.25 * period if period else np.ones(off.shape, bool)
             crossed = ((off[1:] < 0) != (off[:-1] < 0)) & near[1:] & near[:-1]
-            if not is_seam:
-                crossed &= branch.clear[1:] & branch.clear[:-1]
+            crossed &= is_seam | (branch.clear[1:] & branch.clear[:-1])[:, None]
             columns += [
-                (number, i, branch.pair, axis, line, period, is_seam, float(off[i]), float(off[i + 1]))
-                for i in np.flatnonzero(crossed).tolist()
+                (
+                    number,
+                    i,
+                    branch.pair,
+                    axis,
+                    float(lines[k]),
+                    period,
+                    bool(is_seam[k]),
+                    float(off[i, k]),
+                    float(off[i + 1, k]),
+                )
+                for k, i in np.argwhere(crossed.T).tolist()
             ]
     kinds = (np.int64, np.int64, np.int64, np.int64, float, float, bool, float, float)
     arrays = (np.array([c[k] for c in columns], kind) for k, kind in enumerate(kinds))
@@ -118,14 +127,15 @@ def _find_crossings(distances: PatchDistances, branches: Sequence[CoarseBranch])
 
 
 @lru_cache(maxsize=256)
-def _list_lines(form: FreeFormSurface) -> list[tuple[int, float, bool]]:
-    """The lines of a surface at which curves bend: parameter 0 or 1, its value, and whether it is a seam."""
-    lines = [
-        (axis, x, False) for axis, values in enumerate(form.knot_lines(MAX_KINK_CONTINUITY)) for x in values.tolist()
-    ]
-    return lines + [
-        (axis, form.domain[axis][0], True) for axis in (0, 1) if form.bends_at_seam(axis, MAX_KINK_CONTINUITY + 1)
-    ]
+def _list_lines(form: FreeFormSurface) -> list[tuple[int, Array, BoolArray]]:
+    """The lines of a surface at which curves bend: for each parameter its number, the values (k,), and which are seams (k,)."""
+    found = []
+    for axis, values in enumerate(form.knot_lines(MAX_KINK_CONTINUITY)):
+        seams = form.domain[axis][:1] if form.bends_at_seam(axis, MAX_KINK_CONTINUITY + 1) else ()
+        lines = np.array([*values.tolist(), *seams])
+        if len(lines):
+            found.append((axis, lines, np.arange(len(lines)) >= len(values)))
+    return found
 
 
 def _locate_crossings(distances: PatchDistances, branches: Sequence[CoarseBranch], crossings: _Crossings) -> Array:
