@@ -38,7 +38,6 @@ from scipy.spatial import cKDTree
 import tpmscad
 from benchmarks.trial_judges import MINIMAL_OFF, STANDARD_ERRORS, NodalFunction, signed_distance
 from benchmarks.trial_statements import triangulate
-from tpmscad.kernel.body_import.inverted_faces import exchange_inverted_faces
 from tpmscad.kernel.measure.edge_gaps import measure_accuracy
 from tpmscad.kernel.measure.shape_report import check_shape
 from tpmscad.kernel.occt.exploration import faces_of, solids_of
@@ -56,14 +55,12 @@ SURFACE_SAMPLES = 400_000
 
 
 def load_solids(path: Path) -> list[Any]:
-    """The solids of a STEP or BREP file, with faces of spheres that were read inside out put right."""
+    """The solids of a STEP or BREP file."""
     if path.suffix == ".brep":
         shape = TopoDS_Shape()
         BRepTools.Read_s(shape, str(path), BRep_Builder())
-        found = list(solids_of(shape))
-    else:
-        found = list(read_step(path).solids)
-    return [exchange_inverted_faces(solid, path.name)[0] for solid in found]
+        return list(solids_of(shape))
+    return list(read_step(path, with_clear_seams=True).solids)
 
 
 def sample_fraction(body: Any, cell: float, skin: float | None, samples: int) -> tuple[float, float]:

@@ -25,13 +25,13 @@ from OCP.BRepPrimAPI import BRepPrimAPI_MakeBox, BRepPrimAPI_MakeCone, BRepPrimA
 from OCP.GeomAbs import GeomAbs_Arc
 from OCP.gp import gp_Ax1, gp_Ax2, gp_Circ, gp_Dir, gp_Pnt, gp_Trsf
 from OCP.GProp import GProp_GProps
-from OCP.Interface import Interface_Static
 from OCP.ShapeFix import ShapeFix_Edge
 from OCP.STEPControl import STEPControl_AsIs, STEPControl_Reader, STEPControl_Writer
 from OCP.TopAbs import TopAbs_FACE, TopAbs_SHELL
 from OCP.TopLoc import TopLoc_Location
 
 from tests.brep.test_extents import trimmed_face
+from tests.kernel.test_sphere_seams import bored_quarter, read_by_occt, write_without_pcurves
 from tests.shapes.kernel_shapes import CASES, drilled_dome, plane_box, voxels
 from tpmscad.brep.extents import true_bounds
 from tpmscad.errors import KernelError
@@ -338,17 +338,6 @@ def test_the_surface_of_a_circle_turned_about_a_line_that_it_crosses_is_read_bac
     reason=f"OCCT {VERSION}: a face of a sphere with edges on its seam is read as the rest of the sphere",
 )
 def test_a_face_of_a_sphere_without_pcurves_is_read_as_it_was_written(tmp_path: Path) -> None:
-    quarter = bd.Sphere(1) & bd.Pos(2, 2, 0) * bd.Box(4, 4, 4)
-    for plane in (bd.Plane.YZ, bd.Plane.XZ):
-        quarter -= bd.extrude(plane * bd.Circle(0.3), 4, both=True)
-    writer = STEPControl_Writer()
-    before = Interface_Static.IVal_s("write.surfacecurve.mode")
-    Interface_Static.SetIVal_s("write.surfacecurve.mode", 0)
-    try:
-        with silence_occt():
-            writer.Transfer(quarter.solids()[0].wrapped, STEPControl_AsIs)
-            writer.Write(str(tmp_path / "quarter.step"))
-    finally:
-        Interface_Static.SetIVal_s("write.surfacecurve.mode", before)
-    (found,) = read_step(tmp_path / "quarter.step").solids
+    quarter = bored_quarter()
+    found = read_by_occt(write_without_pcurves(quarter, tmp_path / "quarter.step"))
     assert volume(found) == pytest.approx(quarter.volume, rel=1e-3)
