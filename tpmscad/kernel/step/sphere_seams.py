@@ -13,10 +13,11 @@ import numpy as np
 from OCP.BRep import BRep_Tool
 from OCP.BRepAdaptor import BRepAdaptor_Curve, BRepAdaptor_Surface
 from OCP.GeomAbs import GeomAbs_Sphere
+from OCP.GeomToStep import GeomToStep_MakeDirection
+from OCP.gp import gp_Dir
 from OCP.STEPControl import STEPControl_Reader
 from OCP.StepGeom import (
     StepGeom_Axis2Placement3d,
-    StepGeom_Direction,
     StepGeom_SphericalSurface,
     StepGeom_SurfaceCurve,
 )
@@ -87,11 +88,7 @@ def turn_spheres(reader: STEPControl_Reader, frames: Frames) -> None:
     model, no_name = reader.StepModel(), TCollection_HAsciiString("")
     for number, frame in frames.items():
         sphere = model.Value(number)
-        directions = []
-        for vector in frame:
-            direction = StepGeom_Direction()
-            direction.Init3D(no_name, *vector.tolist())
-            directions.append(direction)
+        directions = [GeomToStep_MakeDirection(gp_Dir(*vector.tolist())).Value() for vector in frame]
         placement = StepGeom_Axis2Placement3d()
         placement.Init(no_name, sphere.Position().Location(), True, directions[0], True, directions[1])
         sphere.SetPosition(placement)
