@@ -117,6 +117,20 @@ def test_complements_and_scaled_leaves_have_the_same_creases() -> None:
     assert count_ends(first, BOX) == 2 * sum(not arc.is_closed for arc in first.arcs) > 0
 
 
+@pytest.mark.parametrize("deep", [0.1, 0.5, 0.99])
+def test_a_ball_that_just_reaches_an_edge_cuts_it(deep: float) -> None:
+    radius = 0.02
+    edge = fields.halfspace((0, 0, 0), (1, 0, 2)) & fields.halfspace((0, 0, 0), (-2, 0, -1))
+    inwards = np.array([1.0, 0.0, -1.0]) / np.sqrt(2)  # the wedge's bisector
+    center = np.array([0, 0.31, 0]) + (1 - deep) * radius * inwards
+    network = trace(edge & ~fields.sphere(tuple(center), radius))
+    chord = 2 * radius * np.sqrt(1 - (1 - deep) ** 2)
+    straight = [arc for arc in network.arcs if arc.leaves == (0, 1)]
+    assert network.is_proved
+    assert (len(straight), len(network.corners), len(network.arcs)) == (2, 2, 4)
+    assert sum(arc.length for arc in straight) == pytest.approx(4.0 - chord, rel=1e-7)
+
+
 @pytest.mark.parametrize("case", range(8))
 def test_a_loop_hidden_between_samples_is_found(case: int) -> None:
     rng, hidden = np.random.default_rng([11, case]), None

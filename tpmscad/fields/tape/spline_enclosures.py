@@ -22,6 +22,10 @@ JUMP_TOL = 1e-12
 """Difference of two pieces at their knot, relative to the greatest coefficient, from which polynomials jump there."""
 
 
+TERMS = 20
+"""Round-off of a spline's evaluation, in units of the last place of its coefficients: about the terms of three axes."""
+
+
 @njit_cached
 def _bound_coefficients(table, first, last, wx, wy, wz, found):  # type: ignore[no-untyped-def]  # pragma: no cover
     """Least and greatest derivative coefficients with indices from first to last (3, n), into found (2, n).
@@ -151,10 +155,12 @@ class SplineEnclosure:
         slope = np.sum([r * a.slope for r, a in zip(rates, arguments, strict=True)], axis=0)
         remainder = np.sum([np.abs(r) * a.remainder for r, a in zip(rates, arguments, strict=True)], axis=0)
         reach = np.sum([np.abs(r) * boxes.reach(a) for r, a in zip(rates, arguments, strict=True)], axis=0)
-        most = np.maximum(np.abs(between[0]), np.abs(between[1]))
-        # evaluation sums some hundred terms of the coefficients' size
-        scale = 20 * most + reach + np.abs(low) + np.abs(high)
-        margin = 20 * np.finfo(float).eps * most
+        # evaluation sums terms as large as the coefficients, times the weights of differences where it is of a derivative
+        most = np.max(np.abs(between if output == 0 else self.bound(lows, highs, (0, 0, 0))), axis=0)
+        weights = np.array([_greatest_sum(axis.weights[1]) for axis in self.axes])
+        own = TERMS * most * (1.0 if output == 0 else weights[output - 1])
+        scale = own + reach + np.abs(low) + np.abs(high) + TERMS * most * (weights @ np.array(around))
+        margin = np.finfo(float).eps * own
         return boxes.widen(
             center, slope, remainder + 0.5 * (high - low), scale, (between[0] - margin, between[1] + margin)
         )
@@ -187,6 +193,11 @@ def make_spline_enclosure(name: str, numbers: SplineNumbers) -> SplineEnclosure:
         )
     points = FieldTape(_RecordedSpline(name, numbers))
     return SplineEnclosure(points, np.ascontiguousarray(numbers.coefficients, float), (x, y, z))
+
+
+def _greatest_sum(weights: Array | None) -> float:
+    """The greatest sum of absolute weights of a difference."""
+    return 0.0 if weights is None else float(np.abs(weights).sum(axis=1).max())
 
 
 DIFFERENCES = ([1.0], [-1.0, 1.0], [1.0, -2.0, 1.0])

@@ -32,9 +32,6 @@ ANGLE_ROUND_OFF = 1e-14
 MAX_TANGENT = 1e9
 """Tangent beyond which a pole may lie within round-off of the angle."""
 
-DOMAIN_TOL, TINIEST = 1e-12, 1e-200
-"""How far round-off may carry a range out of the domain of the arc sine, of which clamped values are taken, and of the root."""
-
 ATAN_BEND, TANH_BEND = 0.65, 0.77
 """Above the greatest second derivatives of the arc tangent, 3 sqrt(3) / 8, and of the hyperbolic tangent, 4 / (3 sqrt(3))."""
 
@@ -233,19 +230,9 @@ class _Run:
         return self.boxes.widen(center, slope, remainder, scale, (low, high))
 
     def _function(self, node: Node, a: Form) -> Form:
-        """A function of one argument; the whole line where a part of the range is not in its domain."""
+        """A function of one argument, by its derivatives, on the part of the range in its domain."""
         first, last = _find_domain(node)
-        low, high = np.clip(a.low, first, last), np.clip(a.high, first, last)
-        found = self._apply(node, Form(a.center, a.slope, a.remainder, low, high))
-        margin = DOMAIN_TOL if math.isfinite(last) else TINIEST
-        outside = (a.low < first - margin) | (a.high > last + margin)
-        if not outside.any():
-            return found
-        whole = self.boxes.from_range((np.full_like(low, -np.inf), np.full_like(low, np.inf)))
-        return self.boxes.choose(outside, whole, found)
-
-    def _apply(self, node: Node, a: Form) -> Form:
-        """A function of one argument, by its derivatives."""
+        a = Form(a.center, a.slope, a.remainder, np.clip(a.low, first, last), np.clip(a.high, first, last))
         low, high, x = a.low, a.high, self.boxes.expansion_point(a)
         match node.name:
             case "absolute":
