@@ -16,6 +16,7 @@ from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
 from tpmscad._typing import Array, IntArray
+from tpmscad.errors import format_point
 from tpmscad.fields.analysis.crease_pieces import CUT, FACE, SIDE, CellPairs, Pieces, PieceSearch
 from tpmscad.fields.analysis.level_surfaces import find_level_surfaces
 from tpmscad.fields.field import Field
@@ -26,11 +27,17 @@ JOIN_TOL = 1e-8
 CORNER_TOL = 1e-6
 """The same of corners, each computed from three of the surfaces that meet there; no arc is shorter."""
 
+END_TOL = 1e-4
+"""In sizes of the network: distance of ends of arcs that meet, at a corner or in cells that are not resolved."""
+
 GROUP_REACH = 8.0
 """In cells: distance of unresolved cells of one tangency; what is resolved between them is left to it."""
 
 GRID_SHIFTS = np.array([[0.31, 0.47, 0.61], [0.23, 0.67, 0.39], [0.53, 0.19, 0.71]]) / np.sqrt(2)
 """In cells: places of the grid against the box that are tried in turn, off the planes of symmetry of a model."""
+
+MAX_NAMED = 3
+"""Creases of which a message names the place."""
 
 CORNER, BOX, UNRESOLVED, LOOSE = "corner", "box", "unresolved", "loose"
 """Where an arc ends: at other creases, at the box, in cells that are not resolved, or nowhere, which is a failure."""
@@ -85,10 +92,48 @@ class CreaseNetwork:
         """The length of all arcs, model units."""
         return sum(arc.length for arc in self.arcs)
 
+    @cached_property
+    def n_curves(self) -> int:
+        """How many curves the arcs make from corner to corner, if a corner of two arcs counts as none."""
+        ends = np.array([arc.points[k] for arc in self.arcs for k in (0, -1)]).reshape(-1, 3)
+        if not len(ends):
+            return 0
+        size = float(np.ptp(ends, axis=0).max())
+        near = cKDTree(ends).query_pairs(END_TOL * size, output_type="ndarray").reshape(-1, 2)
+        return count_curves(_label_groups(near, len(ends)).reshape(-1, 2))
+
     @property
     def is_proved(self) -> bool:
         """Whether all creases in the box are proved to be among the arcs."""
         return not len(self.unresolved.lo) and not any(LOOSE in arc.ends for arc in self.arcs)
+
+
+def describe_creases(network: CreaseNetwork) -> str:
+    """Number, length and places of the creases in words, the longest first; nothing if there are none."""
+    if not network.arcs:
+        return ""
+    arcs = sorted(network.arcs, key=lambda arc: -arc.length)[:MAX_NAMED]
+    places = ", ".join(format_point(arc.points[len(arc.points) // 2], 4) for arc in arcs)
+    more = " and others" if len(network.arcs) > MAX_NAMED else ""
+    return f"surfaces of the field cross in {len(network.arcs)} creases of length {network.length:.4g}, near {places}{more}"
+
+
+def count_curves(ends: IntArray) -> int:
+    """How many curves edges make, from the numbers (n, 2) of their ends: they pass where two of them meet, and end elsewhere."""
+    if not len(ends):
+        return 0
+    degree = np.bincount(ends.ravel())
+    label = _label_groups(ends, len(degree))
+    passed = np.ones(label.max() + 1, bool)
+    passed[label[(degree != 2) & (degree > 0)]] = False
+    passed[np.setdiff1d(label, label[degree > 0])] = False
+    return int(passed.sum()) + int(degree[degree != 2].sum()) // 2
+
+
+def _label_groups(pairs: IntArray, count: int) -> IntArray:
+    """Numbers (count,) of the groups that pairs (n, 2) of things join."""
+    graph = coo_array((np.ones(len(pairs)), pairs.T), shape=(count, count))
+    return np.asarray(connected_components(graph, directed=False)[1])
 
 
 def trace_creases(field: Field, lo: Array, hi: Array) -> CreaseNetwork:
@@ -156,7 +201,7 @@ def _group_cells(cells: CellPairs) -> IntArray:
         return np.zeros(0, np.int64)
     reach = GROUP_REACH * float((cells.hi - cells.lo).max())
     near = cKDTree(0.5 * (cells.lo + cells.hi)).query_pairs(reach, output_type="ndarray").reshape(-1, 2)
-    return np.asarray(connected_components(coo_array((np.ones(len(near)), near.T), shape=(n, n)), directed=False)[1])
+    return _label_groups(near, n)
 
 
 def _is_within(arc: CreaseArc, cells: CellPairs, groups: IntArray, tol: float) -> bool:
@@ -199,8 +244,7 @@ def _find_corners(
     if not len(cuts):
         return []
     near = cKDTree(ends[cuts]).query_pairs(CORNER_TOL * search.extent, output_type="ndarray").reshape(-1, 2)
-    n = len(cuts)
-    label = connected_components(coo_array((np.ones(len(near)), near.T), shape=(n, n)), directed=False)[1]
+    label = _label_groups(near, len(cuts))
     corners = []
     for k in range(label.max() + 1):
         own = cuts[label == k]
