@@ -73,8 +73,8 @@ ON_SIDE_TOL = 1e-5
 
 
 CREASE_LENGTH_RTOL = 0.01
-"""Relative difference of the solid's creases from the field's in length, above which it is noted: the solid's are off by about the
-tolerance over the sine of the wedge. Creases that are missing are seen in their number, too."""
+"""Relative difference of the solid's creases from the field's in length, above which it is noted: the solid's are off by about
+the tolerance over the sine of the wedge. Creases that are missing are seen in their number, too."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
