@@ -13,7 +13,7 @@ from benchmarks.hidden_creases import LENGTH_RTOL, draw_hidden_ball, measure_hid
 from tpmscad import fields
 from tpmscad._typing import Array
 from tpmscad.fields.analysis import crease_network
-from tpmscad.fields.analysis.crease_network import BOX, CORNER, UNRESOLVED, CreaseNetwork, trace_creases
+from tpmscad.fields.analysis.crease_network import BOX, CORNER, UNRESOLVED, CreaseNetwork, count_curves, trace_creases
 from tpmscad.fields.analysis.outermost_extremes import expose_extremes, list_leaves
 from tpmscad.fields.field import Field
 
@@ -153,6 +153,18 @@ def test_surfaces_that_coincide_are_told() -> None:
     network = trace(twisted)
     assert not network.is_proved
     np.testing.assert_allclose(0.5 * (network.unresolved.lo + network.unresolved.hi)[:, 2], 0.1, atol=0.1)
+
+
+def test_curves_pass_where_two_edges_meet_and_end_elsewhere() -> None:
+    loop, path, fork = [[0, 1], [1, 2], [2, 0]], [[3, 4], [4, 5]], [[5, 6], [5, 7]]
+    assert count_curves(np.array(loop)) == 1
+    assert count_curves(np.array(path)) == 1
+    assert count_curves(np.array(loop + path)) == 2
+    assert count_curves(np.array(loop + path + fork)) == 4
+    assert count_curves(np.array([[8, 8]])) == 1
+    assert count_curves(np.zeros((0, 2), int)) == 0
+    pins = fields.sphere((0, 0, 0), 1.0) & fields.halfspace((0, 0, 0.3), "z") & fields.halfspace((0.2, 0, 0), "x")
+    assert trace(pins).n_curves == 3
 
 
 def test_a_tree_without_creases_has_none() -> None:

@@ -143,7 +143,7 @@ def combine_field_solids(
         own = measure_creases(built.solids, None if body is not None else (lo, hi))
         measures = replace(measures, figures={**measures.figures, **_describe_creases(own)})
         if body is None and fitted:
-            measures = _compare_creases(measures, own, trace_creases(field, lo, hi))
+            measures = compare_creases(measures, own, trace_creases(field, lo, hi))
     patches = built.brep if isinstance(built, BrepSolids) else _join_patches(fitted)
     return CombinedSolids(built, patches, measures)
 
@@ -326,7 +326,7 @@ def _describe_creases(creases: SolidCreases) -> dict[str, float]:
     }
 
 
-def _compare_creases(measures: PatchMeasures, own: SolidCreases, expected: CreaseNetwork) -> PatchMeasures:
+def compare_creases(measures: PatchMeasures, own: SolidCreases, expected: CreaseNetwork) -> PatchMeasures:
     """The measures with the creases that the field has by itself, and notes where the solid's differ or they are not resolved."""
     notes = measures.notes
     figures = {
