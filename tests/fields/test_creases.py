@@ -145,6 +145,7 @@ def test_creases_of_functions_without_bounds_are_not_claimed() -> None:
     foreign = fields.from_function(lambda x, y, z: x + 0.1 * y - z)
     network = trace(foreign & fields.sphere((0, 0, 0), 1.0))
     assert not network.is_proved
+    assert not network.is_enclosed
     assert len(network.unresolved.lo)
 
 

@@ -328,6 +328,8 @@ def _describe_creases(creases: SolidCreases) -> dict[str, float]:
 
 def compare_creases(measures: PatchMeasures, own: SolidCreases, expected: CreaseNetwork) -> PatchMeasures:
     """The measures with the creases that the field has by itself, and notes where the solid's differ or they are not resolved."""
+    if not expected.is_enclosed:
+        return measures
     notes = measures.notes
     figures = {
         **measures.figures,

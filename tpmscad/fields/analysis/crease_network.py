@@ -1,6 +1,6 @@
 """The network of creases of a tree of fields in a box: arcs, corners, loops and ends at the box, from the fields alone.
 
-Pieces of creases in cells (`crease_pieces`), found with proof that none is missed, are joined where they pass from cell to cell.
+Pieces of creases in cells (`crease_cells`), found with proof that none is missed, are joined where they pass from cell to cell.
 What could not be proved is stated: cells of a millionth of the box, or larger ones if they are many, in which two surfaces
 touch or coincide; and ends of pieces that nothing continues. Arcs shorter than a millionth of the box are left to their ends.
 """
@@ -17,7 +17,8 @@ from scipy.spatial import cKDTree
 
 from tpmscad._typing import Array, IntArray
 from tpmscad.errors import format_point
-from tpmscad.fields.analysis.crease_pieces import CUT, FACE, SIDE, CellPairs, Pieces, PieceSearch
+from tpmscad.fields.analysis.crease_cells import PieceSearch
+from tpmscad.fields.analysis.crease_pieces import CUT, FACE, SIDE, CellPairs, Pieces
 from tpmscad.fields.analysis.level_surfaces import find_level_surfaces
 from tpmscad.fields.field import Field
 
@@ -80,12 +81,13 @@ class UnresolvedCreases:
 
 @dataclass(frozen=True, eq=False)
 class CreaseNetwork:
-    """All creases of a field in a box."""
+    """All creases of a field in a box; none is known of a field with foreign functions, which are not enclosed."""
 
     arcs: tuple[CreaseArc, ...]
     corners: tuple[CreaseCorner, ...]
     unresolved: UnresolvedCreases
     cells_tested: int
+    is_enclosed: bool
 
     @cached_property
     def length(self) -> float:
@@ -191,7 +193,7 @@ def _join(search: PieceSearch) -> CreaseNetwork:
         for arc in arcs
         if not _is_within(arc, left, groups, JOIN_TOL * extent) and (arc.is_closed or arc.length > CORNER_TOL * extent)
     )
-    return CreaseNetwork(kept, tuple(corners), unresolved, search.cells_tested)
+    return CreaseNetwork(kept, tuple(corners), unresolved, search.cells_tested, search.surfaces.are_enclosed)
 
 
 def _group_cells(cells: CellPairs) -> IntArray:

@@ -15,6 +15,9 @@ from tpmscad.fields.analysis.quadric_leaves import find_quadric
 from tpmscad.fields.field import Field, ScaledField
 from tpmscad.fields.tape.tape_enclosures import JetEnclosures, TapeEnclosures
 
+MAX_PAIRS = 1 << 14
+"""Pairs of surfaces that are looked at together: the signs of a hundred surfaces for each are some megabytes."""
+
 EQUAL_DIGITS = 10
 """Decimals to which the coordinates of two planes, spheres or cylinders agree that are the same."""
 
@@ -80,6 +83,12 @@ class LevelSurfaces:
 
         It does unless one of the two is passed without a change of solid and void.
         """
+        if len(pairs) > MAX_PAIRS:
+            parts = [
+                self.may_be_edge(pairs[i : i + MAX_PAIRS], sides[i : i + MAX_PAIRS])
+                for i in range(0, len(pairs), MAX_PAIRS)
+            ]
+            return np.concatenate([part[0] for part in parts]), np.concatenate([part[1] for part in parts])
         sure, perhaps = self.bound_quadrants(pairs, sides)
         known = sure == perhaps
         same_across_second = known.all(axis=(0, 1)) & (sure[:, 0] == sure[:, 1]).all(axis=0)
