@@ -114,6 +114,25 @@ def test_a_pcurve_of_any_degree_is_split_where_it_crosses_the_inner_knots_of_its
     np.testing.assert_allclose(high, low, rtol=1e-12, atol=1e-14)
 
 
+def test_a_face_within_a_large_spline_needs_no_integral_from_the_first_knot() -> None:
+    """Moments of a rectangle of the parameter plane, from its loop, against those of the surface cut there."""
+    rng = np.random.default_rng(7)
+    knots = np.array([0, 0, 0, *np.linspace(0, 1, 9)[1:-1], 1, 1, 1])
+    surface = BSplineSurface(rng.random((10, 10, 3)), knots, knots, 2, 2)
+    (u0, u1), (v0, v1) = (0.4, 0.9), (0.2, 0.7)
+    corners = np.array([[u0, v0], [u1, v0], [u1, v1], [u0, v1]])
+    loop = [(line_segment(a, b), (0.0, 1.0)) for a, b in zip(corners, np.roll(corners, -1, axis=0), strict=True)]
+    found = integrate_pcurves(surface, loop, np.full(4, 0.375)).sum(axis=0)
+    one = np.ones(1, int)
+    cut = restrict_surface(surface, (u0, u1), (v0, v1))
+    expected = integral_properties.integrate_faces(
+        weld_patches([cut], 0 * one, Motion.identity(1), one, 0 * one, ["cut"])
+    )
+    np.testing.assert_allclose(found[1:4], expected.normal[0], rtol=0, atol=1e-14)
+    np.testing.assert_allclose(found[4:13].reshape(3, 3), expected.first[0], rtol=0, atol=1e-14)
+    np.testing.assert_allclose(found[13:], expected.second[0], rtol=0, atol=1e-14)
+
+
 def test_a_box_is_one_closed_shell_of_a_sphere() -> None:
     for box in (patch_box(2), plane_box(SIZE)):
         assert connectivity.is_closed(box)

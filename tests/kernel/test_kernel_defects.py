@@ -31,6 +31,7 @@ from OCP.TopAbs import TopAbs_FACE, TopAbs_SHELL
 from OCP.TopLoc import TopLoc_Location
 
 from tests.brep.test_extents import trimmed_face
+from tests.kernel.test_sphere_seams import bored_quarter, read_by_occt, write_without_pcurves
 from tests.shapes.kernel_shapes import CASES, drilled_dome, plane_box, voxels
 from tpmscad.brep.extents import true_bounds
 from tpmscad.errors import KernelError
@@ -329,3 +330,14 @@ def test_the_surface_of_a_circle_turned_about_a_line_that_it_crosses_is_read_bac
         writer.Transfer(dome, STEPControl_AsIs)
         writer.Write(str(tmp_path / "dome.step"))
     assert is_valid(read_step(tmp_path / "dome.step").shape)
+
+
+@pytest.mark.xfail(
+    strict=True,
+    raises=AssertionError,
+    reason=f"OCCT {VERSION}: a face of a sphere with edges on its seam is read as the rest of the sphere",
+)
+def test_a_face_of_a_sphere_without_pcurves_is_read_as_it_was_written(tmp_path: Path) -> None:
+    quarter = bored_quarter()
+    found = read_by_occt(write_without_pcurves(quarter, tmp_path / "quarter.step"))
+    assert volume(found) == pytest.approx(quarter.volume, rel=1e-3)

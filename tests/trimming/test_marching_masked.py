@@ -13,7 +13,7 @@ from tpmscad.splines.bspline import BSplineSurface
 from tpmscad.splines.knots import bezier_knots
 from tpmscad.trimming.intersect.curve_surface import bracketed_newton
 from tpmscad.trimming.intersect.marching import Trace, march_patch
-from tpmscad.trimming.intersect.marching_masked import march_masked_patch
+from tpmscad.trimming.intersect.marching_masked import march_masked_patches
 from tpmscad.trimming.intersect.patch_borders import BorderSide
 from tpmscad.trimming.operands.quadric_table import QuadricTable, build_implicit_surfaces
 
@@ -67,7 +67,8 @@ def march(patch: BSplineSurface, surface: FreeFormSurface, within: float = np.in
         return np.asarray(np.linalg.norm(points, axis=1) - near)
 
     row = build_implicit_surfaces([surface])
-    return march_masked_patch(patch, row, read_borders(patch, row, within), NO_CORNERS, 1e-9, border_distance)
+    borders = read_borders(patch, row, within)
+    return march_masked_patches([patch], row, [borders], NO_CORNERS[None], 1e-9, [border_distance])[0]
 
 
 def test_a_wide_sheet_has_the_arcs_of_its_plane() -> None:
@@ -132,4 +133,4 @@ def test_a_side_or_a_corner_in_the_surface_is_refused() -> None:
     row = build_implicit_surfaces([sheet(5.0)])
     borders = read_borders(patch, row)
     with pytest.raises(TrimmingError, match="corner of a patch"):
-        march_masked_patch(patch, row, borders, np.eye(4, dtype=bool)[0], 1e-9, lambda p: -np.ones(len(p)))
+        march_masked_patches([patch], row, [borders], np.eye(4, dtype=bool)[:1], 1e-9, [lambda p: -np.ones(len(p))])

@@ -204,20 +204,12 @@ PLACEMENTS: Fallbacks[[Operands, _TrimRequest], _Trim] = Fallbacks(
 FREE_FORM_PLACEMENTS = replace(PLACEMENTS, methods=PLACEMENTS.methods[:2])
 """Those for bodies with free-form faces, where each takes several times as long."""
 
-MAX_FREE_FORM_PAIRS = 2500
-"""Most pairs of a patch and a free-form face: each takes about 20 ms, and a failure must not cost more than the other methods."""
-
 
 def _trim_with_placements(
     operands: Operands, request: _TrimRequest, clearance: float, max_shift: float
 ) -> tuple[_Trim, TrimReport]:
     """The trim at the first of the `PLACEMENTS` that succeeds, and its statistics."""
     free_form = operands.body.surfaces.is_free_form[: operands.body.n_surfaces]
-    pairs = int(operands.candidates[:, free_form].sum())
-    if pairs > MAX_FREE_FORM_PAIRS:
-        raise TrimmingError(
-            f"{pairs} pairs of a patch and a free-form face are more than {MAX_FREE_FORM_PAIRS}: the cut would take too long"
-        )
     shift, reasons = np.zeros(3), []
     if clearance > 0:
         shift, before, after = find_clear_shift(operands, clearance, max_shift)

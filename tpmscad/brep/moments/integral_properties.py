@@ -45,19 +45,18 @@ def integrate_faces(brep: Brep) -> FaceMoments:
     curved = np.flatnonzero(~planar & ~whole[face])
     if len(curved):
         span = brep.edges.span[uses.edge[curved]]
-        keys, key_of_use = np.unique(
-            np.column_stack([carrier[curved], uses.pcurve[curved], span]), axis=0, return_inverse=True
-        )
+        columns = [carrier[curved], uses.pcurve[curved], span, _find_starts(brep, curved)]
+        keys, key_of_use = np.unique(np.column_stack(columns), axis=0, return_inverse=True)
         table = np.empty((len(keys), N_MOMENTS))
         starts = [0, *(np.flatnonzero(np.diff(keys[:, 0])) + 1).tolist(), len(keys)]  # keys come sorted by carrier
         for start, stop in zip(starts[:-1], starts[1:], strict=True):
             surface = brep.carriers[int(keys[start, 0])]
             assert not isinstance(surface, Plane)
-            pieces = [(brep.pcurves[int(p)], (low, high)) for _, p, low, high in keys[start:stop].tolist()]
+            pieces = [(brep.pcurves[int(p)], (low, high)) for _, p, low, high, _ in keys[start:stop].tolist()]
             if isinstance(surface, BSplineSurface) and is_single_span(surface):
                 table[start:stop] = integrate_pcurves_single_span(surface, pieces)
             else:
-                table[start:stop] = integrate_pcurves(surface, pieces)
+                table[start:stop] = integrate_pcurves(surface, pieces, keys[start:stop, 4])
         np.add.at(moments, face[curved], table[key_of_use.ravel()] * uses.sense[curved, None])
     if len(curved) or whole.any():
         moments = _move_moments(moments, faces.motion)
@@ -70,6 +69,23 @@ def integrate_faces(brep: Brep) -> FaceMoments:
         first=moments[:, 4:13].reshape(-1, 3, 3) * outward[:, None],
         second=moments[:, 13:] * outward,
     )
+
+
+def _find_starts(brep: Brep, curved: IntArray) -> Array:
+    """For each of the uses `curved` (n,), the last knot of its surface along u before all of its face: (n,); 0 on other surfaces.
+
+    A face is small beside its surface where a large spline face of a body has been cut into hundreds.
+    """
+    face, pcurve = brep.face_of_use[curved], brep.uses.pcurve[curved]
+    first = np.full(len(brep.faces), np.inf)
+    np.minimum.at(first, face, np.array([brep.pcurves[p].poles[:, 0].min() for p in pcurve.tolist()]))
+    start, carrier = np.zeros(len(curved)), brep.faces.carrier[face]
+    for c in np.unique(carrier).tolist():
+        surface = brep.carriers[c]
+        if isinstance(surface, BSplineSurface):
+            own, knots = np.flatnonzero(carrier == c), np.unique(surface.knots_u)
+            start[own] = knots[np.maximum(np.searchsorted(knots, first[face[own]], side="right") - 1, 0)]
+    return start
 
 
 def volume(moments: FaceMoments, face_group: IntArray | None = None) -> Array:

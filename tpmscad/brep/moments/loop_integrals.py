@@ -54,14 +54,20 @@ PcurveSpans = Sequence[tuple[BSplineCurve, tuple[float, float]]]
 """Pcurves, each with the span (low, high) to integrate along."""
 
 
-def integrate_pcurves(surface: BSplineSurface | Quadric, spans: PcurveSpans) -> Array:
-    """The line integrals of F dv along n pcurve spans, for the 16 moments: (n, 16)."""
+def integrate_pcurves(surface: BSplineSurface | Quadric, spans: PcurveSpans, first_knots: Array | None = None) -> Array:
+    """The line integrals of F dv along n pcurve spans, for the 16 moments: (n, 16).
+
+    `first_knots` (n,): the knots u0 of a spline from which F is integrated, one for all spans of a face and not beyond any of
+    them; the first of all by default. Over a closed loop they make no difference but for the work and the rounding.
+    """
     u, v, dv_weights, span_of_node = pcurve_gauss_nodes(surface, spans)
     result = np.zeros((len(spans), N_MOMENTS))
     for start in range(0, len(u), NODES_PER_BATCH):
         at = slice(start, start + NODES_PER_BATCH)
         inner = (
-            _antiderivative_on_spline(surface, u[at], v[at])
+            _antiderivative_on_spline(
+                surface, u[at], v[at], None if first_knots is None else first_knots[span_of_node[at]]
+            )
             if isinstance(surface, BSplineSurface)
             else _antiderivative_on_quadric(surface, u[at], v[at])
         )
@@ -115,9 +121,12 @@ def _find_breaks(
     found = []
     for axis, knots in enumerate(inner):
         if len(knots):
-            breaks, coefficients = power_coefficients(pcurve.knots, pcurve.poles[:, axis], pcurve.degree)
-            piecewise = PPoly(coefficients, breaks)
-            found += [piecewise.solve(knot, extrapolate=False) for knot in knots]
+            poles = pcurve.poles[:, axis]
+            knots = knots[(knots >= poles.min()) & (knots <= poles.max())]
+            if len(knots):
+                breaks, coefficients = power_coefficients(pcurve.knots, poles, pcurve.degree)
+                piecewise = PPoly(coefficients, breaks)
+                found += [piecewise.solve(knot, extrapolate=False) for knot in knots]
     at = np.concatenate([np.zeros(0), *found])
     return at[np.isfinite(at) & (at > span[0]) & (at < span[1])]
 
@@ -165,8 +174,8 @@ def antiderivative_matrix(u: Array, samples: Array) -> Array:
     return np.asarray((u[:, None] + 2.0 * waves) / len(samples))
 
 
-def _antiderivative_on_spline(surface: BSplineSurface, u: Array, v: Array) -> Array:
-    """F at the pairs (u, v): (n, 16), by Gauss quadrature along u on every knot interval up to u."""
+def _antiderivative_on_spline(surface: BSplineSurface, u: Array, v: Array, first_knot: Array | None) -> Array:
+    """F at the pairs (u, v): (n, 16), by Gauss quadrature along u on every knot interval from `first_knot` (n,) up to u."""
     poles = np.swapaxes(surface.poles, 0, 1).reshape(surface.poles.shape[1], -1)
     ruled = np.concatenate(
         [
@@ -182,13 +191,15 @@ def _antiderivative_on_spline(surface: BSplineSurface, u: Array, v: Array) -> Ar
     breaks = np.unique(surface.knots_u)
     result = np.zeros((len(u), N_MOMENTS))
     for low, high in zip(breaks[:-1], breaks[1:], strict=True):
-        at = np.flatnonzero(u > low)
+        at = np.flatnonzero(u > low if first_knot is None else (u > low) & (first_knot <= low))
         if len(at) == 0:
             continue
         part = (np.minimum(u[at], high) - low) / (high - low)
-        own = _restrict_bernstein(
-            np.tensordot(_bernstein_conversion(surface.knots_u, degree, low, high), ruled[at], (1, 1)), part
+        support = slice(
+            first := int(np.searchsorted(surface.knots_u, low, side="right")) - 1 - degree, first + degree + 1
         )
+        conversion = _bernstein_conversion(surface.knots_u, degree, low, high)[:, support]
+        own = _restrict_bernstein(np.tensordot(conversion, ruled[at, support], (1, 1)), part)
         own = own.reshape(degree + 1, -1)
         along = (values @ own).reshape(len(x), -1, 6)
         normal = _cross((slopes @ own).reshape(len(x), -1, 6)[..., :3], along[..., 3:])

@@ -10,8 +10,8 @@ import numpy as np
 from OCP.TopoDS import TopoDS_Shape, TopoDS_Solid
 
 from tpmscad.errors import InvalidRequest
-from tpmscad.kernel.body_import.inverted_faces import exchange_inverted_faces
 from tpmscad.kernel.body_import.isolated_reader import read_foreign_step
+from tpmscad.kernel.body_import.overlapping_spheres import require_disjoint_spheres
 from tpmscad.kernel.build.primitive_solids import PrimitiveRegion, make_region_solid
 from tpmscad.kernel.measure.shape_report import ShapeReport, check_shape
 from tpmscad.kernel.occt.bounding_boxes import enclosing_box
@@ -73,7 +73,8 @@ def read_body(source: Any) -> CadBody:
     low, high = enclosing_box(solids[0])
     if not np.isfinite([low, high]).all() or np.abs([low, high]).max() > MAX_COORDINATE:
         raise InvalidRequest(f"{name} has coordinates beyond {MAX_COORDINATE:g}: a body must be finite")
-    solid, exchanged = exchange_inverted_faces(solids[0], name)
+    solid = solids[0]
+    require_disjoint_spheres(solid, name)
     report = check_shape(solid)
     for failed, what in (
         (not report.closed, "is not closed: some of its edges bound one face only"),
@@ -83,7 +84,7 @@ def read_body(source: Any) -> CadBody:
         if failed:
             raise InvalidRequest(f"{name} {what}; repair it where it was modelled")
     notes, names = (foreign.notes, foreign.face_names) if foreign else ((), ())
-    return CadBody(solid, report, name, (*notes, *exchanged), *names)
+    return CadBody(solid, report, name, notes, *names)
 
 
 def _resolve_shape(source: Any) -> tuple[TopoDS_Shape, str]:

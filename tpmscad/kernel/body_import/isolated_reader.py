@@ -94,10 +94,10 @@ def _is_brep(path: str | os.PathLike[str]) -> bool:
     return Path(path).suffix.lower() == BREP_SUFFIX
 
 
-def _read(path: str, *, with_face_names: bool = False) -> StepContent:
+def _read(path: str, *, with_face_names: bool = False, with_clear_seams: bool = False) -> StepContent:
     """The content of a STEP or BREP file; the latter has neither units nor names."""
     if not _is_brep(path):
-        return read_step(path, with_face_names=with_face_names)
+        return read_step(path, with_face_names=with_face_names, with_clear_seams=with_clear_seams)
     shape = TopoDS_Shape()
     if not BRepTools.Read_s(shape, encode_file_name(path), BRep_Builder()):
         raise unreadable_file(Path(path))
@@ -115,7 +115,7 @@ def _check(path: str, faces: bool) -> StepReport:
 
 def _read_and_check(path: str) -> tuple[bytes, tuple[str, ...], tuple[tuple[str, ...], ...]]:
     """The shape as bytes, after a check that may crash as the reader may, notes on the file, and the names of faces."""
-    content = _read(path, with_face_names=True)
+    content = _read(path, with_face_names=True, with_clear_seams=True)
     check_shape(content.shape)
     return shape_to_bytes(content.shape), note_missing_unit(Path(path).name, content.units), content.face_names
 

@@ -21,6 +21,7 @@ from tpmscad.errors import InvalidRequest
 from tpmscad.kernel.occt import convert
 from tpmscad.kernel.occt.convert import encode_file_name
 from tpmscad.kernel.occt.exploration import faces_of, solids_of
+from tpmscad.kernel.step.sphere_seams import Frames, find_clear_frames, turn_spheres
 
 PART21_MAGIC = b"ISO-10303-21;"
 
@@ -73,28 +74,41 @@ class StepContent:
         return self.shape
 
 
-def read_step(path: str | os.PathLike[str], *, healed: bool = True, with_face_names: bool = False) -> StepContent:
+def read_step(
+    path: str | os.PathLike[str], *, healed: bool = True, with_face_names: bool = False, with_clear_seams: bool = False
+) -> StepContent:
     """Read a STEP file in mm, whatever its unit, with the shape healing of OCCT's reader or without it.
 
+    with_clear_seams: turn the frames of spheres with edges on their seams, as `sphere_seams` says. A file that is checked is
+    read without, as other programs on OCCT read it.
     OCCT looks through all of the file for the name of each face, 16 ms in one of 5000 faces: 86 s for all of them.
     Raises InvalidRequest if the file does not exist, is no STEP file, cannot be parsed or holds no solid. The file must be one
     that this process wrote; others may crash OCCT (see `isolated_reader`).
     """
     path = require_step_file(Path(path))
+    reader = _translate(path, healed, {})
+    if with_clear_seams and (frames := find_clear_frames(reader, reader.OneShape())):
+        reader = _translate(path, healed, frames)
+    shape = reader.OneShape()
+    solids = tuple(solids_of(shape))
+    if not solids:
+        raise missing_solid(path)
+    names = tuple(_face_names(reader, solid) for solid in solids) if with_face_names else ()
+    return StepContent(shape, solids, _length_units(reader), _product_names(reader), names)
+
+
+def _translate(path: Path, healed: bool, frames: Frames) -> STEPControl_Reader:
+    """The reader of a file with its shapes, with other frames of some of its spheres."""
     reader = STEPControl_Reader()
     with silence_occt(), fine_precision():
         if reader.ReadFile(encode_file_name(path)) != IFSelect_RetDone:
             raise unreadable_file(path)
         if not healed:  # after reading the file, which resets them
             reader.SetShapeFixParameters(convert.string_map({f"FixShape.{mode}": "0" for mode in SHAPE_FIX_MODES}))
+        turn_spheres(reader, frames)
         if reader.TransferRoots() == 0:
             raise missing_solid(path)
-        shape = reader.OneShape()
-    solids = tuple(solids_of(shape))
-    if not solids:
-        raise missing_solid(path)
-    names = tuple(_face_names(reader, solid) for solid in solids) if with_face_names else ()
-    return StepContent(shape, solids, _length_units(reader), _product_names(reader), names)
+    return reader
 
 
 def require_step_file(path: Path) -> Path:

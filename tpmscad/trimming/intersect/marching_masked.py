@@ -7,12 +7,14 @@ It differs from `marching` in what a jump asks for.
 - A branch may end at a masked cell; its end is an inner point.
 - The signs on the patch's border are those of the distance, for parity says nothing after a jump.
 - What lies away from the faces on the surface is left out before anything is fitted.
+
+Branches are found pair by pair; the points at which they are divided and end are found for all pairs at once.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field, replace
 from itertools import pairwise
 
 import numpy as np
@@ -21,7 +23,6 @@ from tpmscad._typing import Array, BoolArray, IntArray
 from tpmscad.brep.free_form_surface import FreeFormSurface
 from tpmscad.brep.orthogonal_projection import project_to_patch
 from tpmscad.errors import TrimmingError
-from tpmscad.rigid_motion import Motion
 from tpmscad.splines.bspline import BSplineSurface
 from tpmscad.trimming.intersect.critical_points import (
     PatchCriticalPoint,
@@ -38,10 +39,10 @@ from tpmscad.trimming.intersect.marching import (
     interpolate_crossings,
     link_crossings,
     locate_border_end,
-    project_to_zero,
 )
 from tpmscad.trimming.intersect.patch_borders import BorderSide, place_grid_lines, side_fractions, view_side_nodes
-from tpmscad.trimming.operands.edge_normals import EdgeNormals
+from tpmscad.trimming.intersect.patch_distances import PatchDistances
+from tpmscad.trimming.intersect.surface_kinks import CoarseBranch, insert_kinks
 from tpmscad.trimming.operands.quadric_table import ComposedDistance, QuadricTable
 
 LIPSCHITZ_FACTOR = 1.2
@@ -56,17 +57,8 @@ FAR_RADII = 2.0
 BorderDistance = Callable[[Array], Array]
 """Distances (n,) of points (n, 3) in the patch's frame from the nearest border of a face on the surface, negative in a face."""
 
-MAX_KINK_CONTINUITY = 2
-"""Continuity of a surface across a knot line up to which intersection curves are divided there."""
-
 KINK_CLEARANCE_STEPS = 0.2
 """Grid steps from the border of a face within which they are not: an edge of the body is there, and short edges would result."""
-
-KINK_STEPS = 12
-"""Most steps of false position to such a line."""
-
-KINK_RTOL = 1e-11
-"""Distance from the line, in steps of the path, at which the iteration ends."""
 
 MARGIN_STEPS = 3.0
 """Grid steps beyond the border of a face to which a branch is followed, so that it crosses the edge for certain."""
@@ -88,22 +80,79 @@ class _Samples:
     is_far: BoolArray
 
 
-def march_masked_patch(
-    surface: BSplineSurface,
+@dataclass(slots=True, eq=False)
+class _Branch:
+    """A branch of a zero set: its path (n, 2), the ends known before it is divided, and what of it is near faces.
+
+    `pair`: number of the pair that it belongs to. `is_closed`: it was closed; `is_loop`: near faces all along as well, with its
+    first point repeated at its end. `pieces`: first and last index of each part near faces. `clear` (n,) and `clearance`: see
+    `insert_kinks`. `reach` (2,): steps of the grid, by which a projection may move. `kinks` (k,): where it is to be divided.
+    `zeros`: the zeros found from points of the path, by their numbers; NaN where there is none.
+    """
+
+    pair: int
+    path: Array
+    ends: tuple[ArcEnd | None, ArcEnd | None]
+    is_closed: bool
+    is_loop: bool
+    pieces: list[tuple[int, int]]
+    clear: BoolArray
+    clearance: float
+    reach: Array
+    kinks: IntArray = field(default_factory=lambda: np.zeros(0, np.int64))
+    zeros: dict[int, Array] = field(default_factory=dict)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _TracedPair:
+    """The branches of a pair, the inner points (n, 2) at which branches end, and the foci as of `Trace`."""
+
+    branches: list[_Branch]
+    saddles: Array
+    foci: Array
+
+
+def march_masked_patches(
+    patches: Sequence[BSplineSurface],
     implicit: QuadricTable,
+    borders: Sequence[tuple[BorderSide, ...]],
+    on_corner: BoolArray,
+    zero_tol: float,
+    border_distances: Sequence[BorderDistance],
+) -> list[Trace]:
+    """The traces of n pairs of a patch and a free-form surface, as by `march_patch`, next to the surface's faces.
+
+    on_corner: (n, 4). TrimmingError if a corner or a side of the patch lies in the surface.
+    """
+    if not patches:
+        return []
+    traced = [
+        _trace_branches(i, ComposedDistance(patch, implicit.row(i)), borders[i], on_corner[i], zero_tol, measure)
+        for i, (patch, measure) in enumerate(zip(patches, border_distances, strict=True))
+    ]
+    distances = PatchDistances(patches, implicit)
+    branches = [branch for one in traced for branch in one.branches]
+    divided = insert_kinks(distances, [CoarseBranch(b.pair, b.path, b.clear, b.clearance) for b in branches])
+    for branch, (path, kinks) in zip(branches, divided, strict=True):
+        shifts = np.searchsorted(kinks - np.arange(len(kinks)), np.arange(len(branch.path)), side="right")
+        branch.pieces = [(int(i + shifts[i]), int(j + shifts[j])) for i, j in branch.pieces]
+        branch.path, branch.kinks = path, kinks
+    _find_zeros(distances, branches)
+    return [_build_trace(distances, one) for one in traced]
+
+
+def _trace_branches(
+    pair: int,
+    distance: ComposedDistance,
     borders: tuple[BorderSide, ...],
     on_corner: BoolArray,
     zero_tol: float,
     border_distance: BorderDistance,
-) -> Trace:
-    """The arcs of one free-form surface (a table of one row) on a patch, as by `march_patch`, next to the surface's faces.
-
-    TrimmingError if a corner or a side of the patch lies in the surface.
-    """
+) -> _TracedPair:
+    """The branches of one pair on a grid that resolves them."""
     if on_corner.any() or any(border.sign == 0 for border in borders):
         raise TrimmingError("a corner of a patch lies in a free-form face of the body")
-    distance = ComposedDistance(surface, implicit)
-    samples = _sample(distance, *place_grid_lines(surface, borders, on_corner))
+    samples = _sample(distance, *place_grid_lines(distance.surface, borders, on_corner))
     critical = _find_critical_points(distance, samples)
     us, vs, saddles = refine_grid_lines(samples.us, samples.vs, critical, on_corner, zero_tol)
     if len(us) > len(samples.us) or len(vs) > len(samples.vs) or len(saddles):
@@ -125,11 +174,12 @@ def march_masked_patch(
         raise TrimmingError(
             f"branches of an intersection curve stay unresolved near (u, v) = ({us[i[0]]:.6f}, {vs[j[0]]:.6f})"
         )
-    arcs, points = _chain_near_arcs(distance, follow, samples, borders, saddles, border_distance)
-    if not arcs:
-        return replace(EMPTY_TRACE, sign=1)  # the sign is asked for next to coincident sides only, which are refused
-    foci = np.array([[*c.parameters, c.radius] for c in critical if abs(c.value) > zero_tol]).reshape(-1, 3)
-    return Trace(arcs, 0, points, np.zeros(4, np.int64), np.vstack([foci, _find_pole_foci(distance, samples)]))
+    branches = _collect_branches(pair, distance, follow, samples, borders, saddles, border_distance)
+    foci = np.zeros((0, 3))
+    if branches:
+        foci = np.array([[*c.parameters, c.radius] for c in critical if abs(c.value) > zero_tol]).reshape(-1, 3)
+        foci = np.vstack([foci, _find_pole_foci(distance, samples)])
+    return _TracedPair(branches, saddles, foci)
 
 
 def _sample(distance: ComposedDistance, us: Array, vs: Array) -> _Samples:
@@ -190,7 +240,9 @@ def _find_critical_points(distance: ComposedDistance, samples: _Samples) -> list
 
 def _find_pole_foci(distance: ComposedDistance, samples: _Samples) -> Array:
     """Where the patch comes near poles of the surface: (u, v) and the distance in (u, v), (k, 3). Arcs turn sharply there."""
-    form, place = _single_form(distance)
+    placed = distance.implicit.placed
+    assert placed is not None
+    form, place = placed.forms[int(placed.number[0])], placed.place[0]
     poles = form.poles_across_v() if isinstance(form, FreeFormSurface) else ()
     if not poles:
         return np.zeros((0, 3))
@@ -199,13 +251,6 @@ def _find_pole_foci(distance: ComposedDistance, samples: _Samples) -> Array:
     i, j = np.unravel_index(apart.argmin(axis=0), samples.points.shape[:2])
     radius, u, v = project_to_patch(distance.surface, points, samples.us[i], samples.vs[j])
     return np.column_stack([u, v, radius / np.sqrt(np.linalg.norm(distance.surface.normal(u, v), axis=1))])
-
-
-def _single_form(distance: ComposedDistance) -> tuple[FreeFormSurface | EdgeNormals, Motion]:
-    """The surface of a table of one row, and its place in the frame of the patch."""
-    placed = distance.implicit.placed
-    assert placed is not None
-    return placed.forms[int(placed.number[0])], placed.place[0]
 
 
 def _mask_borders(samples: _Samples, negative: BoolArray, borders: tuple[BorderSide, ...]) -> BoolArray:
@@ -222,21 +267,21 @@ def _mask_borders(samples: _Samples, negative: BoolArray, borders: tuple[BorderS
     return masked
 
 
-def _chain_near_arcs(
+def _collect_branches(
+    pair: int,
     distance: ComposedDistance,
     follow: dict[int, int],
     samples: _Samples,
     borders: tuple[BorderSide, ...],
     saddles: Array,
     border_distance: BorderDistance,
-) -> tuple[tuple[Arc, ...], Array]:
-    """The parts of the branches that are near faces, and the inner points (n, 2) at which they end."""
+) -> list[_Branch]:
+    """The branches that are near faces, with the parts that are."""
     us, vs = samples.us, samples.vs
-    steps = [np.linalg.norm(np.diff(samples.points, axis=axis), axis=2).max() for axis in (0, 1)]
-    step = float(max(steps))
-    margin = MARGIN_STEPS * step
-    points = list(saddles)
-    arcs: list[Arc] = []
+    step = float(max(np.linalg.norm(np.diff(samples.points, axis=axis), axis=2).max() for axis in (0, 1)))
+    clearance = KINK_CLEARANCE_STEPS * step
+    reach = np.array([np.diff(us).max(), np.diff(vs).max()])
+    branches = []
     for chain, is_closed in _collect_chains(follow):
         inner = np.array([c for c in chain if c >= 0], np.int64)
         path = interpolate_crossings(inner, samples.values[None], us, vs)
@@ -250,126 +295,86 @@ def _chain_near_arcs(
             elif not is_closed and _is_on_border(crossing, len(us), len(vs)):
                 ends[k], path[at] = locate_border_end(crossing, us, vs, borders)
         depth = border_distance(distance.surface(*path.T))
-        near = depth <= margin
-        if is_closed:
-            path, near, depth = path[:-1], near[:-1], depth[:-1]
-            if near.all():
-                half = len(path) // 2
-                path, near, depth = (
-                    np.vstack([path, path[:1]]),
-                    np.ones(len(path) + 1, bool),
-                    np.append(depth, depth[0]),
-                )
-                pieces = [(0, half), (half, len(path) - 1)]
-            else:
-                turn = int(np.argmin(near))
-                path, near, depth = np.roll(path, -turn, axis=0), np.roll(near, -turn), np.roll(depth, -turn)
-                pieces = _runs(near)
+        near = depth <= MARGIN_STEPS * step
+        is_loop = is_closed and bool(near[:-1].all())
+        if is_loop:
+            path, depth = np.vstack([path[:-1], path[:1]]), np.append(depth[:-1], depth[0])
+            half, last = (len(path) - 1) // 2, len(path) - 1
+            pieces = [(0, half), (half, last)]
+        elif is_closed:
+            turn = int(np.argmin(near[:-1]))
+            path, depth = np.roll(path[:-1], -turn, axis=0), np.roll(depth[:-1], -turn)
+            pieces = _runs(np.roll(near[:-1], -turn))
         else:
             pieces = _runs(near)
+        if pieces:
+            clear = np.abs(depth) > clearance
+            branches.append(
+                _Branch(pair, path, (ends[0], ends[1]), is_closed, is_loop, pieces, clear, clearance, reach)
+            )
+    return branches
+
+
+def _find_zeros(distances: PatchDistances, branches: list[_Branch]) -> None:
+    """Enter the zeros next to all points at which the branches may end or be divided."""
+    wanted = [sorted({i for piece in b.pieces for i in piece} | set(b.kinks.tolist())) for b in branches]
+    if not branches:
+        return
+    pair = np.repeat([b.pair for b in branches], [len(w) for w in wanted])
+    zeros = distances.project_to_zero(pair, np.vstack([b.path[w] for b, w in zip(branches, wanted, strict=True)]))
+    ends = np.cumsum([len(w) for w in wanted])[:-1]
+    for branch, own, found in zip(branches, wanted, np.split(zeros, ends), strict=True):
+        branch.zeros = dict(zip(own, found, strict=True))
+
+
+def _zero_near(distances: PatchDistances, branch: _Branch, i: int) -> Array:
+    """The zero (2,) found from a point of a branch, NaN if there is none."""
+    if i not in branch.zeros:
+        branch.zeros[i] = distances.project_to_zero(np.array([branch.pair]), branch.path[i : i + 1])[0]
+    return branch.zeros[i]
+
+
+def _build_trace(distances: PatchDistances, traced: _TracedPair) -> Trace:
+    """The arcs of the branches near faces, divided at kinks."""
+    points = list(traced.saddles)
+    arcs: list[Arc] = []
+    for branch in traced.branches:
+        path, ranges = branch.path, branch.pieces
+        if not branch.is_loop:
+            ranges = [r for r in (_shorten_range(distances, branch, *r) for r in ranges) if r[0] < r[1]]
         made: dict[int, ArcEnd] = {}
-        clear = np.abs(depth) > KINK_CLEARANCE_STEPS * step
-        path, kinks = _insert_kinks(distance, path, clear, KINK_CLEARANCE_STEPS * step)
-        shifts = np.searchsorted(kinks - np.arange(len(kinks)), np.arange(len(path)), side="right")
-        ranges = [(int(i + shifts[i]), int(j + shifts[j])) for i, j in pieces]
-        if not (is_closed and near.all()):
-            reach = np.array([np.diff(us).max(), np.diff(vs).max()])
-            is_end = (ends[0] is not None, ends[1] is not None)
-            ranges = [r for r in (_shorten_range(distance, path, *r, is_end, reach) for r in ranges) if r[0] < r[1]]
-        for first, last in [part for piece in ranges for part in _split_range(*piece, kinks.tolist())]:
+        for first, last in [part for piece in ranges for part in _split_range(*piece, branch.kinks.tolist())]:
             own: list[ArcEnd] = []
             tips = path[[first, last]]
             for k, at in ((0, first), (1, last)):
-                known = ends[k] if not is_closed and at == (0, len(path) - 1)[k] else None
-                key = at % (len(path) - 1) if is_closed and near.all() else at
+                known = branch.ends[k] if not branch.is_closed and at == (0, len(path) - 1)[k] else None
+                key = at % (len(path) - 1) if branch.is_loop else at
                 if known is None and key not in made:
                     made[key] = ("point", len(points), 0)
-                    points.append(project_to_zero(distance, path[at]))
+                    points.append(_zero_near(distances, branch, at))
+                    if not np.isfinite(points[-1]).all():
+                        raise TrimmingError("an intersection with a free-form face of the body does not converge")
                 end = known or made[key]
                 if end[0] == "point":
                     tips[k] = points[end[1]]
                 own.append(end)
             arcs.append(Arc(np.vstack([tips[:1], path[first + 1 : last], tips[1:]]), own[0], own[1]))
-    return tuple(arcs), np.array(points).reshape(-1, 2)
+    if not arcs:
+        return replace(EMPTY_TRACE, sign=1)  # the sign is asked for next to coincident sides only, which are refused
+    return Trace(tuple(arcs), 0, np.array(points).reshape(-1, 2), np.zeros(4, np.int64), traced.foci)
 
 
-def _insert_kinks(
-    distance: ComposedDistance, path: Array, clear: BoolArray, clearance: float
-) -> tuple[Array, IntArray]:
-    """The path (n, 2) with points inserted where it crosses lines of the surface at which curves bend, and their numbers (k,).
-
-    Across a knot line or a seam at which the surface is no smoother than C2, the third derivative of an intersection curve jumps,
-    or the second. The curve is divided there, since no fit across comes near the tolerance. A seam is an edge of the body, so
-    that the point lies on it to round-off; other lines are skipped where points are not `clear` (n,) of the borders of faces, and
-    within `clearance` of the ends of the path, lest short edges result.
-    """
-    form, place = _single_form(distance)
-    none = path, np.zeros(0, np.int64)
-    if not isinstance(form, FreeFormSurface):
-        return none
-    lines = [
-        (axis, x, False) for axis, values in enumerate(form.knot_lines(MAX_KINK_CONTINUITY)) for x in values.tolist()
-    ]
-    lines += [
-        (axis, form.domain[axis][0], True) for axis in (0, 1) if form.bends_at_seam(axis, MAX_KINK_CONTINUITY + 1)
-    ]
-    if not lines:
-        return none
-
-    def offsets(at: Array, axis: int, line: float) -> Array:
-        """Parameter of the feet less that of the line, to within half a period."""
-        off = form.parameters(place.apply(distance.surface(*at.T)))[:, axis] - line
-        period = form.period[axis]
-        return np.asarray(off - period * np.round(off / period) if period else off)
-
-    feet = form.parameters(place.apply(distance.surface(*path.T)))
-    ends = distance.surface(*path[[0, -1]].T)
-    found: list[tuple[int, Array]] = []
-    for axis, line, is_seam in lines:
-        period = form.period[axis]
-        off = feet[:, axis] - line
-        off = off - period * np.round(off / period) if period else off
-        near = np.abs(off) < 0.25 * period if period else np.ones(len(off), bool)
-        crossed = ((off[1:] < 0) != (off[:-1] < 0)) & near[1:] & near[:-1]
-        for i in np.flatnonzero(crossed).tolist():
-            if not (is_seam or (clear[i] and clear[i + 1])):
-                continue
-            a, b, f, g = path[i], path[i + 1], float(off[i]), float(off[i + 1])
-            scale = abs(f - g)
-            for _ in range(KINK_STEPS):
-                middle = project_to_zero(distance, a + (b - a) * f / (f - g))
-                h = float(offsets(middle[None], axis, line)[0])
-                if abs(h) <= KINK_RTOL * scale:
-                    break
-                a, b, f, g = (middle, b, h, g) if (h < 0) == (f < 0) else (a, middle, f, h)
-            apart = np.linalg.norm(ends - distance.surface(*middle), axis=1).min()
-            if apart > (0.0 if is_seam else clearance):
-                found.append((i + 1, middle))
-    found.sort(key=lambda item: item[0])
-    at = np.array([i for i, _ in found], np.int64)
-    if not len(at):
-        return none
-    return np.insert(path, at, np.array([p for _, p in found]), axis=0), at + np.arange(len(at))
-
-
-def _shorten_range(
-    distance: ComposedDistance, path: Array, first: int, last: int, is_end: tuple[bool, bool], reach: Array
-) -> tuple[int, int]:
-    """The range of a path (n, 2), shorter where its inner ends are no points near zeros: next to a jump they may be none.
-
-    `is_end`: whether the ends of the whole path are known. A projection moves by at most `reach` (2,).
-    """
+def _shorten_range(distances: PatchDistances, branch: _Branch, first: int, last: int) -> tuple[int, int]:
+    """The range of a branch, shorter where its inner ends are no points near zeros: next to a jump they may be none."""
 
     def is_near_zero(i: int) -> bool:
-        try:
-            moved = np.abs(project_to_zero(distance, path[i]) - path[i])
-        except TrimmingError:
-            return False
-        return bool((moved <= reach).all())
+        moved = np.abs(_zero_near(distances, branch, i) - branch.path[i])
+        return bool((moved <= branch.reach).all())
 
+    is_end = [end is not None for end in branch.ends]
     while first < last and not (first == 0 and is_end[0]) and not is_near_zero(first):
         first += 1
-    while first < last and not (last == len(path) - 1 and is_end[1]) and not is_near_zero(last):
+    while first < last and not (last == len(branch.path) - 1 and is_end[1]) and not is_near_zero(last):
         last -= 1
     return first, last
 

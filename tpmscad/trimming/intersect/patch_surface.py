@@ -29,7 +29,7 @@ from tpmscad.trimming.intersect.arrangement import (
 )
 from tpmscad.trimming.intersect.marching import ArcEnd, Trace
 from tpmscad.trimming.intersect.marching_batched import march_patches
-from tpmscad.trimming.intersect.marching_masked import march_masked_patch
+from tpmscad.trimming.intersect.marching_masked import march_masked_patches
 from tpmscad.trimming.intersect.patch_borders import BorderSide
 from tpmscad.trimming.operands.quadric_table import QuadricTable, group_rows
 
@@ -70,7 +70,7 @@ def intersect_patches(a: Arrangement) -> Arrangement:
 
 
 def _march_classes(o: Operands, patches: list[BSplineSurface], pairs: _PairClasses) -> list[Trace]:
-    """The traces of all classes, those of free-form surfaces one by one."""
+    """The traces of all classes."""
     zero_tol = ZERO_FRACTION_OF_TOL * o.fit_tol
     free_form = pairs.surfaces.is_free_form
     others = np.flatnonzero(~free_form)
@@ -82,11 +82,19 @@ def _march_classes(o: Operands, patches: list[BSplineSurface], pairs: _PairClass
         zero_tol,
     )
     traces = dict(zip(others.tolist(), made, strict=True))
-    for i in np.flatnonzero(free_form).tolist():
-        pair = int(pairs.first[i])
-        border_distance = partial(_measure_border_distances, o, int(pairs.face[pair]), int(pairs.surface[pair]))
-        row, on_corner = pairs.surfaces.row(i), pairs.on_corner[i]
-        traces[i] = march_masked_patch(patches[i], row, pairs.borders[i], on_corner, zero_tol, border_distance)
+    at = np.flatnonzero(free_form)
+    made = march_masked_patches(
+        [patches[i] for i in at.tolist()],
+        pairs.surfaces.take(at),
+        [pairs.borders[i] for i in at.tolist()],
+        pairs.on_corner[at],
+        zero_tol,
+        [
+            partial(_measure_border_distances, o, int(pairs.face[pair]), int(pairs.surface[pair]))
+            for pair in pairs.first[at]
+        ],
+    )
+    traces |= zip(at.tolist(), made, strict=True)
     return [traces[i] for i in range(len(patches))]
 
 
