@@ -170,7 +170,7 @@ def test_splines_of_any_degrees_and_knots_lie_within(degrees: tuple[int, int, in
 def test_periodic_splines_lie_within_across_their_period(size: float) -> None:
     # steps as wide as a B-spline, on which the values are the coefficients
     steps = np.random.default_rng(3).standard_normal((2, 3, 2))
-    coefficients = np.kron(steps, np.ones((5, 5, 5)))
+    coefficients = np.asarray(np.kron(steps, np.ones((5, 5, 5))), float)
     field = TracedFormula(lambda *nodes: tape_nodes.periodic_spline(coefficients, (2.0, 3.0, 1.5), nodes))
     assert_encloses(field, *make_boxes(8, size, 80))
 
