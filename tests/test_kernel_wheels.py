@@ -163,19 +163,26 @@ def test_a_damaged_wheel_is_told_at_import(tmp_path: Path) -> None:
     assert (found.returncode, found.stderr.count("the CAD kernel is damaged")) == (0, 1)
 
 
+ABSENT, UNLOADABLE, EMPTY = (
+    ("raise ModuleNotFoundError(\"No module named 'OCP'\", name='OCP')", "No module named 'OCP'"),
+    ("raise ImportError('undefined symbol: TopoDS')", "undefined symbol: TopoDS"),
+    ("", "No module named 'OCP.gp'; 'OCP' is not a package"),  # nothing but a name is left
+)
+"""Modules OCP, and why they do not load."""
+
+
 @pytest.mark.parametrize(
-    ("module", "reason"),
+    ("statement", "module", "reason"),
     [
-        ("raise ModuleNotFoundError(\"No module named 'OCP'\", name='OCP')", "No module named 'OCP'"),
-        ("raise ImportError('undefined symbol: TopoDS')", "undefined symbol: TopoDS"),
-        ("", "No module named 'OCP.gp'; 'OCP' is not a package"),  # nothing but a name is left
+        ("import tpmscad; tpmscad.lattice", *ABSENT),
+        ("import tpmscad; tpmscad.lattice", *UNLOADABLE),
+        ("import tpmscad; tpmscad.lattice", *EMPTY),
+        ("import tpmscad.build123d", *UNLOADABLE),
+        ("import tpmscad.kernel.step.part21", *UNLOADABLE),
     ],
 )
-@pytest.mark.parametrize(
-    "statement", ["import tpmscad; tpmscad.lattice", "import tpmscad.build123d", "import tpmscad.kernel.step.part21"]
-)
 def test_a_kernel_that_does_not_load_is_one_error_that_names_the_remedy(
-    tmp_path: Path, module: str, reason: str, statement: str
+    tmp_path: Path, statement: str, module: str, reason: str
 ) -> None:
     (tmp_path / "OCP.py").write_text(module)
     install(tmp_path, "cadquery-2.8.0")

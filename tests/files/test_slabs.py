@@ -150,16 +150,3 @@ def test_a_process_pool_writes_the_same_bytes(slabs: SlabFiles, tmp_path: Path) 
     with ProcessPoolExecutor(2, mp_context=get_context("spawn")) as pool:
         pooled = tpmscad.export_slabs("schwarz_p", tmp_path / "p_{:02d}.step", slab=2, executor=pool, **REQUEST)
     assert [s.sha256 for s in pooled.slabs] == [s.sha256 for s in slabs.slabs]
-
-
-@pytest.mark.slow
-def test_dask_writes_the_same_bytes(slabs: SlabFiles, tmp_path: Path) -> None:
-    distributed = pytest.importorskip("distributed", reason="Dask is not installed")
-    with (
-        distributed.LocalCluster(n_workers=1, threads_per_worker=1, dashboard_address=None) as cluster,
-        distributed.Client(cluster) as client,
-    ):
-        made = tpmscad.export_slabs(
-            "schwarz_p", tmp_path / "p_{:02d}.step", slab=2, executor=client.get_executor(), **REQUEST
-        )
-    assert [s.sha256 for s in made.slabs] == [s.sha256 for s in slabs.slabs]

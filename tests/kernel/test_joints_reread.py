@@ -157,9 +157,8 @@ def test_offset_faces_read_back_join_with_continuous_curvature_at_every_edge_and
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", ["gyroid", "diamond", "schwarz_p"])
-def test_so_do_those_of_a_lattice_cut_by_a_box(name: str, tmp_path: Path) -> None:
-    model = tpmscad.lattice(name, cell=CELL, thickness=1.0, tol=1e-3, boundary="box")
+def test_so_do_those_of_a_lattice_cut_by_a_box(tmp_path: Path) -> None:
+    model = tpmscad.lattice("gyroid", cell=CELL, thickness=1.0, tol=1e-3, boundary="box")
     model.export_step(tmp_path / "lattice.step")
     edges, vertices = joins(read_step(tmp_path / "lattice.step").shape)
     assert max(vertices.valences) == 6

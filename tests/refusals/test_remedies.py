@@ -22,7 +22,7 @@ Remedy = Callable[[re.Match[str]], Any]
 NUMBER = r"([\d.]+(?:e-?\d+)?)"
 
 
-def box(size: float = 12.0) -> bd.Part:
+def box(size: float = 8.0) -> bd.Part:
     return bd.Box(size, size, size)
 
 

@@ -38,8 +38,15 @@ def test_cuts_are_as_exact_as_the_cell_allows_and_never_below_round_off() -> Non
     assert find_trim_tolerance(1e6) == pytest.approx(1e6 * BOX_TRIM_ROUND_OFF_CELLS)
 
 
-@pytest.mark.parametrize("name", SURFACES)
-@pytest.mark.parametrize("phase", [(0.0, 0.0, 0.0), (0.125, 0.25, 0.0), (0.31, 0.07, 0.77)])
+@pytest.mark.parametrize(
+    ("name", "phase"),
+    [
+        ("schwarz_p", (0.0, 0.0, 0.0)),
+        pytest.param("gyroid", (0.0, 0.0, 0.0), marks=pytest.mark.slow),
+        pytest.param("diamond", (0.125, 0.25, 0.0), marks=pytest.mark.slow),
+        *(pytest.param(name, (0.31, 0.07, 0.77), marks=pytest.mark.slow) for name in SURFACES),
+    ],
+)
 def test_a_sheet_in_a_box_has_the_volume_that_theory_gives_at_every_phase(
     name: str, phase: tuple[float, float, float], tmp_path: Path
 ) -> None:
@@ -66,10 +73,14 @@ def test_the_two_sides_of_a_surface_fill_the_box(name: str) -> None:
     assert halves[0].certificate.volume == larger  # the "-" side reaches beyond the mid surface
 
 
-@pytest.mark.parametrize("name", MIRRORED)
+@pytest.mark.slow
 @pytest.mark.parametrize(
-    ("cells", "boundary", "phase"),
-    [((1, 1, 1), "box", (0, 0, 0)), ((2, 1, 1), "natural", (0.1, 0.2, 0.3)), ((1, 1, 1), "box", (0.13, 0.21, -0.34))],
+    ("name", "cells", "boundary", "phase"),
+    [
+        ("iwp", (1, 1, 1), "box", (0, 0, 0)),
+        ("neovius", (2, 1, 1), "natural", (0.1, 0.2, 0.3)),
+        *((name, (1, 1, 1), "box", (0.13, 0.21, -0.34)) for name in MIRRORED),
+    ],
 )
 def test_a_mirrored_sheet_is_certified_and_read_back(
     name: str, cells: tuple[int, int, int], boundary: str, phase: tuple[float, float, float], tmp_path: Path
@@ -91,6 +102,7 @@ def test_a_mirrored_sheet_is_certified_and_read_back(
     np.testing.assert_allclose(read.shape.bounds, [low, low + CELL * np.array(cells)], rtol=0, atol=1e-6)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", MIRRORED)
 def test_the_two_sides_of_a_mirrored_surface_fill_the_box(name: str) -> None:
     halves = [tpmscad.lattice(name, cell=CELL, kind="skeletal", side=s, offset=0.1, tol=1e-3) for s in "-+"]
@@ -155,6 +167,7 @@ def test_equal_requests_write_equal_files_but_for_the_date(boundary: str, tmp_pa
     assert texts[0] == texts[1]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("boundary", ["box", "natural"])
 def test_an_instanced_file_places_one_cell_many_times(boundary: str, tmp_path: Path) -> None:
     model = tpmscad.lattice(

@@ -27,9 +27,7 @@ VOLUME = 1e-3
 PHI = fields.tpms("gyroid", 10.0)
 RAMP = fields.ramp("x", (0, 10), (0.15, 0.55))
 FIELDS = {
-    "gyroid sheet": fields.sheet(PHI, -0.3, 0.3),
     "gyroid rod": fields.rod(PHI, -0.2),
-    "P rod": fields.rod(fields.tpms("schwarz_p", 10.0), -0.3),
     "I-WP sheet": fields.sheet(fields.tpms("iwp", 10.0), -0.5, 0.5),
     "graded gyroid": fields.sheet(PHI, -RAMP, RAMP),
 }
@@ -124,8 +122,8 @@ def in_flask(x: np.ndarray) -> np.ndarray:
 
 BODIES: dict[str, tuple[Callable[[], bd.Part], Inside, Field]] = {
     "filleted block": (filleted_block, in_filleted_block, fields.sheet(fields.tpms("gyroid", 12.0), -0.35, 0.35)),
-    "bracket": (bracket, in_bracket, fields.sheet(fields.tpms("schwarz_p", 9.0), -0.3, 0.3)),
-    "flask": (flask, in_flask, fields.rod(fields.tpms("gyroid", 9.0), -0.2)),
+    "bracket": (bracket, in_bracket, fields.sheet(fields.tpms("schwarz_p", 10.0), -0.3, 0.3)),
+    "flask": (flask, in_flask, fields.rod(fields.tpms("gyroid", 13.0), -0.2)),
 }
 
 

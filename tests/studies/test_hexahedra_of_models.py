@@ -32,7 +32,7 @@ def test_a_natural_lattice_has_hexahedra_and_a_file_of_splines(tmp_path: Path) -
 @pytest.mark.parametrize(
     ("options", "periods"),
     [
-        ({"map": maps.cylinder(radius=40 / np.pi), "cells": (8, 1, 1)}, (0, 0, 10)),  # a closed ring
+        ({"map": maps.cylinder(radius=25 / np.pi), "cells": (5, 1, 1)}, (0, 0, 10)),  # a closed ring
         ({"map": maps.grading(2, (1.0, 1.6), 20.0), "cells": (1, 1, 2)}, (10, 10, 0)),
         ({"cell": (10, 12, 9)}, (10, 12, 9)),
     ],

@@ -65,6 +65,7 @@ def test_the_wall_over_a_void_below_a_flat_side_is_found(wall: float, placement:
     assert_is(gap, 2.0)
 
 
+@pytest.mark.slow
 def test_print_check_faults_the_wall_that_samples_overlook() -> None:
     part = field_with_voids(fields.sphere((4, 4, 4), 2.0), fields.sphere((8.1, 4, 4), 2.0))
     report = tpmscad.check_print(part, min_wall=0.5)
@@ -157,12 +158,14 @@ def test_a_sheet_that_ends_in_whole_patches_is_as_thick_as_asked() -> None:
     assert_is(wall, 0.4, FIELD_TOL)
 
 
+@pytest.mark.slow
 def test_a_skin_is_as_thick_as_asked() -> None:
     part = tpmscad.infill(bd.Box(16, 16, 16), "schwarz_p", cell=8, thickness=1.5, skin=0.4, tol=0.01)
     wall, _ = widths(part.wrapped)
     assert_is(wall, 0.4)
 
 
+@pytest.mark.slow
 def test_the_narrowest_place_at_an_edge_needs_no_exact_normal(monkeypatch: pytest.MonkeyPatch) -> None:
     """Nowhere is the segment exactly along a normal, only within what counts as straight: pairs must not be divided for ever."""
     limit_pairs(monkeypatch, 100_000)

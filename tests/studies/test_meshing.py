@@ -136,11 +136,17 @@ def test_wall_and_channels_share_their_nodes_and_conduct_in_balance() -> None:
     assert abs(conducted_heat(mesh)) < 1e-6
 
 
+WHOLE_CELL = bd.Box(6, 6, 6, align=bd.Align.MIN)
+
+
+@pytest.fixture(scope="module")
+def domains_of_a_cell() -> Any:
+    return tpmscad.fluid_domains(WHOLE_CELL, "gyroid", cell=6, thickness=0.8, tol=0.05)
+
+
 @pytest.mark.parametrize("order", [1, 2])
-def test_domains_of_whole_cells_have_periodic_meshes(order: int) -> None:
-    body = bd.Box(6, 6, 6, align=bd.Align.MIN)
-    parts = tpmscad.fluid_domains(body, "gyroid", cell=6, thickness=0.8, tol=0.05)
-    mesh = parts.mesh(1.2, order, True)
+def test_domains_of_whole_cells_have_periodic_meshes(order: int, domains_of_a_cell: Any) -> None:
+    mesh = domains_of_a_cell.mesh(1.2, order, True)
     assert set(mesh.periodic) == set("xyz")
     assert mesh.mismatch == 0.0
     np.testing.assert_allclose(mesh.periods, 6.0, rtol=1e-14)
@@ -151,8 +157,11 @@ def test_domains_of_whole_cells_have_periodic_meshes(order: int) -> None:
     for pairs in mesh.periodic.values():
         touching = [set(region[np.isin(nodes, node).any(axis=1)]) for node in pairs[0]]
         assert touching[0] == touching[1]
+
+
+def test_domains_of_broken_cells_have_no_periodic_meshes() -> None:
     with pytest.raises(InvalidRequest, match="are no copies of"):
-        tpmscad.fluid_domains(body, "gyroid", cell=5, thickness=0.8, tol=0.05).mesh(2.0, 1, True)
+        tpmscad.fluid_domains(WHOLE_CELL, "P", cell=5, thickness=0.8, tol=0.05).mesh(2.0, 1, True)
 
 
 def conducted_heat(mesh: VolumeMesh) -> float:

@@ -95,8 +95,9 @@ def test_within_a_body_only_what_is_inside_it_is_void_and_wetted() -> None:
     assert found.hydraulic_diameter == pytest.approx(16.0, rel=1e-9)
 
 
+@pytest.mark.slow
 def test_what_a_model_was_made_in_is_its_envelope() -> None:
-    body = bd.Cylinder(8, 12)
+    body = bd.Cylinder(4.5, 6)
     model = tpmscad.infill(body, "P", cell=8, thickness=1, tol=0.1)
     found, told = measure(model), measure(model, within=body)
     assert found.envelope == "the body"
@@ -110,11 +111,13 @@ def test_what_a_model_was_made_in_is_its_envelope() -> None:
     assert foreign.envelope_volume == pytest.approx(np.prod(np.ptp(model.bounding_box, axis=0)), rel=1e-6)
 
 
+@pytest.mark.slow
 def test_the_envelope_of_a_lattice_is_the_box_of_its_cells_and_goes_where_it_is_put() -> None:
     model = tpmscad.lattice("P", cell=(4, 5, 6), cells=(2, 1, 1), thickness=0.6, tol=0.1)
-    assert measure(model).envelope_volume == pytest.approx(8 * 5 * 6, rel=1e-12)
+    found = measure(model)
+    assert found.envelope_volume == pytest.approx(8 * 5 * 6, rel=1e-12)
     placed = place_model(model, (bd.Location((3, 2, 1), (10, 20, 30)) * model.solid).wrapped)
-    assert measure(placed).wetted_area == pytest.approx(measure(model).wetted_area, rel=1e-9)
+    assert measure(placed).wetted_area == pytest.approx(found.wetted_area, rel=1e-9)
 
 
 def test_within_a_larger_box_every_face_is_wetted() -> None:
@@ -135,6 +138,7 @@ def measured(gyroid: tuple[tpmscad.Model, Path]) -> Metrics:
     return measure(gyroid[0])
 
 
+@pytest.mark.slow
 def test_the_wall_of_a_sheet_is_its_thickness(gyroid: tuple[tpmscad.Model, Path], measured: Metrics) -> None:
     model, path = gyroid
     found = measure(path)
@@ -145,6 +149,7 @@ def test_the_wall_of_a_sheet_is_its_thickness(gyroid: tuple[tpmscad.Model, Path]
     assert width_of(measured.smallest_pore) == pytest.approx(width_of(found.smallest_pore), rel=1e-6)
 
 
+@pytest.mark.slow
 def test_the_pore_of_a_gyroid_lies_between_flat_points(measured: Metrics) -> None:
     """Its channels are narrowest at their nodes (1/8, 1/8, 1/8): from flat point to flat point along 111, a quarter diagonal."""
     assert width_of(measured.smallest_pore) == pytest.approx(10.0 * 3**0.5 / 4 - 1.0, rel=WIDTH)
@@ -172,6 +177,7 @@ def test_the_pore_of_a_gyroid_is_the_ball_that_gets_through(measured: Metrics) -
     assert width_of(measured.smallest_pore) == pytest.approx(2.0 * low - 1.0, abs=2.0 * voxel)
 
 
+@pytest.mark.slow
 def test_the_command_line_prints_and_reports_them(
     gyroid: tuple[tpmscad.Model, Path], tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -183,6 +183,7 @@ def test_the_command_judges_a_file(tmp_path: Path, capsys: pytest.CaptureFixture
     assert run_command(f"check {part} --min-wall 0.3") == 2
 
 
+@pytest.mark.slow
 def test_a_search_that_diverges_ends_without_a_warning() -> None:
     lattice = tpmscad.lattice("iwp", cell=8, cells=(2, 2, 1), volume_fraction=0.25, tol=0.05)
     report = lattice.check_print(min_wall=0.4)  # warnings are errors in tests

@@ -19,7 +19,14 @@ pytestmark = pytest.mark.kernel
 
 @pytest.mark.parametrize("name", ["gyroid", "diamond", "schwarz_p"])
 @pytest.mark.parametrize("layers", [(-0.05, 0.05), (None, 0.0)])
-@pytest.mark.parametrize("phase", [(0.0, 0.0, 0.0), (0.11, 0.23, 0.37), (0.125 + 1.5e-8, 0.25, 0.0)])
+@pytest.mark.parametrize(
+    "phase",
+    [
+        (0.11, 0.23, 0.37),
+        pytest.param((0.0, 0.0, 0.0), marks=pytest.mark.slow),
+        pytest.param((0.125 + 1.5e-8, 0.25, 0.0), marks=pytest.mark.slow),
+    ],
+)
 def test_a_trimmed_cell_is_a_valid_solid_of_the_same_volume(
     name: str,
     layers: tuple[float | None, float | None],

@@ -206,11 +206,12 @@ def side_derivative_rows(
     end = np.array([a1 if outward > 0 else a0])
     t = (b0 + b1) / 2 + forward * (b1 - b0) / 2 * y
 
+    at_end = [across.design_matrix(end, m)[0] * (outward * (a1 - a0) / 2) ** m for m in range(order + 1)]
+    on_side = [along.design_matrix(t, n) * (forward * (b1 - b0) / 2) ** n for n in range(order + 1)]
+
     def rows(m: int, n: int) -> Array:
         """d^(m + n) / ds^m dy^n."""
-        at_end = across.design_matrix(end, m)[0] * (outward * (a1 - a0) / 2) ** m
-        on_side = along.design_matrix(t, n) * (forward * (b1 - b0) / 2) ** n
-        product = np.einsum("a,nb->nba" if side in (0, 2) else "a,nb->nab", at_end, on_side)
+        product = np.einsum("a,nb->nba" if side in (0, 2) else "a,nb->nab", at_end[m], on_side[n])
         return product.reshape(len(y), -1)
 
     result = [rows(0, 0)]

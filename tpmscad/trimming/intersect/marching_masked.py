@@ -184,7 +184,7 @@ def _trace_branches(
 
 def _sample(distance: ComposedDistance, us: Array, vs: Array) -> _Samples:
     """The distance on a grid, with the cells that no branch passes; most nodes far from the surface are not evaluated."""
-    points = distance.surface.grid(us, vs)
+    points = distance.patch_grid(us, vs)
     d, gradients, forced, is_far = _evaluate_near_nodes(distance.implicit, points)
     jumps = []
     for axis in (0, 1):
@@ -231,7 +231,7 @@ def _find_critical_points(distance: ComposedDistance, samples: _Samples) -> list
     bad |= np.abs(samples.values) > MARGIN_STEPS * reach  # a jump of the value there is none of the sign
     slopes = []
     for order in ((1, 0), (0, 1)):
-        slope = np.einsum("uvk,uvk->uv", samples.gradients, distance.surface.grid(us, vs, *order))
+        slope = np.einsum("uvk,uvk->uv", samples.gradients, distance.patch_grid(us, vs, *order))
         slopes.append(np.where(bad, np.inf, slope)[None])  # the flattest node is sought among the others
     small, _, starts = place_newton_starts(samples.values[None], slopes[0], slopes[1], us, vs, bad[None])
     h = np.array([np.diff(us).max(), np.diff(vs).max()])

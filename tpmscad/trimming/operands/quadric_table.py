@@ -368,13 +368,17 @@ class ComposedDistance:
         """The parameter domain of the patch."""
         return self.surface.domain
 
+    def patch_grid(self, u: Array, v: Array, du: int = 0, dv: int = 0) -> Array:
+        """Points of the patch or their derivatives on the grid of all u with all v: (len(u), len(v), 3)."""
+        return _evaluate_cached_grid(self.surface, u.tobytes(), v.tobytes(), du, dv)
+
     def grid(self, u: Array, v: Array, du: int = 0, dv: int = 0) -> Array:
         """Values or first derivatives on the grid of all u with all v: (len(u), len(v), 1)."""
-        points = _evaluate_cached_grid(self.surface, u.tobytes(), v.tobytes(), 0, 0)
+        points = self.patch_grid(u, v)
         found = self.implicit.jet(points.reshape(1, -1, 3), du + dv)
         if du + dv == 0:
             return found[0].reshape((*points.shape[:-1], 1))
-        along = _evaluate_cached_grid(self.surface, u.tobytes(), v.tobytes(), du, dv)
+        along = self.patch_grid(u, v, du, dv)
         return np.einsum("nk,nk->n", found[1][0], along.reshape(-1, 3)).reshape((*points.shape[:-1], 1))
 
 
