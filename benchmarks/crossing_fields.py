@@ -4,7 +4,8 @@
 
 Trees of two to five leaves (half-spaces, balls, struts, finite cylinders, boxes, sheets, rods, formulas) in a box of 10 mm at
 four tolerances. Columns: the tree, tolerance, outcome, faces, volume and its difference from one random point in each of 160^3
-cells in standard errors, Betti numbers, creases and the sharpest wedge, CPU seconds. WRONG is a file that does not read back
+cells in standard errors, Betti numbers, creases and the sharpest wedge, the curves that creases make within the box with their
+length, on the solid and by the field alone, CPU seconds. WRONG is a file that does not read back
 valid, or a volume that is more than 4 standard errors, and the area times the deviation, off. --quadrics leaves out fields that
 are fitted.
 """
@@ -14,6 +15,7 @@ from __future__ import annotations
 import argparse
 import tempfile
 import time
+from collections.abc import Mapping
 from pathlib import Path
 
 import numpy as np
@@ -83,6 +85,16 @@ def judge(field: fields.Field, model: tpmscad.Model) -> tuple[float, bool]:
     return float((model.volume - inside.sum() * cell) / error), valid
 
 
+def compare_creases(figures: Mapping[str, float]) -> str:
+    """The curves of the creases within the box, on the solid and by the field; LOST or MORE if their numbers differ."""
+    if "creases of the field" not in figures:
+        return ""
+    own, expected = figures["creases within the box"], figures["creases of the field"]
+    lengths = figures["length of the creases within the box"], figures["length of the field's creases"]
+    word = "" if own == expected else "LOST " if own < expected else "MORE "
+    return f"{word}{own:g} curves of {lengths[0]:.5g} for {expected:g} of {lengths[1]:.5g}, "
+
+
 def main(arguments: list[str] | None = None) -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--seed", type=int, default=1)
@@ -109,7 +121,8 @@ def main(arguments: list[str] | None = None) -> None:
             figures = model.certificate.figures
             words = (
                 f"{model.certificate.n_faces} faces, volume {model.volume:.6g} ({off:+.1f}), Betti {model.certificate.betti}, "
-                f"{figures.get('creases', 0):g} creases, wedge {figures.get('least wedge in degrees', 180):.1f}, {seconds:.1f} s"
+                f"{figures.get('creases', 0):g} creases, wedge {figures.get('least wedge in degrees', 180):.1f}, "
+                f"{compare_creases(figures)}{seconds:.1f} s"
                 f"{'' if valid else ', file not valid'} {'; '.join(model.certificate.shortfalls)}"
             )
         counts[outcome] = counts.get(outcome, 0) + 1

@@ -134,6 +134,10 @@ def test_creases_of_a_prism_are_its_edges_and_the_sharpest_wedge_is_its_corner()
     assert found.length == pytest.approx(2 * 12 + 3 * 2)
     assert found.shortest == pytest.approx(2)
     assert found.sharpest_deg == pytest.approx(np.degrees(np.arctan2(3, 4)))
+    assert (found.inner_curves, found.inner_length) == (9, pytest.approx(30))
+    open_box = measure_creases([prism], (np.zeros(3), np.array([5.0, 9.0, 9.0])))
+    # the foot, and edges in x = 0 and y = 0, lie in sides of the box; at the corner that is left three edges meet
+    assert (open_box.inner_curves, open_box.inner_length) == (3, pytest.approx(2 + 4 + 5))
 
 
 def test_a_concave_edge_is_a_wedge_of_more_than_half_a_turn() -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import build123d as bd
@@ -10,7 +11,13 @@ import pytest
 
 import tpmscad
 from tpmscad import fields
+from tpmscad.brep.deviation import Deviation
+from tpmscad.brep.edge_continuity import EdgeContinuity
 from tpmscad.errors import InvalidRequest, LevelSetError
+from tpmscad.fields.analysis.crease_network import trace_creases
+from tpmscad.kernel.measure.creases import SolidCreases
+from tpmscad.results.certificate import PatchMeasures
+from tpmscad.solids.combined_solids import compare_creases
 
 pytestmark = [pytest.mark.kernel, pytest.mark.slow]
 
@@ -48,12 +55,31 @@ def test_a_sheet_within_a_ball_keeps_its_deviation_and_ends_in_edges() -> None:
     assert model.volume == pytest.approx(sample_volume(field), rel=5e-3)
     assert set(model.named_solids()[0].labels) == {"surface"}
     assert any("on the parameters of their patches" in note for note in model.certificate.notes)
+    figures = model.certificate.figures
+    assert figures["creases within the box"] == figures["creases of the field"] > 0
+    assert figures["length of the creases within the box"] == pytest.approx(
+        figures["length of the field's creases"], rel=1e-3
+    )
+    assert not any("creases" in note for note in model.certificate.notes)
     low, high = np.array(model.bounding_box)
     assert (low > 0.999).all()
     assert (high < 9.001).all()
     sheet = fields.sheet(fields.tpms("gyroid", 10.0), -0.3, 0.3)
     tall = tpmscad.infill(bd.Pos(5, 5, 5) * bd.Sphere(4), sheet, tol=0.05)
     assert model.volume == pytest.approx(tall.volume, rel=1e-3)
+
+
+def test_creases_that_differ_from_those_of_the_field_are_noted() -> None:
+    pair = fields.cylinder((0, 0, 0), 0.5, "x") | fields.cylinder((0, 0, 0), 0.5, "y")
+    expected = trace_creases(pair, np.full(3, -1.0), np.full(3, 1.0))
+    own = SolidCreases(4, 8.0, 1.0, 200.0, expected.n_curves, expected.length)
+    measures = PatchMeasures(0.02, Deviation(0, 0, 0, 0), "field", EdgeContinuity(0, 0, 0, 0))
+    assert len(compare_creases(measures, own, expected).notes) == 1  # of the two places where they touch
+    lost = replace(own, inner_curves=3, inner_length=0.75 * expected.length)
+    notes = compare_creases(measures, lost, expected).notes
+    assert notes[0].startswith("the solid has 3 creases")
+    assert "not proved to be all" in notes[0]
+    assert "touch or coincide near" in notes[1]
 
 
 def test_the_complement_of_a_union_has_a_cavity_with_an_edge() -> None:
@@ -87,7 +113,7 @@ def test_crossing_fields_fill_a_body() -> None:
     labels = set(model.named_solids()[0].labels)
     assert "surface" in labels
     assert any(label.startswith("body") for label in labels)
-    with pytest.raises(InvalidRequest, match="skin"):
+    with pytest.raises(InvalidRequest, match=r"cross in \d creases of length [\d.]+, near \(.*skin"):
         tpmscad.infill(body, struts, tol=0.02, skin=0.5)
 
 

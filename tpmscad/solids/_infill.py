@@ -14,6 +14,7 @@ import numpy as np
 from tpmscad.api.public_calls import validate_options
 from tpmscad.brep.boundary_representation import translate_brep
 from tpmscad.errors import CrossingSurfaces, InvalidRequest
+from tpmscad.fields.analysis.crease_network import describe_creases, trace_creases
 from tpmscad.fields.field import Field, as_field
 from tpmscad.kernel.body_import.cad_body import CadBody, read_body
 from tpmscad.kernel.boolean.boolean_operations import OcctSolids
@@ -92,8 +93,10 @@ def infill(options: InfillOptions) -> Model:
             block, name = build_field_block(surface, read, options.tol, stages), "field infill"
         except CrossingSurfaces as error:
             if skin is not None:
+                creases = trace_creases(as_field(surface), *enclosing_box(read.shape))
                 raise InvalidRequest(
-                    f"{error}: within a skin the field must be smooth; leave skin out, and make it one of the field's operands"
+                    f"{describe_creases(creases) or error}: within a skin the field must be smooth; leave skin out, and make it "
+                    "one of the field's operands"
                 ) from error
             return _infill_crossing(as_field(surface), read, options, stages)
         distance = field_distance(surface)

@@ -26,10 +26,11 @@ from tpmscad.brep.carriers import Plane
 from tpmscad.brep.deviation import Deviation, combine_deviations
 from tpmscad.brep.edge_continuity import EdgeContinuity
 from tpmscad.brep.solid_properties import measure_solid
-from tpmscad.errors import InvalidRequest, LevelSetError, TrimmingError
+from tpmscad.errors import InvalidRequest, LevelSetError, TrimmingError, format_point
 from tpmscad.fallbacks import Fallback, Fallbacks
 from tpmscad.fields.analysis import volume_quadrature
 from tpmscad.fields.analysis.betti_numbers import Betti, compute_betti_numbers
+from tpmscad.fields.analysis.crease_network import CreaseNetwork, trace_creases
 from tpmscad.fields.analysis.local_leaves import has_slope_bounds
 from tpmscad.fields.analysis.local_measures import STANDARD_ERRORS, measure_locally
 from tpmscad.fields.analysis.outermost_extremes import combine_complements
@@ -50,7 +51,7 @@ from tpmscad.kernel.boolean.solid_trees import (
 )
 from tpmscad.kernel.boolean.sphere_frames import choose_sphere_frame
 from tpmscad.kernel.build.solids import BrepSolids, build_solids
-from tpmscad.kernel.measure.creases import measure_creases
+from tpmscad.kernel.measure.creases import SolidCreases, measure_creases
 from tpmscad.kernel.measure.mass_properties import solid_moments
 from tpmscad.kernel.measure.shape_sampling import sample_solid
 from tpmscad.kernel.measure.validity import is_brep_valid
@@ -73,6 +74,11 @@ CAP, SURFACE = "cap", "surface"
 
 ON_SIDE_TOL = 1e-5
 """Model units: distance from a side of the box at which a planar face lies in it, a hundred times the kernel's tolerance."""
+
+
+CREASE_LENGTH_RTOL = 0.01
+"""Relative difference of the solid's creases from the field's in length, above which it is noted: the solid's are off by about
+the tolerance over the sine of the wedge. Creases that are missing are seen in their number, too."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -138,9 +144,12 @@ def combine_field_solids(
             measures = _compare_with_field(measures, field, lo, hi, volume, betti)
         else:
             measures = _compare_with_sample(measures, field, body, volume)
-        figures = {**measures.figures, **_describe_creases(built.solids)}
+        own = measure_creases(built.solids, None if body is not None else (lo, hi))
+        measures = replace(measures, figures={**measures.figures, **_describe_creases(own)})
+        if body is None and fitted:
+            measures = compare_creases(measures, own, trace_creases(field, lo, hi))
     patches = built.brep if isinstance(built, BrepSolids) else _join_patches(fitted)
-    return CombinedSolids(built, patches, replace(measures, figures=figures))
+    return CombinedSolids(built, patches, measures)
 
 
 def _combine_networks_of(request: _Request) -> BrepSolids:
@@ -328,9 +337,8 @@ def _compare_with_sample(measures: PatchMeasures, field: Field, body: CadBody, o
     return replace(measures, checks=(*measures.checks, check))
 
 
-def _describe_creases(solids: tuple[Any, ...]) -> dict[str, float]:
+def _describe_creases(creases: SolidCreases) -> dict[str, float]:
     """Figures of the sharp edges, those at the sides of the domain included."""
-    creases = measure_creases(solids)
     if not creases.count:
         return {}
     return {
@@ -339,6 +347,31 @@ def _describe_creases(solids: tuple[Any, ...]) -> dict[str, float]:
         "shortest crease": creases.shortest,
         "least wedge in degrees": creases.sharpest_deg,
     }
+
+
+def compare_creases(measures: PatchMeasures, own: SolidCreases, expected: CreaseNetwork) -> PatchMeasures:
+    """The measures with the creases that the field has by itself, and notes where the solid's differ or they are not resolved."""
+    if not expected.is_enclosed:
+        return measures
+    notes = measures.notes
+    figures = {
+        **measures.figures,
+        "creases of the field": expected.n_curves,
+        "length of the field's creases": expected.length,
+        "creases within the box": own.inner_curves,
+        "length of the creases within the box": own.inner_length,
+    }
+    differs = abs(own.inner_length - expected.length) > CREASE_LENGTH_RTOL * expected.length
+    if own.inner_curves != expected.n_curves or differs:
+        notes = (
+            *notes,
+            f"the solid has {own.inner_curves} creases of length {own.inner_length:.5g} within the box, the field "
+            f"{expected.n_curves} of {expected.length:.5g}{'' if expected.is_proved else ', not proved to be all'}",
+        )
+    if len(expected.unresolved.lo):
+        at = format_point(0.5 * (expected.unresolved.lo[0] + expected.unresolved.hi[0]), 5)
+        notes = (*notes, f"surfaces touch or coincide near {at}: the creases of the field are not resolved there")
+    return replace(measures, notes=notes, figures=figures)
 
 
 def _join_patches(fitted: list[FieldPatches]) -> Brep:
