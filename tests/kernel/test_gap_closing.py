@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 
@@ -9,19 +11,24 @@ pytest.importorskip("OCP")
 
 import build123d as bd
 from OCP.BRepAdaptor import BRepAdaptor_Curve
+from scipy.interpolate import make_interp_spline
 
 from benchmarks.made_gaps import BODIES, spoil
 from tests.trimming.conftest import Cover, cover
 from tpmscad.brep import connectivity
 from tpmscad.brep.boundary_representation import Brep, reverse_faces
 from tpmscad.brep.carriers import Circle
+from tpmscad.brep.free_form_surface import FreeFormSurface
 from tpmscad.brep.moments import integral_properties
 from tpmscad.errors import NotQuadric
+from tpmscad.kernel.body_import import body_brep
 from tpmscad.kernel.body_import.body_brep import brep_from_shape, read_free_form_body
+from tpmscad.kernel.body_import.unrolled_faces import ImportedEdge
 from tpmscad.kernel.build.solids import build_solids
 from tpmscad.kernel.measure.mass_properties import face_moments
 from tpmscad.kernel.measure.validity import is_brep_valid
-from tpmscad.splines.bspline import BSplineSurface, is_segment
+from tpmscad.splines.bspline import BSplineCurve, BSplineSurface, is_segment
+from tpmscad.splines.knots import bezier_knots
 from tpmscad.trimming.operands.trimming_body import prepare_trimming_body
 from tpmscad.trimming.trim_pipeline import trim
 
@@ -101,6 +108,18 @@ def test_volumes_of_faces_with_edges_of_high_degree_are_those_of_their_curves() 
 
 
 @pytest.mark.slow
+def test_the_distance_of_an_edge_from_its_face_is_measured_between_the_knots_of_both() -> None:
+    """The edge touches its face at 33 even points and waves between them, within each span of its curve."""
+    t = np.linspace(0.0, 1.0, 257)
+    points = np.column_stack([4.0 * t, np.zeros_like(t), 1e-6 * np.sin(32 * np.pi * t)])
+    found = make_interp_spline(t, points, 3)
+    edge = ImportedEdge(BSplineCurve(np.asarray(found.c), np.asarray(found.t), 3), (0.0, 1.0), 0, 1)
+    corners = np.array([[[-1.0, -1, 0], [-1, 1, 0]], [[5, -1, 0], [5, 1, 0]]])
+    face = FreeFormSurface(BSplineSurface(corners, bezier_knots(1), bezier_knots(1), 1, 1))
+    body = SimpleNamespace(edges=[edge])
+    assert body_brep._edge_deviation(body, face, 0, None) == pytest.approx(1e-6, rel=0.02)
+
+
 def test_a_body_with_gaps_is_cut(cover: Cover) -> None:
     body = bd.Pos(5, 5, 2) * bd.Rotation(20, 35, 50) * made("fillet_between_free_forms")
     read = read_free_form_body(spoil(body, 1e-4, faces=False))

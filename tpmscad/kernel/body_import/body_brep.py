@@ -208,17 +208,29 @@ def _pcurve_tolerance(carrier: Quadric | FreeFormSurface, edge: ImportedEdge, si
     """Tolerance of a pcurve; on a spline it is on top of the edge's own distance, which no pcurve can undo."""
     if not isinstance(carrier, FreeFormSurface):
         return EXACT_REL_TOL * size
-    points = edge.curve(np.linspace(*edge.span, DEVIATION_SAMPLES))
+    points = edge.curve(_sample_edge(carrier, edge))
     return PCURVE_REL_TOL * size + float(np.abs(carrier.distance(points)).max())
 
 
 DEVIATION_SAMPLES = 33
-"""Points per edge at which its deviation is measured."""
+"""Points per edge at which its deviation is measured, besides those for spans."""
+
+SAMPLES_PER_SPAN = 8
+"""Points more for each knot span of the edge's curve and of its surface: between knots the deviation waves."""
+
+
+def _sample_edge(carrier: BodyCarrier, edge: ImportedEdge) -> Array:
+    """Parameters (n,) of an edge at which its distance from a surface is measured."""
+    knots = [edge.curve.knots] if isinstance(edge.curve, BSplineCurve) else []
+    if isinstance(carrier, FreeFormSurface):
+        knots += [carrier.spline.knots_u, carrier.spline.knots_v]
+    spans = sum(len(np.unique(k)) - 1 for k in knots)
+    return np.linspace(*edge.span, DEVIATION_SAMPLES + SAMPLES_PER_SPAN * spans)
 
 
 def _edge_deviation(body: ImportedBody, carrier: BodyCarrier, edge: int, along: BSplineCurve | None) -> float:
     """Largest distance of an edge's curve from the surface along its pcurve."""
-    t = np.linspace(*body.edges[edge].span, DEVIATION_SAMPLES)
+    t = _sample_edge(carrier, body.edges[edge])
     points: Array = body.edges[edge].curve(t)
     if along is None:
         return float(np.abs(carrier.distance(points)).max())
