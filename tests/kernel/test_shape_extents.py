@@ -10,6 +10,7 @@ from tpmscad.kernel.body_import.body_brep import brep_from_shape
 from tpmscad.kernel.build.solids import build_solids
 from tpmscad.kernel.measure.shape_extents import shape_bounds
 from tpmscad.kernel.measure.shape_report import check_shape
+from tpmscad.kernel.occt.bounding_boxes import enclosing_box
 from tpmscad.trimming.operands.polyhedra import box
 from tpmscad.trimming.trim_pipeline import trim
 
@@ -65,3 +66,10 @@ def test_the_kernels_solid_of_a_cut_lattice_has_the_extent_of_its_arrays():
     brep = trim(lattice, box([1.3, 2.1, 1.7], [6.2, 6.9, 7.1])).brep
     shape = build_solids(brep).shape
     np.testing.assert_allclose(shape_bounds(shape), true_bounds(brep), atol=1e-6)
+
+
+def test_the_box_of_a_torus_that_intersects_itself_turns_with_it() -> None:
+    torus = bd.Pos(1, 2, 3) * bd.Rotation(90, 0, 0) * bd.Solid.make_torus(3, 5)
+    low, high = enclosing_box(torus.wrapped)
+    assert (low <= np.array([-7.0, -3.0, -5.0]) + 1e-6).all()
+    assert (high >= np.array([9.0, 7.0, 11.0]) - 1e-6).all()

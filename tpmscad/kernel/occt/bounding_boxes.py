@@ -9,7 +9,7 @@ import numpy as np
 from OCP.Bnd import Bnd_Box
 from OCP.BRep import BRep_Tool
 from OCP.BRepBndLib import BRepBndLib
-from OCP.Geom import Geom_OffsetSurface, Geom_SweptSurface
+from OCP.Geom import Geom_OffsetSurface, Geom_Surface, Geom_SweptSurface, Geom_ToroidalSurface
 from OCP.TopAbs import TopAbs_EDGE, TopAbs_FACE
 from OCP.TopoDS import TopoDS_Face, TopoDS_Shape
 
@@ -22,16 +22,24 @@ def enclosing_box(shape: TopoDS_Shape) -> tuple[Array, Array]:
     """Opposite corners (3,), (3,) of a box that contains the shape.
 
     The box is exact for plane and quadric faces and too large for splines. It is infinite for an unbounded shape. OCCT 7.9
-    samples swept and offset surfaces and bounds the samples only, so that these have the kernel's optimal box, too.
+    samples swept and offset surfaces and bounds the samples only, and the box of a torus that intersects itself does not move
+    with it, so that these have the kernel's optimal box, too.
     """
     box = Bnd_Box()
     BRepBndLib.Add_s(shape, box, False)
     for face in faces_of(shape):
-        if isinstance(BRep_Tool.Surface_s(face), Geom_SweptSurface | Geom_OffsetSurface):
+        if _is_bounded_badly(BRep_Tool.Surface_s(face)):
             BRepBndLib.AddOptimal_s(face, box, False, False)
     if box.IsVoid() or box.IsOpen():
         return np.full(3, -np.inf), np.full(3, np.inf)
     return box_corners(box)
+
+
+def _is_bounded_badly(surface: Geom_Surface) -> bool:
+    """Whether the kernel's plain box of a face on a surface may not contain it."""
+    if isinstance(surface, Geom_ToroidalSurface):
+        return bool(surface.MajorRadius() <= surface.MinorRadius())
+    return isinstance(surface, Geom_SweptSurface | Geom_OffsetSurface)
 
 
 def box_of_edges(shape: TopoDS_Shape) -> Bnd_Box:
