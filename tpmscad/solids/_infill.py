@@ -95,8 +95,8 @@ def infill(options: InfillOptions) -> Model:
             if skin is not None:
                 creases = trace_creases(as_field(surface), *enclosing_box(read.shape))
                 raise InvalidRequest(
-                    f"{describe_creases(creases) or error}: within a skin the field must be smooth; leave skin out, and make it "
-                    "one of the field's operands"
+                    f"{describe_creases(creases) or error}: within a skin the field must be smooth; round it (`width` of a "
+                    "smooth intersection or union), or leave skin out, and make it one of the field's operands"
                 ) from error
             return _infill_crossing(as_field(surface), read, options, stages)
         distance = field_distance(surface)

@@ -117,7 +117,8 @@ def describe_creases(network: CreaseNetwork) -> str:
     arcs = sorted(network.arcs, key=lambda arc: -arc.length)[:MAX_NAMED]
     places = ", ".join(format_point(arc.points[len(arc.points) // 2], 4) for arc in arcs)
     more = " and others" if len(network.arcs) > MAX_NAMED else ""
-    return f"surfaces of the field cross in {len(network.arcs)} creases of length {network.length:.4g}, near {places}{more}"
+    creases = "one crease" if len(network.arcs) == 1 else f"{len(network.arcs)} creases"
+    return f"surfaces of the field cross in {creases} of length {network.length:.4g}, near {places}{more}"
 
 
 def count_curves(ends: IntArray) -> int:
