@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Iterator
+from collections.abc import Callable, Collection, Iterable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
@@ -12,15 +12,18 @@ from OCP.IFSelect import IFSelect_RetDone
 from OCP.Interface import Interface_Static
 from OCP.Message import Message
 from OCP.StepBasic import StepBasic_Product
+from OCP.STEPConstruct import STEPConstruct_UnitContext
 from OCP.STEPControl import STEPControl_Reader
+from OCP.StepGeom import StepGeom_GeomRepContextAndGlobUnitAssCtxAndGlobUncertaintyAssCtx as GeometricContext
 from OCP.StepRepr import StepRepr_RepresentationItem
 from OCP.TopLoc import TopLoc_Location
-from OCP.TopoDS import TopoDS_Shape, TopoDS_Solid
+from OCP.TopoDS import TopoDS_Face, TopoDS_Shape, TopoDS_Solid
 
 from tpmscad.errors import InvalidRequest
 from tpmscad.kernel.occt import convert
 from tpmscad.kernel.occt.convert import encode_file_name
 from tpmscad.kernel.occt.exploration import faces_of, solids_of
+from tpmscad.kernel.step.long_arcs import CircularEdges, find_circular_edges, turn_arcs
 from tpmscad.kernel.step.sphere_seams import Frames, find_clear_frames, turn_spheres
 
 PART21_MAGIC = b"ISO-10303-21;"
@@ -60,6 +63,7 @@ class StepContent:
     """Content of a file: all roots as one shape, its solids in file order, its length units and product names.
 
     face_names: of the faces of each solid, in the order of `faces_of`, if they were asked for; "" where the file names none.
+    accuracy: the largest uncertainty of lengths that the file states, mm.
     """
 
     shape: TopoDS_Shape
@@ -67,6 +71,7 @@ class StepContent:
     units: tuple[str, ...]
     products: tuple[str, ...]
     face_names: tuple[tuple[str, ...], ...] = ()
+    accuracy: float | None = None
 
     @property
     def wrapped(self) -> TopoDS_Shape:
@@ -75,30 +80,47 @@ class StepContent:
 
 
 def read_step(
-    path: str | os.PathLike[str], *, healed: bool = True, with_face_names: bool = False, with_clear_seams: bool = False
+    path: str | os.PathLike[str],
+    *,
+    healed: bool = True,
+    with_face_names: bool = False,
+    with_clear_seams: bool = False,
+    turned_arcs: Collection[int] = (),
+    require_solid: bool = True,
 ) -> StepContent:
     """Read a STEP file in mm, whatever its unit, with the shape healing of OCCT's reader or without it.
 
     with_clear_seams: turn the frames of spheres with edges on their seams, as `sphere_seams` says. A file that is checked is
-    read without, as other programs on OCCT read it.
+    read without, as other programs on OCCT read it. turned_arcs: circular edges that are given the other sense, see `long_arcs`.
     OCCT looks through all of the file for the name of each face, 16 ms in one of 5000 faces: 86 s for all of them.
-    Raises InvalidRequest if the file does not exist, is no STEP file, cannot be parsed or holds no solid. The file must be one
-    that this process wrote; others may crash OCCT (see `isolated_reader`).
+    Raises InvalidRequest if the file does not exist, is no STEP file, cannot be parsed, or if it holds no solid and
+    `require_solid`. The file must be one that this process wrote; others may crash OCCT (see `isolated_reader`).
     """
     path = require_step_file(Path(path))
-    reader = _translate(path, healed, {})
+    reader = _translate(path, healed, {}, turned_arcs)
     if with_clear_seams and (frames := find_clear_frames(reader, reader.OneShape())):
-        reader = _translate(path, healed, frames)
+        reader = _translate(path, healed, frames, turned_arcs)
     shape = reader.OneShape()
     solids = tuple(solids_of(shape))
-    if not solids:
+    if not solids and require_solid:
         raise missing_solid(path)
     names = tuple(_face_names(reader, solid) for solid in solids) if with_face_names else ()
-    return StepContent(shape, solids, _length_units(reader), _product_names(reader), names)
+    return StepContent(
+        shape, solids, _length_units(reader), _product_names(reader), names, _stated_accuracy(reader)
+    )
 
 
-def _translate(path: Path, healed: bool, frames: Frames) -> STEPControl_Reader:
-    """The reader of a file with its shapes, with other frames of some of its spheres."""
+def list_circular_edges(
+    path: str | os.PathLike[str], find_suspects: Callable[[TopoDS_Shape], Iterable[TopoDS_Face]]
+) -> CircularEdges:
+    """The circular edges of a STEP file, given what finds the faces of its shape under suspicion; errors as `read_step`."""
+    reader = _translate(require_step_file(Path(path)), True, {}, ())
+    shape = reader.OneShape()
+    return find_circular_edges(reader, faces_of(shape), find_suspects(shape))
+
+
+def _translate(path: Path, healed: bool, frames: Frames, turned_arcs: Collection[int]) -> STEPControl_Reader:
+    """The reader of a file with its shapes, with other frames of some of its spheres and the other sense of some arcs."""
     reader = STEPControl_Reader()
     with silence_occt(), fine_precision():
         if reader.ReadFile(encode_file_name(path)) != IFSelect_RetDone:
@@ -106,6 +128,7 @@ def _translate(path: Path, healed: bool, frames: Frames) -> STEPControl_Reader:
         if not healed:  # after reading the file, which resets them
             reader.SetShapeFixParameters(convert.string_map({f"FixShape.{mode}": "0" for mode in SHAPE_FIX_MODES}))
         turn_spheres(reader, frames)
+        turn_arcs(reader, turned_arcs)
         if reader.TransferRoots() == 0:
             raise missing_solid(path)
     return reader
@@ -176,6 +199,19 @@ def _length_units(reader: STEPControl_Reader) -> tuple[str, ...]:
     reader.FileUnits(length, angle, solid_angle)
     names = (length.Value(i).ToCString() for i in range(1, length.Length() + 1))
     return tuple(name for name in names if name)
+
+
+def _stated_accuracy(reader: STEPControl_Reader) -> float | None:
+    """The largest uncertainty of lengths that a file states, mm; None if it states none."""
+    model, stated = reader.StepModel(), []
+    for context in (model.Value(i) for i in range(1, model.NbEntities() + 1)):
+        if isinstance(context, GeometricContext):
+            units = STEPConstruct_UnitContext()
+            units.ComputeFactors(context.GlobalUnitAssignedContext())
+            units.ComputeTolerance(context.GlobalUncertaintyAssignedContext())
+            if units.HasUncertainty():
+                stated.append(float(units.Uncertainty() * units.LengthFactor()))
+    return max(stated, default=None)
 
 
 def _face_names(reader: STEPControl_Reader, solid: TopoDS_Solid) -> tuple[str, ...]:
