@@ -41,7 +41,7 @@ from tpmscad.solids.reference_distance import field_distance, lattice_distance
 from tpmscad.solids.skin import fill_within_skin
 from tpmscad.stage_timer import StageTimer
 
-OPTIONS_OF_FIELDS = ("body", "surface", "skin", "open_faces", "loose", "tol", "progress")
+OPTIONS_OF_FIELDS = ("body", "surface", "solid", "skin", "open_faces", "loose", "tol", "progress")
 """Arguments that the solid of a field takes."""
 
 MIN_WALL_THICKNESS = 1e-5
@@ -75,7 +75,7 @@ def infill(options: InfillOptions) -> Model:
     """
     stages, surface, skin = StageTimer(options.progress), options.surface, options.skin
     with stages("read"):
-        read = read_body(options.body)
+        read = read_body(options.body, options.solid)
         openings = resolve_open_faces(read, resolve_face_selectors(read, options.open_faces))
         if openings and skin is None:
             raise InvalidRequest("open_faces are left out of a skin: give skin=, its thickness")

@@ -1,13 +1,14 @@
 """Invalid solids of files made valid, and what was done in words; nothing is taken on trust.
 
-In order: a solid that is inside out is turned; `ShapeFix_Shape` of OCCT may change tolerances, small edges and loops; circular edges
-of a STEP file that run the long way round are turned in the file (`step.long_arcs`) and it is read again. A result counts if the
-kernel's check finds nothing, each edge joins two faces, it is one solid, and its volume is that of the points that the kernel's
-classifier finds in it. Of files of other programs a third of the invalid ones were healed by ShapeFix, the others by turned arcs.
+In order: a solid that is inside out is turned; `ShapeFix_Shape` of OCCT may change tolerances, small edges and loops; circular
+edges of a STEP file that run the long way round are turned in the file (`step.long_arcs`), which is read again. A result counts if
+the kernel's check finds nothing, each edge joins two faces, it is one solid, and its volume is that of the points that the
+kernel's classifier finds in it. Of three invalid files of other programs one was healed by ShapeFix, two by turned arcs.
 """
 
 from __future__ import annotations
 
+import os
 from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass
 
@@ -26,6 +27,7 @@ from tpmscad.kernel.occt.bounding_boxes import box_diagonal
 from tpmscad.kernel.occt.convert import CONFUSION_TOLERANCE
 from tpmscad.kernel.occt.exploration import faces_of, list_subshapes, solids_of
 from tpmscad.kernel.step.long_arcs import CircularEdges
+from tpmscad.kernel.step.step_reader import list_circular_edges
 
 FIXING_PRECISION, MAX_FIXED_TOLERANCE = 1e-5, 1e-3
 """Millimetres, of ShapeFix. Its largest tolerance is 1e-7 by default, at which it may not change anything."""
@@ -42,13 +44,18 @@ VOLUME_DEVIATIONS = 5.0
 MAX_ARC_READINGS = 60
 """Readings of a file in search of the arcs that are to be turned."""
 
-ReadWithTurnedArcs = Callable[[Collection[int]], TopoDS_Solid | None]
-"""The solid of a STEP file that is read with some of its circular edges turned."""
+
+@dataclass(frozen=True, slots=True, eq=False)
+class StepArcs:
+    """The STEP file of a solid, and what reads the solid again with some of its circular edges turned; None if it is lost."""
+
+    path: str | os.PathLike[str]
+    read_turned: Callable[[Collection[int]], TopoDS_Solid | None]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Healed:
-    """A sound solid with its report, and what was done, in words, "" if nothing was."""
+    """A sound solid with its report, and what was done to it, in words, "" if nothing was."""
 
     solid: TopoDS_Solid
     report: ShapeReport
@@ -72,31 +79,25 @@ def describe_faults(solid: TopoDS_Solid, report: ShapeReport) -> str:
     return ""
 
 
-def heal_solid(
-    solid: TopoDS_Solid, read_turned: ReadWithTurnedArcs | None, list_arcs: Callable[[], CircularEdges]
-) -> Healed | None:
-    """The solid made sound, or as it is if it is; None if no way is found.
-
-    `read_turned` reads the file of the solid again, if it is a STEP file; `list_arcs` its circular edges on invalid faces.
-    """
-    report = check_shape(solid)
-    if not describe_faults(solid, report):
-        return Healed(solid, report, "")
+def heal_solid(solid: TopoDS_Solid, report: ShapeReport, arcs: StepArcs | None) -> Healed | None:
+    """An unsound solid made sound; None if no way is found. `arcs`: of its file, if that is STEP."""
     before = f"it {describe_faults(solid, report)}"
     if report.valid and report.closed:
         return _accept([turn_outward(solid)], f"{before}; turned round", report)
     if healed := _accept(_fix(solid), f"{before}; changed by the kernel's shape healing", report):
         return healed
-    if read_turned is None:
+    if arcs is None:
         return None
-    arcs = list_arcs()
-    turned = find_turned_arcs(arcs, lambda numbers: count_rejected(read_turned(numbers)))
-    if not turned:
+    edges = list_circular_edges(arcs.path, find_rejected_faces)
+    turned = find_turned_arcs(edges, lambda numbers: count_rejected(arcs.read_turned(numbers)))
+    found = arcs.read_turned(turned) if turned else None
+    if found is None:
         return None
-    found = read_turned(turned)
-    numbers = ", ".join(f"#{number}" for number in sorted(turned))
-    noun = "circular edges of the file that run" if len(turned) > 1 else "circular edge of the file that runs"
-    return _accept([found] if found else [], f"{before}; turned {len(turned)} {noun} the wrong way round: {numbers}", report)
+    edge = "circular edges, which run" if len(turned) > 1 else "circular edge, which runs"
+    numbers = ", ".join(map(str, sorted(turned)))
+    return _accept(
+        [found], f"{before}; turned {len(turned)} {edge} the wrong way round: entity {numbers} of the file", report
+    )
 
 
 def find_turned_arcs(arcs: CircularEdges, count_faults: Callable[[Collection[int]], float]) -> frozenset[int]:
@@ -105,10 +106,7 @@ def find_turned_arcs(arcs: CircularEdges, count_faults: Callable[[Collection[int
     The search begins with the long arcs at the faults, or with all long arcs if these leave fewer faults. One after the other is
     turned, or turned back, if that lowers the number of faults. Of those found each is then shown to be needed.
     """
-    starts = {frozenset(start): 0.0 for start in (arcs.suspect, arcs.long) if start}
-    if not starts:
-        starts = {frozenset(): 0.0}
-    starts = {start: count_faults(start) for start in starts}
+    starts = {start: count_faults(start) for start in {frozenset(arcs.suspect), frozenset(arcs.long)}}
     turned = min(starts, key=starts.__getitem__)
     faults, readings = starts[turned], len(starts)
     for number in (*arcs.long, *arcs.closed):
@@ -132,7 +130,7 @@ def find_rejected_faces(shape: TopoDS_Shape) -> list[TopoDS_Face]:
 
 
 def count_rejected(solid: TopoDS_Solid | None) -> float:
-    """Number of faces, loops and edges of a solid that the kernel's check rejects, 1 if it is the solid itself; 0 if it is sound."""
+    """Number of faces, loops and edges of a solid that the kernel's check rejects, at least 1; 0 if the solid is sound."""
     if solid is None:
         return float("inf")
     report = check_shape(solid)

@@ -18,6 +18,7 @@ from tpmscad._typing import Array
 from tpmscad.kernel.measure.face_table import FaceEntry
 from tpmscad.kernel.measure.mass_properties import solid_moments
 from tpmscad.kernel.measure.shape_extents import shape_bounds
+from tpmscad.kernel.measure.solid_list import SolidEntry, list_in_lines
 from tpmscad.kernel.occt import convert
 from tpmscad.kernel.occt.child_process import may_use_threads
 from tpmscad.kernel.occt.exploration import (
@@ -124,6 +125,12 @@ class StepReport:
         Names of its products.
     faces : tuple of tuple of FaceEntry
         The faces of each solid, if they were asked for.
+    solids : tuple of SolidEntry
+        The solids: number, name, size, volume, faces by kind, largest edge tolerance.
+    accuracy : float or None
+        The accuracy that the file states, mm.
+    healing : tuple of str
+        What reading the file as a body would repair, in words, or why it cannot; empty if nothing is wrong.
     """
 
     file: str
@@ -131,6 +138,9 @@ class StepReport:
     units: tuple[str, ...]
     products: tuple[str, ...]
     faces: tuple[tuple[FaceEntry, ...], ...] = ()
+    solids: tuple[SolidEntry, ...] = ()
+    accuracy: float | None = None
+    healing: tuple[str, ...] = ()
 
     @property
     def ok(self) -> bool:
@@ -145,14 +155,17 @@ class StepReport:
     def to_dict(self) -> dict[str, Any]:
         """The report as plain values for JSON.
 
-        `file`, `units`, `products`, `notes`, the entries of `ShapeReport.to_dict`, and if they were asked for `face_table`, the
-        attributes of the faces of each solid.
+        `file`, `units`, `products`, `notes`, `accuracy`, `healing`, `solid_table` with the attributes of each solid, the
+        entries of `ShapeReport.to_dict`, and if they were asked for `face_table`, the attributes of the faces of each solid.
         """
         of_file: dict[str, Any] = {
             "file": self.file,
             "units": list(self.units),
             "products": list(self.products),
             "notes": list(self.notes),
+            "accuracy": self.accuracy,
+            "solid_table": [asdict(solid) for solid in self.solids],
+            "healing": list(self.healing),
         }
         if self.faces:
             of_file["face_table"] = [[asdict(face) for face in solid] for solid in self.faces]
@@ -175,26 +188,22 @@ class StepReport:
         wrong = [
             what
             for is_wrong, what in (
+                (not shape.solids, "NO SOLID"),
                 (not shape.valid, "INVALID, the kernel's check rejects it"),
                 (not shape.closed, "OPEN, not watertight"),
                 (not shape.outward, "INSIDE OUT"),
             )
             if is_wrong
         ]
-        low, high = (np.asarray(corner) for corner in shape.bounds)
-        size = " x ".join(f"{edge:.6g}" for edge in high - low)
-        digits = int(-np.log10(BOUNDS_ROUNDING * max(shape.max_tolerance, convert.CONFUSION_TOLERANCE)))
-        corners = " to ".join(
-            f"({', '.join(f'{c:.6g}' for c in np.round(corner, digits) + 0.0)})" for corner in (low, high)
-        )
-        solids = "1 solid" if shape.solids == 1 else f"{shape.solids} solids"
         lines = [
             f"{self.file}: {', '.join((*self.products[:3], self._describe_units()))}",
             "ok          valid, closed, the right way out" if not wrong else f"NOT ok      {'; '.join(wrong)}",
-            f"size        {size} mm, from {corners}",
-            f"holds       {solids}, {shape.faces} faces",
-            f"volume      {shape.volume:.9g} mm3, surface {shape.area:.9g} mm2",
+            *(self._describe_size() if shape.solids else ()),
         ]
+        lines += [f"solid       {line}" for line in list_in_lines(self.solids)]
+        if self.accuracy is not None:
+            lines.append(f"accuracy    {self.accuracy:.3g} mm, as the file states it")
+        lines += [f"healing     {words}" for words in self.healing]
         lines += [f"warning     {note}" for note in self.notes]
         if (cavities := shape.shells - shape.solids) > 0:
             found = "1 closed cavity" if cavities == 1 else f"{cavities} closed cavities"
@@ -209,6 +218,22 @@ class StepReport:
             lines += [f"solid       {number}"] if len(self.faces) > 1 else []
             lines += [f"face        {face}" for face in solid]
         return "\n".join(lines)
+
+    def _describe_size(self) -> list[str]:
+        """Size, numbers and volume in lines."""
+        shape = self.shape
+        low, high = (np.asarray(corner) for corner in shape.bounds)
+        size = " x ".join(f"{edge:.6g}" for edge in high - low)
+        digits = int(-np.log10(BOUNDS_ROUNDING * max(shape.max_tolerance, convert.CONFUSION_TOLERANCE)))
+        corners = " to ".join(
+            f"({', '.join(f'{c:.6g}' for c in np.round(corner, digits) + 0.0)})" for corner in (low, high)
+        )
+        solids = "1 solid" if shape.solids == 1 else f"{shape.solids} solids"
+        return [
+            f"size        {size} mm, from {corners}",
+            f"holds       {solids}, {shape.faces} faces",
+            f"volume      {shape.volume:.9g} mm3, surface {shape.area:.9g} mm2",
+        ]
 
     def __str__(self) -> str:
         names = ", ".join(self.products[:3]) + (f" and {len(self.products) - 3} more" if len(self.products) > 3 else "")

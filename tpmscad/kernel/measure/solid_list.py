@@ -6,12 +6,14 @@ from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass
 
+import numpy as np
 from OCP.BRep import BRep_Tool
 from OCP.BRepAdaptor import BRepAdaptor_Surface
 from OCP.TopAbs import TopAbs_EDGE
 from OCP.TopLoc import TopLoc_Location
 from OCP.TopoDS import TopoDS_Solid
 
+from tpmscad._typing import BoxCorners
 from tpmscad.kernel.measure.mass_properties import solid_moments
 from tpmscad.kernel.measure.shape_extents import shape_bounds
 from tpmscad.kernel.occt import convert
@@ -49,31 +51,38 @@ class SolidEntry:
     edge_tolerance: float
 
     @property
+    def label(self) -> str:
+        """Number and name."""
+        return f"{self.number} {self.name!r}" if self.name else str(self.number)
+
+    @property
     def title(self) -> str:
-        """Number, name and size in a line."""
-        name = f" {self.name!r}" if self.name else ""
-        return f"{self.number}{name} {' x '.join(f'{edge:.4g}' for edge in self.size)} mm, {self.volume:.6g} mm3"
+        """Number, name, size and volume in a line."""
+        return f"{self.label} {' x '.join(f'{edge:.4g}' for edge in self.size)} mm, {self.volume:.6g} mm3"
 
     def __str__(self) -> str:
         kinds = ", ".join(f"{count} {kind}" for kind, count in self.faces.items())
         return f"{self.title}; faces: {kinds}; edges within {self.edge_tolerance:.2g} mm"
 
 
-def list_solids(solids: Sequence[TopoDS_Solid], names: Sequence[str] = ()) -> tuple[SolidEntry, ...]:
-    """An entry for each solid; copies of one are measured once."""
+def list_solids(
+    solids: Sequence[TopoDS_Solid], names: Sequence[str] = (), known: tuple[float, BoxCorners] | None = None
+) -> tuple[SolidEntry, ...]:
+    """An entry for each solid; copies of one are measured once, and the only one not at all if volume and box are known."""
     volumes: dict[ShapeKey, float] = {}
+    alone = known if len(solids) == 1 else None
     entries = []
     for number, (solid, name) in enumerate(zip(solids, names or [""] * len(solids), strict=True), 1):
         unplaced = convert.as_solid(solid.Located(TopLoc_Location()))
         key = ShapeKey(unplaced)
+        turned = orientation_sign(solid) < orientation_sign(unplaced)
         if key not in volumes:
-            volumes[key] = float(solid_moments(unplaced)[1])
-        low, high = shape_bounds(solid)
-        x, y, z = (high - low).tolist()
+            volumes[key] = (-alone[0] if turned else alone[0]) if alone else float(solid_moments(unplaced)[1])
+        low, high = alone[1] if alone else shape_bounds(solid)
+        x, y, z = np.subtract(high, low).tolist()
         kinds = Counter(
             BRepAdaptor_Surface(face, False).GetType().name.removeprefix("GeomAbs_").lower() for face in faces_of(solid)
         )
-        turned = orientation_sign(solid) < orientation_sign(unplaced)
         entries.append(
             SolidEntry(
                 number,
@@ -91,3 +100,9 @@ def describe_solids(entries: Sequence[SolidEntry]) -> str:
     """The titles of the entries in a line."""
     more = f"; and {len(entries) - MAX_LISTED} more" if len(entries) > MAX_LISTED else ""
     return "; ".join(entry.title for entry in entries[:MAX_LISTED]) + more
+
+
+def list_in_lines(entries: Sequence[SolidEntry]) -> list[str]:
+    """The entries in lines, each whole."""
+    more = [f"and {len(entries) - MAX_LISTED} more"] if len(entries) > MAX_LISTED else []
+    return [*map(str, entries[:MAX_LISTED]), *more]

@@ -83,7 +83,13 @@ def _read_document(path: str | os.PathLike[str], *, colours: bool) -> TDocStd_Do
     reader.SetNameMode(True)
     reader.SetColorMode(colours)
     if not colours:
-        for set_mode in (reader.SetLayerMode, reader.SetPropsMode, reader.SetGDTMode, reader.SetMatMode, reader.SetViewMode):
+        for set_mode in (
+            reader.SetLayerMode,
+            reader.SetPropsMode,
+            reader.SetGDTMode,
+            reader.SetMatMode,
+            reader.SetViewMode,
+        ):
             set_mode(False)
     Interface_Static.SetIVal_s("read.stepcaf.subshapes.name", 1)
     with silence_occt(), fine_precision():

@@ -11,6 +11,7 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 
 import numpy as np
+from OCP.STEPControl import STEPControl_Reader
 from OCP.StepGeom import (
     StepGeom_Axis2Placement3d,
     StepGeom_CartesianPoint,
@@ -18,7 +19,6 @@ from OCP.StepGeom import (
     StepGeom_Curve,
     StepGeom_SurfaceCurve,
 )
-from OCP.STEPControl import STEPControl_Reader
 from OCP.StepShape import StepShape_EdgeCurve, StepShape_FaceSurface, StepShape_VertexPoint
 from OCP.TopLoc import TopLoc_Location
 from OCP.TopoDS import TopoDS_Face

@@ -105,9 +105,7 @@ def read_step(
     if not solids and require_solid:
         raise missing_solid(path)
     names = tuple(_face_names(reader, solid) for solid in solids) if with_face_names else ()
-    return StepContent(
-        shape, solids, _length_units(reader), _product_names(reader), names, _stated_accuracy(reader)
-    )
+    return StepContent(shape, solids, _length_units(reader), _product_names(reader), names, _stated_accuracy(reader))
 
 
 def list_circular_edges(
