@@ -34,7 +34,7 @@ STEP, IGES, BREP = "STEP", "IGES", "BREP"
 SUFFIXES = {".brep": BREP, ".iges": IGES, ".igs": IGES}
 """The format that a name promises, for messages; other names promise STEP."""
 
-BREP_MAGIC = b"CASCADE Topology"
+BREP_MAGIC, LAST_BREP_SECTION = b"CASCADE Topology", b"\nTShapes "
 
 IGES_COLUMNS = 80
 
@@ -96,11 +96,22 @@ def read_cad_file(
 def _read_brep(path: Path) -> StepContent:
     """The shape of a BREP file."""
     shape = TopoDS_Shape()
-    if not BRepTools.Read_s(shape, encode_file_name(path), BRep_Builder()):
+    if not _is_whole_brep(path.read_bytes()) or not BRepTools.Read_s(shape, encode_file_name(path), BRep_Builder()):
         raise unreadable_file(path)
     if shape.IsNull():
         raise missing_solid(path)
     return StepContent(shape, tuple(solids_of(shape)), (), ())
+
+
+def _is_whole_brep(content: bytes) -> bool:
+    """Whether a BREP file has all of its last section; OCCT may read without end in one that breaks off.
+
+    The section states the number of its shapes. Each ends in an asterisk, and the root is named after the last.
+    """
+    shapes = content.partition(LAST_BREP_SECTION)[2]
+    number = shapes.split(maxsplit=1)[:1]
+    ends, _, root = shapes.rpartition(b"*")
+    return bool(number and number[0].isdigit() and ends.count(b"*") + 1 >= int(number[0]) and root.strip())
 
 
 def _read_iges(path: Path) -> StepContent:

@@ -1,8 +1,8 @@
 """Invalid solids of files made valid, and what was done in words; nothing is taken on trust.
 
 In order: a solid that is inside out is turned; `ShapeFix_Shape` of OCCT may change tolerances, small edges and loops; circular
-edges of a STEP file that run the long way round are turned in the file (`step.long_arcs`), which is read again. A result counts if
-the kernel's check finds nothing, each edge joins two faces, it is one solid, and its volume is that of the points that the
+edges of a STEP file that run the long way round are turned in the file (`step.long_arcs`), which is read again. A result counts
+if the kernel's check finds nothing, each edge joins two faces, it is one solid, and its volume is that of the points that the
 kernel's classifier finds in it. Of three invalid files of other programs one was healed by ShapeFix, two by turned arcs.
 """
 
@@ -11,6 +11,7 @@ from __future__ import annotations
 import os
 from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass
+from itertools import chain
 
 import numpy as np
 from OCP.BRepCheck import BRepCheck_Analyzer
@@ -101,26 +102,28 @@ def heal_solid(solid: TopoDS_Solid, report: ShapeReport, arcs: StepArcs | None) 
 
 
 def find_turned_arcs(arcs: CircularEdges, count_faults: Callable[[Collection[int]], float]) -> frozenset[int]:
-    """Circular edges without which no fault is left when they are turned; none if MAX_ARC_READINGS calls do not find them.
+    """The fewest circular edges without faults when they are turned; none if MAX_ARC_READINGS calls do not find them.
 
-    The search begins with the long arcs at the faults, or with all long arcs if these leave fewer faults. One after the other is
-    turned, or turned back, if that lowers the number of faults. Of those found each is then shown to be needed.
+    The search begins with the long arcs at the faults, or with all long arcs if these leave fewer faults. One group after the
+    other is turned, or turned back, if that lowers the number of faults. Then those are turned back that are not needed: a boss
+    with a flat, whose arc is long, has as valid a twin without most of it.
     """
-    starts = {start: count_faults(start) for start in {frozenset(arcs.suspect), frozenset(arcs.long)}}
+    starts = {frozenset(chain(*groups)): 0.0 for groups in (arcs.suspect, arcs.long)}
+    starts = {start: count_faults(start) for start in starts}
     turned = min(starts, key=starts.__getitem__)
     faults, readings = starts[turned], len(starts)
-    for number in (*arcs.long, *arcs.closed):
+    for group in map(frozenset, (*arcs.long, *arcs.closed)):
         if faults == 0 or readings >= MAX_ARC_READINGS:
             break
-        left = count_faults(turned ^ {number})
+        left = count_faults(turned ^ group)
         readings += 1
         if left < faults:
-            turned, faults = turned ^ {number}, left
+            turned, faults = turned ^ group, left
     if faults > 0:
         return frozenset()
-    for number in sorted(turned):
-        if len(turned) > 1 and count_faults(turned - {number}) == 0:
-            turned -= {number}
+    for group in map(frozenset, (*arcs.long, *arcs.closed)):
+        if group < turned and count_faults(turned - group) == 0:
+            turned -= group
     return turned
 
 

@@ -7,7 +7,7 @@ the other edges of its face, so that nothing of the fault is left in the shape. 
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -17,6 +17,7 @@ from OCP.StepGeom import (
     StepGeom_CartesianPoint,
     StepGeom_Circle,
     StepGeom_Curve,
+    StepGeom_Plane,
     StepGeom_SurfaceCurve,
 )
 from OCP.StepShape import StepShape_EdgeCurve, StepShape_FaceSurface, StepShape_VertexPoint
@@ -32,14 +33,15 @@ MIN_LONG_ANGLE = np.pi + 1e-9
 
 @dataclass(frozen=True, slots=True)
 class CircularEdges:
-    """Numbers of the entities of circular edges.
+    """Numbers of the entities of circular edges that may have to be turned, those together that are turned together.
 
-    long: arcs of more than half a circle; suspect: those on faces under suspicion; closed: whole circles on such faces.
+    long: arcs of more than half a circle; those on a face that is not plane belong together, as the two rims of a cylinder.
+    suspect: those of them with an arc on a face under suspicion; closed: whole circles on such faces.
     """
 
-    long: tuple[int, ...]
-    suspect: tuple[int, ...]
-    closed: tuple[int, ...]
+    long: tuple[tuple[int, ...], ...]
+    suspect: tuple[tuple[int, ...], ...]
+    closed: tuple[tuple[int, ...], ...]
 
 
 def find_circular_edges(
@@ -50,11 +52,18 @@ def find_circular_edges(
     model = reader.StepModel()
     entities = [model.Value(i) for i in range(1, model.NbEntities() + 1)]
     numbers = {id(entity): i for i, entity in enumerate(entities, 1) if isinstance(entity, StepShape_EdgeCurve)}
-    angles, suspected = (_measure_angles(reader, of, numbers) for of in (faces, suspects))
+    groups: list[set[int]] = []
+    for is_plane, angles in _measure_angles(reader, faces, numbers):
+        arcs = {number for number, angle in angles.items() if MIN_LONG_ANGLE < angle < 2.0 * np.pi}
+        for found in [{arc} for arc in arcs] if is_plane else [arcs]:
+            met = [group for group in groups if group & found]
+            groups = [group for group in groups if group not in met] + ([found.union(*met)] if found else [])
+    suspected = [angles for _, angles in _measure_angles(reader, suspects, numbers)]
+    long = tuple(tuple(sorted(group)) for group in groups)
     return CircularEdges(
-        tuple(i for i, angle in angles.items() if MIN_LONG_ANGLE < angle < 2.0 * np.pi),
-        tuple(i for i, angle in suspected.items() if MIN_LONG_ANGLE < angle < 2.0 * np.pi),
-        tuple(i for i, angle in suspected.items() if angle == 2.0 * np.pi),
+        long,
+        tuple(group for group in long if any(arc in angles for angles in suspected for arc in group)),
+        tuple((i,) for i in sorted({i for of in suspected for i, angle in of.items() if angle == 2.0 * np.pi})),
     )
 
 
@@ -68,15 +77,16 @@ def turn_arcs(reader: STEPControl_Reader, numbers: Iterable[int]) -> None:
 
 def _measure_angles(
     reader: STEPControl_Reader, faces: Iterable[TopoDS_Face], numbers: Mapping[int, int]
-) -> dict[int, float]:
-    """Angles of the circular edges of faces by their numbers, which `numbers` tells of their identities."""
-    transfer, angles = reader.WS().TransferReader(), {}
+) -> Iterator[tuple[bool, dict[int, float]]]:
+    """Of each face whether it is plane, and the angles of its circular edges by number; `numbers` tells these of identities."""
+    transfer = reader.WS().TransferReader()
     for face in faces:
         entity = transfer.EntityFromShapeResult(face.Located(TopLoc_Location()), 1)
-        for edge in edges_of_face_entity(entity) if isinstance(entity, StepShape_FaceSurface) else ():
-            if isinstance(edge, StepShape_EdgeCurve) and (angle := _measure_angle(edge)) is not None:
-                angles[numbers[id(edge)]] = angle
-    return angles
+        if isinstance(entity, StepShape_FaceSurface):
+            edges = [edge for edge in edges_of_face_entity(entity) if isinstance(edge, StepShape_EdgeCurve)]
+            angles = {numbers[id(edge)]: _measure_angle(edge) for edge in edges}
+            is_plane = isinstance(entity.FaceGeometry(), StepGeom_Plane)
+            yield is_plane, {number: angle for number, angle in angles.items() if angle is not None}
 
 
 def _measure_angle(edge: StepShape_EdgeCurve) -> float | None:
