@@ -325,3 +325,25 @@ def test_an_infill_takes_the_solid_that_is_chosen_and_tells_it(assembly: Path) -
     same = tpmscad.infill(tpmscad.read_body(assembly, solid=2), "schwarz_p", **wanted)
     assert same.volume == pytest.approx(model.volume, rel=1e-9)
     assert np.allclose(model.bounding_box, ((-5, -5.5, -6), (5, 5.5, 6)), atol=1e-6)
+
+
+def test_all_solids_are_filled_each_by_itself_under_its_name(assembly: Path, tmp_path: Path) -> None:
+    wanted = {"cell": 5, "thickness": 1.0, "tol": 0.1, "progress": False}
+    every = tpmscad.infill(assembly, "schwarz_p", solid="all", **wanted)
+    parts = [tpmscad.infill(assembly, "schwarz_p", solid=number, **wanted) for number in (1, 2, 3)]
+    assert [of.name for of in every.named_solids()][0] == "plate"
+    assert {of.name for of in every.named_solids()} == {"left nut", "plate", "right nut"}
+    assert every.certificate.met
+    assert every.volume == pytest.approx(sum(part.volume for part in parts), rel=1e-9)
+    assert every.certificate.betti == tuple(np.sum([part.certificate.betti for part in parts], axis=0))
+    assert every.certificate.pieces == pytest.approx(sorted((part.volume for part in parts), reverse=True))
+    assert every.certificate.max_deviation == max(part.certificate.max_deviation for part in parts)
+    assert check_shape(every.wrapped).volume == pytest.approx(every.volume, rel=1e-6)
+    every.export(tmp_path / "filled.brep")
+    with pytest.raises(tpmscad.InvalidRequest, match="numbers in open_faces are those of one solid"):
+        tpmscad.infill(assembly, "schwarz_p", solid="all", skin=0.5, open_faces=[1], **wanted)
+
+
+def test_fluid_domains_take_one_solid_only(assembly: Path) -> None:
+    with pytest.raises(tpmscad.InvalidRequest, match="choose one of 'largest'$|choose one of 'largest'[^,]"):
+        tpmscad.fluid_domains(assembly, "schwarz_p", cell=5, thickness=1.0, solid="all")

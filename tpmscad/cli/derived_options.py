@@ -31,6 +31,7 @@ from tpmscad.api.shared_kinds import (
     OVERHANG,
     PICTURE_SIZE,
     POSITIVE,
+    SOLID,
     TEXT,
     TEXTS,
     VIEW,
@@ -127,6 +128,7 @@ WRITTEN: Mapping[Any, tuple[Any, dict[str, Any]]] = {
     ANYTHING.read: (str | None, {}),
     PICTURE_SIZE.read: (Any, {"metavar": "WxH", "parser": parse_size}),
     ONE_SOLID.read: (Any, {"metavar": "N|largest", "parser": parse_solid}),
+    SOLID.read: (Any, {"metavar": "N|largest|all", "parser": parse_solid}),
     TEXTS.read: (list[str] | None, {"metavar": "NAME"}),
 }
 """How a command line writes a kind of argument: the type of the option, its placeholder, and how its text is read."""

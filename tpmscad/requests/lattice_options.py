@@ -23,6 +23,7 @@ from tpmscad.api.shared_kinds import (
     ONE_SOLID,
     POSITIVE,
     SHAPE,
+    SOLID,
     TEXT,
     WALL_THICKNESS,
 )
@@ -182,6 +183,12 @@ class InfillOptions(SolidOptions, BodyOptions):
         "field takes `solid`, `tol`, `skin`, `open_faces`, `loose` and `progress` only.",
     ]
     _: KW_ONLY
+    solid: Annotated[
+        int | str | None,
+        SOLID,
+        "Which solid, if the body or its file has several: its number from 1, as ``tpmscad check`` lists them, 'largest', or "
+        "'all': each is filled by itself, and the pieces have its name in files.",
+    ] = None
     skin: Annotated[
         float | None,
         POSITIVE,

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -13,10 +13,10 @@ from tpmscad.errors import InvalidRequest
 from tpmscad.kernel.body_import.healing import describe_faults
 from tpmscad.kernel.body_import.isolated_reader import read_foreign_solids
 from tpmscad.kernel.body_import.overlapping_spheres import require_disjoint_spheres
-from tpmscad.kernel.body_import.solid_choice import ALL, LARGEST, choose_solids
+from tpmscad.kernel.body_import.solid_choice import ALL, LARGEST, choose_solids, list_reported_solids
 from tpmscad.kernel.build.primitive_solids import PrimitiveRegion, make_region_solid
-from tpmscad.kernel.measure.shape_report import ShapeReport, check_shape
-from tpmscad.kernel.measure.solid_list import SolidEntry, list_in_lines, list_solids
+from tpmscad.kernel.measure.shape_report import ShapeReport, check_shape, check_solids
+from tpmscad.kernel.measure.solid_list import SolidEntry, list_in_lines, title_solids
 from tpmscad.kernel.occt.bounding_boxes import enclosing_box
 from tpmscad.kernel.occt.construction import make_compound
 from tpmscad.kernel.occt.exploration import faces_of, solids_of, unwrap
@@ -31,6 +31,7 @@ class CadBody:
     """One valid, closed solid with the report of its check, a name for messages, and notes on the file that it came from.
 
     face_names: of the solid's faces in the order of `faces_of`, as the file states them, "" where it names none.
+    title: of the solid among several, for the names of what is made of it.
     """
 
     shape: TopoDS_Solid
@@ -38,6 +39,7 @@ class CadBody:
     name: str
     notes: tuple[str, ...] = ()
     face_names: tuple[str, ...] = ()
+    title: str = "body"
 
     @property
     def face_labels(self) -> tuple[str, ...]:
@@ -97,11 +99,11 @@ class BodyFile:
 def read_body_file(path: str | os.PathLike[str], solid: int | str | None, *, heal: bool = True) -> BodyFile:
     """The solids of a STEP, IGES or BREP file; see `read_chosen_solids`."""
     found = read_foreign_solids(path, solid, heal=heal)
-    bodies = []
+    bodies, titles = [], title_solids(found.entries)
     for number, shape, report, names in zip(found.numbers, found.solids, found.reports, found.face_names, strict=True):
         name = str(path) if len(found.entries) == 1 else f"solid {found.entries[number - 1].label} of {path}"
         _require_possible(shape, name)
-        bodies.append(CadBody(shape, report, name, found.notes, names))
+        bodies.append(CadBody(shape, report, name, found.notes, names, titles[number]))
     return BodyFile(os.fspath(path), found.entries, tuple(bodies), found.healed, found.accuracy, found.notes)
 
 
@@ -128,8 +130,12 @@ def read_bodies(source: Any, solid: int | str | None = None) -> tuple[CadBody, .
         raise InvalidRequest(f"{name} holds no solid ({shape.ShapeType().name.removeprefix('TopAbs_').lower()})")
     if len(solids) == 1 and solid in (None, 1, ALL, LARGEST):
         return (_check_body(solids[0], name),)
-    numbers = choose_solids(list_solids(solids), solid, name)
-    return tuple(_check_body(solids[number - 1], f"solid {number} of {name}") for number in numbers)
+    for one in solids:
+        _require_possible(one, name)
+    _, reports = check_solids(solids)
+    numbers = choose_solids(list_reported_solids(solids, reports), solid, name)
+    named = (replace(_check_body(solids[n - 1], f"solid {n} of {name}"), title=f"solid {n}") for n in numbers)
+    return tuple(named)
 
 
 def read_body(source: Any, solid: int | str | None = None) -> CadBody:

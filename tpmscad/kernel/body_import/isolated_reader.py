@@ -22,13 +22,13 @@ from tpmscad.kernel.body_import.solid_choice import (
     ALL,
     ChosenSolids,
     choose_solids,
+    list_reported_solids,
     list_solid_names,
     read_all_solids,
     read_chosen_solids,
 )
 from tpmscad.kernel.measure.face_table import tabulate_solid_faces
-from tpmscad.kernel.measure.shape_report import StepReport, check_shape, note_missing_unit
-from tpmscad.kernel.measure.solid_list import list_solids
+from tpmscad.kernel.measure.shape_report import StepReport, check_shape, check_solids, note_missing_unit
 from tpmscad.kernel.occt.child_process import ChildFailure, call_in_child
 from tpmscad.kernel.occt.construction import make_compound
 from tpmscad.kernel.occt.convert import shape_from_bytes, shape_to_bytes
@@ -106,23 +106,20 @@ def _call_for_file(function: Callable[[str], T], path: str | os.PathLike[str]) -
 
 
 def _check(path: str, faces: bool, solid: int | None) -> StepReport:
-    content = read_all_solids(path, with_clear_seams=False)
-    names = list_solid_names(path, content)
-    shape, solids, face_names = content.shape, content.solids, content.face_names
-    report = check_shape(shape)
-    entries = list_solids(solids, names, (report.volume, report.bounds))
+    content = read_all_solids(path, with_face_names=faces)
+    report, reports = check_solids(content.solids)
+    entries = list_reported_solids(content.solids, reports, list_solid_names(path, content))
+    shown = slice(None)
     if solid is not None:
         (number,) = choose_solids(entries, solid, path)
-        shape, solids, face_names = solids[number - 1], solids[number - 1 : number], face_names[number - 1 : number]
-        report = check_shape(shape)
-    table = tabulate_solid_faces(solids, face_names) if faces else ()
+        report, shown = reports[number - 1], slice(number - 1, number)
     return StepReport(
         Path(path).name,
         report,
         content.units,
         content.products,
-        table,
-        entries if solid is None else entries[solid - 1 : solid],
+        tabulate_solid_faces(content.solids[shown], content.face_names[shown]) if faces else (),
+        entries[shown],
         content.accuracy,
     )
 

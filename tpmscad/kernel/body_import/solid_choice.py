@@ -14,7 +14,7 @@ from tpmscad.kernel.body_import.cad_formats import STEP, read_cad_file, recognis
 from tpmscad.kernel.body_import.closed_shells import make_solids_of_faces
 from tpmscad.kernel.body_import.healing import Healed, StepArcs, describe_faults, heal_solid
 from tpmscad.kernel.measure.edge_gaps import measure_accuracy
-from tpmscad.kernel.measure.shape_report import ShapeReport, check_shape, note_missing_unit
+from tpmscad.kernel.measure.shape_report import ShapeReport, check_solids, note_missing_unit
 from tpmscad.kernel.measure.solid_list import SolidEntry, describe_solids, list_solids
 from tpmscad.kernel.occt.exploration import faces_of
 from tpmscad.kernel.step.coloured_reader import MADE_UP_NAME, read_solid_names
@@ -73,12 +73,13 @@ def read_chosen_solids(path: str | os.PathLike[str], solid: int | str | None, he
     no solid, if one cannot be healed, or if there is something to heal and not `heal`.
     """
     content, made = _read_solids(path, heal)
-    entries = list_solids(content.solids, list_solid_names(path, content))
+    _, reports = check_solids(content.solids)
+    entries = list_reported_solids(content.solids, reports, list_solid_names(path, content))
     numbers = choose_solids(entries, solid, str(path))
-    chosen = [_make_sound(path, content, number, heal) for number in numbers]
+    chosen = [_make_sound(path, content, number, reports[number - 1], heal) for number in numbers]
     for number, sound in zip(numbers, chosen, strict=True):
         if sound.words:
-            (entry,) = list_solids([sound.solid], [entries[number - 1].name])
+            (entry,) = list_reported_solids([sound.solid], [sound.report], [entries[number - 1].name])
             entries = (*entries[: number - 1], replace(entry, number=number), *entries[number:])
     healed = (*made, *(sound.words for sound in chosen if sound.words))
     notes = note_missing_unit(Path(path).name, content.units)
@@ -98,35 +99,51 @@ def read_chosen_solids(path: str | os.PathLike[str], solid: int | str | None, he
 
 
 def read_all_solids(
-    path: str | os.PathLike[str], *, with_clear_seams: bool, turned_arcs: Collection[int] = ()
+    path: str | os.PathLike[str],
+    *,
+    with_face_names: bool = False,
+    with_clear_seams: bool = False,
+    turned_arcs: Collection[int] = (),
 ) -> StepContent:
-    """The content of a file without solids that have no faces, as some assemblies hold them; it may have no solid at all."""
+    """The content of a file as `read_cad_file` reads it, without solids that have no faces; it may have no solid at all."""
     content = read_cad_file(
         path,
-        with_face_names=True,
+        with_face_names=with_face_names,
         with_clear_seams=with_clear_seams,
         turned_arcs=turned_arcs,
         require_solid=False,
     )
     kept = [i for i, solid in enumerate(content.solids) if faces_of(solid)]
-    names = tuple(content.face_names[i] for i in kept) if content.face_names else ()
-    return replace(content, solids=tuple(content.solids[i] for i in kept), face_names=names)
+    return replace(
+        content,
+        solids=tuple(content.solids[i] for i in kept),
+        face_names=tuple(content.face_names[i] for i in kept) if content.face_names else (),
+        solid_names=tuple(content.solid_names[i] for i in kept if i < len(content.solid_names)),
+    )
 
 
 def list_solid_names(path: str | os.PathLike[str], content: StepContent) -> tuple[str, ...]:
     """Names of the solids of a file, in its order; empty if it states none, or holds others than those that were read."""
-    if not content.solids or recognise_format(path) != STEP:
-        return ()
-    if len(content.solids) == 1:
-        names = [name for name in content.products if not MADE_UP_NAME.fullmatch(name)]
-        return (names[0] if len(names) == 1 else "",)
-    found = read_solid_names(path)
-    return found if len(found) == len(content.solids) else ()
+    count = len(content.solids)
+    if content.is_assembly:
+        names = read_solid_names(path)
+        return names if len(names) == count else ()
+    own = content.solid_names + ("",) * (count - len(content.solid_names))
+    parts = [(name, *(content.products if len(content.products) == 1 else ())) for name in own]
+    telling = [[name for name in reversed(of) if name and not MADE_UP_NAME.fullmatch(name)] for of in parts]
+    return tuple("/".join(dict.fromkeys(of)) for of in telling)
+
+
+def list_reported_solids(
+    solids: Sequence[TopoDS_Solid], reports: Sequence[ShapeReport], names: Sequence[str] = ()
+) -> tuple[SolidEntry, ...]:
+    """The list of solids with their reports."""
+    return list_solids(solids, [(report.volume, report.bounds) for report in reports], names)
 
 
 def _read_solids(path: str | os.PathLike[str], heal: bool) -> tuple[StepContent, tuple[str, ...]]:
     """The content of a file with at least one solid, and how its solids were made if it states none, in words."""
-    content = read_all_solids(path, with_clear_seams=True)
+    content = read_all_solids(path, with_face_names=True, with_clear_seams=True)
     if content.solids:
         return content, ()
     made = make_solids_of_faces(content.shape, content.accuracy)
@@ -136,10 +153,11 @@ def _read_solids(path: str | os.PathLike[str], heal: bool) -> tuple[StepContent,
     raise InvalidRequest(f"{missing_solid(Path(path))}; {remedy}")
 
 
-def _make_sound(path: str | os.PathLike[str], content: StepContent, number: int, heal: bool) -> Healed:
+def _make_sound(
+    path: str | os.PathLike[str], content: StepContent, number: int, report: ShapeReport, heal: bool
+) -> Healed:
     """A solid of the content of a file, valid, closed and with positive volume."""
     solid, alone = content.solids[number - 1], len(content.solids) == 1
-    report = check_shape(solid)
     faults = describe_faults(solid, report)
     if not faults:
         return Healed(solid, report, "")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
@@ -282,9 +283,29 @@ def is_valid(shape: Any) -> bool:
 
 def check_shape(shape: Any) -> ShapeReport:
     """Report on a TopoDS, build123d or CadQuery shape; a solid that is placed many times is measured once."""
+    return _sum_up(_measure_placed_solids(solids_of(shape)))
+
+
+def check_solids(solids: Sequence[TopoDS_Solid]) -> tuple[ShapeReport, tuple[ShapeReport, ...]]:
+    """Report on solids together, and on each of them; one that is placed many times is measured once."""
+    measured = _measure_placed_solids(solids)
+    return _sum_up(measured), tuple(_sum_up([one]) for one in measured)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _PlacedFigures:
+    """Properties of a placed solid: those that its place does not change, moments and box."""
+
+    own: _SolidFigures
+    moments: Array
+    bounds: tuple[Array, Array]
+
+
+def _measure_placed_solids(solids: Sequence[TopoDS_Solid]) -> list[_PlacedFigures]:
+    """Properties of solids, of which each that is placed many times is measured once."""
     measured: dict[ShapeKey, _SolidFigures] = {}
-    total, volumes, figures, boxes = np.zeros(5), [], [], []
-    for solid in solids_of(shape):
+    placed = []
+    for solid in solids:
         unplaced = solid.Located(TopLoc_Location())
         key = ShapeKey(unplaced)
         if key not in measured:
@@ -293,14 +314,18 @@ def check_shape(shape: Any) -> ShapeReport:
         moments = _transform_moments(found.moments, solid)
         if orientation_sign(solid) < orientation_sign(unplaced):
             moments[1:] *= -1.0
-        total += moments
-        volumes.append(float(moments[1]))
-        figures.append(found)
-        boxes.append(_place_bounds(found.bounds, solid))
-    low = np.min([low for low, _ in boxes], axis=0) if boxes else np.zeros(3)
-    high = np.max([high for _, high in boxes], axis=0) if boxes else np.zeros(3)
-    volume = float(total[1])
+        placed.append(_PlacedFigures(found, moments, _place_bounds(found.bounds, solid)))
+    return placed
+
+
+def _sum_up(placed: Sequence[_PlacedFigures]) -> ShapeReport:
+    """The report on solids together."""
+    total = np.sum([of.moments for of in placed], axis=0) if placed else np.zeros(5)
+    low = np.min([of.bounds[0] for of in placed], axis=0) if placed else np.zeros(3)
+    high = np.max([of.bounds[1] for of in placed], axis=0) if placed else np.zeros(3)
+    volume, volumes = float(total[1]), [float(of.moments[1]) for of in placed]
     centroid = total[2:] / volume if volume else np.zeros(3)
+    figures = [of.own for of in placed]
     return ShapeReport(
         solids=len(figures),
         shells=sum(f.shells for f in figures),

@@ -14,10 +14,7 @@ from OCP.TopLoc import TopLoc_Location
 from OCP.TopoDS import TopoDS_Solid
 
 from tpmscad._typing import BoxCorners
-from tpmscad.kernel.measure.mass_properties import solid_moments
-from tpmscad.kernel.measure.shape_extents import shape_bounds
-from tpmscad.kernel.occt import convert
-from tpmscad.kernel.occt.exploration import ShapeKey, faces_of, orientation_sign
+from tpmscad.kernel.occt.exploration import ShapeKey, faces_of
 
 MAX_LISTED = 20
 """Solids that a message lists."""
@@ -66,33 +63,21 @@ class SolidEntry:
 
 
 def list_solids(
-    solids: Sequence[TopoDS_Solid], names: Sequence[str] = (), known: tuple[float, BoxCorners] | None = None
+    solids: Sequence[TopoDS_Solid], figures: Sequence[tuple[float, BoxCorners]], names: Sequence[str] = ()
 ) -> tuple[SolidEntry, ...]:
-    """An entry for each solid; copies of one are measured once, and the only one not at all if volume and box are known."""
-    volumes: dict[ShapeKey, float] = {}
-    alone = known if len(solids) == 1 else None
-    entries = []
-    for number, (solid, name) in enumerate(zip(solids, names or [""] * len(solids), strict=True), 1):
-        unplaced = convert.as_solid(solid.Located(TopLoc_Location()))
-        key = ShapeKey(unplaced)
-        turned = orientation_sign(solid) < orientation_sign(unplaced)
-        if key not in volumes:
-            volumes[key] = (-alone[0] if turned else alone[0]) if alone else float(solid_moments(unplaced)[1])
-        low, high = alone[1] if alone else shape_bounds(solid)
-        x, y, z = np.subtract(high, low).tolist()
-        kinds = Counter(
-            BRepAdaptor_Surface(face, False).GetType().name.removeprefix("GeomAbs_").lower() for face in faces_of(solid)
-        )
-        entries.append(
-            SolidEntry(
-                number,
-                name,
-                (x, y, z),
-                -volumes[key] if turned else volumes[key],
-                dict(kinds.most_common()),
-                float(BRep_Tool.MaxTolerance_s(solid, TopAbs_EDGE)),
+    """An entry for each solid, of which volumes and boxes are known; faces of copies are looked at once."""
+    known: dict[ShapeKey, tuple[dict[str, int], float]] = {}
+    entries: list[SolidEntry] = []
+    for solid, (volume, (low, high)), name in zip(solids, figures, names or [""] * len(solids), strict=True):
+        key = ShapeKey(solid.Located(TopLoc_Location()))
+        if key not in known:
+            kinds = Counter(
+                BRepAdaptor_Surface(face, False).GetType().name.removeprefix("GeomAbs_").lower()
+                for face in faces_of(solid)
             )
-        )
+            known[key] = dict(kinds.most_common()), float(BRep_Tool.MaxTolerance_s(solid, TopAbs_EDGE))
+        x, y, z = np.subtract(high, low).tolist()
+        entries.append(SolidEntry(len(entries) + 1, name, (x, y, z), volume, *known[key]))
     return tuple(entries)
 
 
@@ -106,3 +91,12 @@ def list_in_lines(entries: Sequence[SolidEntry]) -> list[str]:
     """The entries in lines, each whole."""
     more = [f"and {len(entries) - MAX_LISTED} more"] if len(entries) > MAX_LISTED else []
     return [*map(str, entries[:MAX_LISTED]), *more]
+
+
+def title_solids(entries: Sequence[SolidEntry]) -> dict[int, str]:
+    """A name of each solid by its number, no two alike: the last part of its name, with the number if others share it."""
+    lasts = {entry.number: entry.name.rpartition("/")[2] or "solid" for entry in entries}
+    shared = Counter(lasts.values())
+    return {
+        number: f"{last} {number}" if shared[last] > 1 or last == "solid" else last for number, last in lasts.items()
+    }

@@ -15,6 +15,7 @@ from OCP.StepBasic import StepBasic_Product
 from OCP.STEPConstruct import STEPConstruct_UnitContext
 from OCP.STEPControl import STEPControl_Reader
 from OCP.StepGeom import StepGeom_GeomRepContextAndGlobUnitAssCtxAndGlobUncertaintyAssCtx as GeometricContext
+from OCP.StepRepr import StepRepr_NextAssemblyUsageOccurrence as AssemblyUsage
 from OCP.StepRepr import StepRepr_RepresentationItem
 from OCP.TopLoc import TopLoc_Location
 from OCP.TopoDS import TopoDS_Face, TopoDS_Shape, TopoDS_Solid
@@ -50,6 +51,9 @@ SHAPE_FIX_MODES = (
 edges are not among them: a STEP file may omit these, but OCCT requires them."""
 
 
+MAX_NAMED_SOLIDS = 100
+"""Solids whose names are looked up: OCCT looks through all of the file for each."""
+
 FITTING_PRECISION = 1e-7
 """Millimetres: OCCT's own confusion, below which edges and faces count as one."""
 
@@ -63,7 +67,8 @@ class StepContent:
     """Content of a file: all roots as one shape, its solids in file order, its length units and product names.
 
     face_names: of the faces of each solid, in the order of `faces_of`, if they were asked for; "" where the file names none.
-    accuracy: the largest uncertainty of lengths that the file states, mm.
+    accuracy: the largest uncertainty of lengths that the file states, mm. is_assembly: parts are placed in others by the file.
+    solid_names: the solids' own names, "" where the file names none; none in an assembly, where several have one.
     """
 
     shape: TopoDS_Shape
@@ -72,6 +77,8 @@ class StepContent:
     products: tuple[str, ...]
     face_names: tuple[tuple[str, ...], ...] = ()
     accuracy: float | None = None
+    is_assembly: bool = False
+    solid_names: tuple[str, ...] = ()
 
     @property
     def wrapped(self) -> TopoDS_Shape:
@@ -105,7 +112,17 @@ def read_step(
     if not solids and require_solid:
         raise missing_solid(path)
     names = tuple(_face_names(reader, solid) for solid in solids) if with_face_names else ()
-    return StepContent(shape, solids, _length_units(reader), _product_names(reader), names, _stated_accuracy(reader))
+    is_assembly = _is_assembly(reader)
+    return StepContent(
+        shape,
+        solids,
+        _length_units(reader),
+        _product_names(reader),
+        names,
+        _stated_accuracy(reader),
+        is_assembly,
+        () if is_assembly else tuple(_entity_name(reader, solid) for solid in solids[:MAX_NAMED_SOLIDS]),
+    )
 
 
 def list_circular_edges(
@@ -212,14 +229,23 @@ def _stated_accuracy(reader: STEPControl_Reader) -> float | None:
     return max(stated, default=None)
 
 
+def _is_assembly(reader: STEPControl_Reader) -> bool:
+    """Whether parts are placed in others by a file."""
+    model = reader.StepModel()
+    return any(isinstance(model.Value(i), AssemblyUsage) for i in range(1, model.NbEntities() + 1))
+
+
 def _face_names(reader: STEPControl_Reader, solid: TopoDS_Solid) -> tuple[str, ...]:
     """Names of the faces of a solid, in the order of `faces_of`."""
-    transfer, names = reader.WS().TransferReader(), []
-    for face in faces_of(solid):
-        entity = transfer.EntityFromShapeResult(face.Located(TopLoc_Location()), 1)
-        name = entity.Name() if isinstance(entity, StepRepr_RepresentationItem) else None
-        names.append("" if name is None else name.ToCString())
-    return tuple("" if name == NO_NAME else name for name in names)
+    return tuple(_entity_name(reader, face) for face in faces_of(solid))
+
+
+def _entity_name(reader: STEPControl_Reader, shape: TopoDS_Shape) -> str:
+    """The name of the entity of which a solid or a face was made."""
+    entity = reader.WS().TransferReader().EntityFromShapeResult(shape.Located(TopLoc_Location()), 1)
+    name = entity.Name() if isinstance(entity, StepRepr_RepresentationItem) else None
+    text = "" if name is None else str(name.ToCString())
+    return "" if text == NO_NAME else text
 
 
 def _product_names(reader: STEPControl_Reader) -> tuple[str, ...]:
