@@ -25,6 +25,9 @@ ALL, LARGEST = "all", "largest"
 TOLD_GAP = 1e-6
 """Millimetres: ten times the kernel's confusion. Edges that lie farther off their faces are told."""
 
+MAX_NAMED_INSTANCES = 1000
+"""Solids of an assembly above which names are not read: the file is read once more for them."""
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ChosenSolids:
@@ -58,7 +61,8 @@ def choose_solids(entries: Sequence[SolidEntry], solid: int | str | None, name: 
             return (1,)
         raise InvalidRequest(
             f'{name} holds {len(entries)} solids: choose one by its number, solid=1 say, or by solid="largest"; '
-            "`tpmscad.read_body` takes these, too. They are " + describe_solids(entries)
+            'infill also takes solid="all", and `tpmscad.read_body` takes any of these. They are '
+            + describe_solids(entries)
         )
     if not isinstance(solid, int) or not 1 <= solid <= len(entries):
         count = "1 solid" if len(entries) == 1 else f"{len(entries)} solids"
@@ -123,10 +127,10 @@ def read_all_solids(
 
 
 def list_solid_names(path: str | os.PathLike[str], content: StepContent) -> tuple[str, ...]:
-    """Names of the solids of a file, in its order; empty if it states none, or holds others than those that were read."""
+    """Names of the solids of a file, in its order; empty if they are unknown."""
     count = len(content.solids)
     if content.is_assembly:
-        names = read_solid_names(path)
+        names = read_solid_names(path) if count <= MAX_NAMED_INSTANCES else ()
         return names if len(names) == count else ()
     own = content.solid_names + ("",) * (count - len(content.solid_names))
     parts = [(name, *(content.products if len(content.products) == 1 else ())) for name in own]
