@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable, Collection
+from dataclasses import replace
 from pathlib import Path
 
 import build123d as bd
@@ -21,7 +22,7 @@ from OCP.TopoDS import TopoDS_Shape
 import tpmscad
 from tpmscad.kernel.body_import.cad_body import read_body
 from tpmscad.kernel.body_import.cad_formats import recognise_format
-from tpmscad.kernel.body_import.healing import MAX_ARC_READINGS, find_turned_arcs
+from tpmscad.kernel.body_import.healing import MAX_ARC_READINGS, find_turned_arcs, volume_agrees
 from tpmscad.kernel.measure.shape_report import check_shape
 from tpmscad.kernel.occt import convert
 from tpmscad.kernel.occt.construction import make_compound
@@ -167,10 +168,14 @@ def test_loose_faces_are_sewn_within_a_hundred_thousandth_of_their_size(tmp_path
                 tpmscad.read_body(path)
 
 
-def test_an_open_box_is_refused_with_the_length_and_the_place_of_its_rim(tmp_path: Path) -> None:
-    shell = bd.Shell([face for face in bd.Box(12, 10, 8).faces() if face.normal_at().Z < 0.5])
-    path = write_brep(shell.wrapped, tmp_path / "open.brep")
-    with pytest.raises(tpmscad.InvalidRequest, match=r"4 edges bound one face only, .* 44 mm, at \(.*, 4\)"):
+def without_lid(box: bd.Part) -> bd.Shell:
+    return bd.Shell([face for face in box.faces() if face.normal_at().Z < 0.5])
+
+
+def test_open_boxes_are_refused_with_the_length_and_the_place_of_the_longest_rim(tmp_path: Path) -> None:
+    boxes = [bd.Pos(30, 0, 0) * bd.Box(2, 2, 2), bd.Box(12, 10, 8), bd.Pos(-30, 0, 0) * bd.Box(3, 3, 3)]
+    path = write_brep(make_compound(without_lid(box).wrapped for box in boxes), tmp_path / "open.brep")
+    with pytest.raises(tpmscad.InvalidRequest, match=r"12 edges bound one face only, .* 44 mm, at \(.*, 4\)"):
         tpmscad.read_body(path)
 
 
@@ -268,6 +273,9 @@ def test_arcs_that_run_the_long_way_round_are_turned_and_right_ones_are_not(tmp_
     assert told in report.summary()
     with pytest.raises(tpmscad.InvalidRequest, match="heal=True repairs it if it can be repaired"):
         tpmscad.read_body(path, heal=False)
+    other = write_brep(read_step(path).shape, tmp_path / "pocket.brep")  # which says nothing of the arcs any more
+    with pytest.raises(tpmscad.InvalidRequest, match=r"InvalidImbricationOfWires; no way of healing makes it sound"):
+        tpmscad.read_body(other)
 
 
 PAIRS = tuple((i, i + 1) for i in range(1, 13, 2))
@@ -295,14 +303,29 @@ def test_the_search_gives_up_where_faults_remain() -> None:
     assert find_turned_arcs(arcs, lambda turned: 1 + len(turned)) == frozenset()
 
 
-def test_the_stated_accuracy_and_gaps_of_edges_are_told(tmp_path: Path) -> None:
+def test_a_volume_that_its_points_do_not_confirm_is_not_believed() -> None:
+    ball = bd.Sphere(3).solid().wrapped
+    report = check_shape(ball)
+    assert volume_agrees(ball, report)
+    for factor in (0.8, 1.2, -1.0):
+        assert not volume_agrees(ball, replace(report, volume=factor * report.volume))
+
+
+@pytest.mark.parametrize(("prefix", "scale"), [("MILLI", 1.0), ("CENTI", 10.0)])
+def test_the_accuracy_that_a_file_states_is_told_in_millimetres(prefix: str, scale: float, tmp_path: Path) -> None:
     path = tmp_path / "box.step"
     bd.export_step(bd.Box(2, 3, 4), path)
-    path.write_text(re.sub(r"(UNCERTAINTY_MEASURE_WITH_UNIT\(LENGTH_MEASURE\()[^)]*", r"\g<1>2.E-03", path.read_text()))
+    text = re.sub(r"(UNCERTAINTY_MEASURE_WITH_UNIT\(LENGTH_MEASURE\()[^)]*", r"\g<1>2.E-03", path.read_text())
+    path.write_text(text.replace("SI_UNIT(.MILLI.,.METRE.)", f"SI_UNIT(.{prefix}.,.METRE.)"))
     found = tpmscad.read_body(path)
-    assert found.accuracy == pytest.approx(0.002)
+    assert found.accuracy == pytest.approx(0.002 * scale)
     assert found.notes == ()
-    assert tpmscad.check_step(path).accuracy == pytest.approx(0.002)
+    report = tpmscad.check_step(path)
+    assert report.accuracy == pytest.approx(0.002 * scale)
+    assert report.shape.volume == pytest.approx(24 * scale**3)
+
+
+def test_the_resolution_of_an_iges_file_is_its_accuracy(tmp_path: Path) -> None:
     assert tpmscad.read_body(write_iges(BORED.wrapped, tmp_path / "b.igs")).accuracy == pytest.approx(1e-7)
 
 

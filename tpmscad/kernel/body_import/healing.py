@@ -144,6 +144,19 @@ def count_rejected(solid: TopoDS_Solid | None) -> float:
     return max(1, sum(not analyzer.IsValid(part) for part in parts) + (report.volume <= 0))
 
 
+def volume_agrees(solid: TopoDS_Solid, report: ShapeReport) -> bool:
+    """Whether the volume is that of the random points of the solid's box that are in it."""
+    low, high = np.array(report.bounds)
+    points = low + (high - low) * np.random.default_rng(0).random((VOLUME_SAMPLES, 3))
+    classifier, inside = BRepClass3d_SolidClassifier(solid), 0
+    for point in points.tolist():
+        classifier.Perform(gp_Pnt(*point), CONFUSION_TOLERANCE)
+        inside += classifier.State() == TopAbs_IN
+    part = report.volume / float((high - low).prod())
+    deviation = np.sqrt(max(part * (1.0 - part), 1.0 / VOLUME_SAMPLES) / VOLUME_SAMPLES)
+    return bool(abs(inside / VOLUME_SAMPLES - part) <= VOLUME_DEVIATIONS * deviation)
+
+
 def _fix(solid: TopoDS_Solid) -> Sequence[TopoDS_Solid]:
     """The solids of ShapeFix_Shape; none if it fails."""
     largest = min(MAX_FIXED_TOLERANCE, MAX_FIXED_SIZE * box_diagonal(solid))
@@ -163,19 +176,6 @@ def _accept(solids: Sequence[TopoDS_Solid], words: str, before: ShapeReport) -> 
         return None
     (solid,) = solids
     report = check_shape(solid)
-    if not report.ok or not _volume_agrees(solid, report):
+    if not report.ok or not volume_agrees(solid, report):
         return None
     return Healed(solid, report, f"{words}; its volume was {before.volume:.9g} mm3 and is {report.volume:.9g} mm3")
-
-
-def _volume_agrees(solid: TopoDS_Solid, report: ShapeReport) -> bool:
-    """Whether the volume is that of the random points of the solid's box that are in it."""
-    low, high = np.array(report.bounds)
-    points = low + (high - low) * np.random.default_rng(0).random((VOLUME_SAMPLES, 3))
-    classifier, inside = BRepClass3d_SolidClassifier(solid), 0
-    for point in points.tolist():
-        classifier.Perform(gp_Pnt(*point), CONFUSION_TOLERANCE)
-        inside += classifier.State() == TopAbs_IN
-    part = report.volume / float((high - low).prod())
-    deviation = np.sqrt(max(part * (1.0 - part), 1.0 / VOLUME_SAMPLES) / VOLUME_SAMPLES)
-    return bool(abs(inside / VOLUME_SAMPLES - part) <= VOLUME_DEVIATIONS * deviation)
