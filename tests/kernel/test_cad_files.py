@@ -20,9 +20,10 @@ from OCP.TopLoc import TopLoc_Location
 from OCP.TopoDS import TopoDS_Shape
 
 import tpmscad
+from tpmscad.kernel.body_import import healing
 from tpmscad.kernel.body_import.cad_body import read_body
 from tpmscad.kernel.body_import.cad_formats import recognise_format
-from tpmscad.kernel.body_import.healing import MAX_ARC_READINGS, find_turned_arcs, volume_agrees
+from tpmscad.kernel.body_import.healing import MAX_ARC_READINGS, find_turned_arcs, heal_solid, volume_agrees
 from tpmscad.kernel.measure.shape_report import check_shape
 from tpmscad.kernel.occt import convert
 from tpmscad.kernel.occt.construction import make_compound
@@ -213,16 +214,39 @@ def test_a_vertex_beside_its_edges_is_healed(tmp_path: Path) -> None:
     assert "changed by the kernel's shape healing; its volume was 8000 mm3 and is 8000" in found.healed[0]
 
 
-def test_a_face_far_off_its_edges_cannot_be_healed(tmp_path: Path) -> None:
+def lifted_face(off: float) -> TopoDS_Shape:
+    """A box with the plane of a face beside its edges."""
     box = bd.Box(20, 20, 20).solid()
     face = box.faces().sort_by(bd.Axis.Z)[-1].wrapped
-    BRep_Builder().UpdateFace(face, Geom_Plane(gp_Pnt(0, 0, 13), gp_Dir(0, 0, 1)), TopLoc_Location(), 1e-7)
-    far = write_brep(box.wrapped, tmp_path / "far.brep")
+    BRep_Builder().UpdateFace(face, Geom_Plane(gp_Pnt(0, 0, 10 + off), gp_Dir(0, 0, 1)), TopLoc_Location(), 1e-7)
+    return box.wrapped
+
+
+@pytest.mark.parametrize("off", [3.0, 0.05, 0.001])
+def test_a_face_farther_off_its_edges_than_faces_are_sewn_cannot_be_healed(off: float, tmp_path: Path) -> None:
+    path = write_brep(lifted_face(off), tmp_path / "far.brep")
     with pytest.raises(tpmscad.InvalidRequest, match=r"BRepCheck.: face \d .*; no way of healing makes it sound"):
-        tpmscad.read_body(far)
-    report = tpmscad.check_step(far)
+        tpmscad.read_body(path)
+    report = tpmscad.check_step(path)
     assert not report.ok
     assert "cannot be healed" in report.healing[0]
+
+
+def test_a_face_a_little_off_its_edges_is_healed_and_the_gap_is_told(tmp_path: Path) -> None:
+    found = tpmscad.read_body(write_brep(lifted_face(1e-4), tmp_path / "near.brep"))
+    assert "changed by the kernel's shape healing" in found.healed[0]
+    assert any("edges lie up to 0.0001 mm off their faces" in note for note in found.notes)
+
+
+def test_what_healing_leaves_invalid_or_of_another_volume_is_not_taken(monkeypatch: pytest.MonkeyPatch) -> None:
+    invalid = convert.as_solid(misplaced_vertex(1e-4))
+    report = check_shape(invalid)
+    assert heal_solid(invalid, report, None) is not None
+    with monkeypatch.context() as changed:
+        changed.setattr(healing, "_fix", lambda solid: [solid])
+        assert heal_solid(invalid, report, None) is None
+    monkeypatch.setattr(healing, "volume_agrees", lambda solid, report: False)
+    assert heal_solid(invalid, report, None) is None
 
 
 def pocketed() -> bd.Part:

@@ -2,8 +2,9 @@
 
 In order: a solid that is inside out is turned; `ShapeFix_Shape` of OCCT may change tolerances, small edges and loops; circular
 edges of a STEP file that run the long way round are turned in the file (`step.long_arcs`), which is read again. A result counts
-if the kernel's check finds nothing, each edge joins two faces, it is one solid, and its volume is that of the points that the
-kernel's classifier finds in it. Of three invalid files of other programs one was healed by ShapeFix, two by turned arcs.
+if the kernel's check finds nothing, each edge joins two faces, no tolerance of an edge was raised above 1e-5 of the size, and
+the volume is that of the points that the kernel's classifier finds in it. Of three invalid files of other programs one was
+healed by ShapeFix, two by turned arcs.
 """
 
 from __future__ import annotations
@@ -14,6 +15,7 @@ from dataclasses import dataclass
 from itertools import chain
 
 import numpy as np
+from OCP.BRep import BRep_Tool
 from OCP.BRepCheck import BRepCheck_Analyzer
 from OCP.BRepClass3d import BRepClass3d_SolidClassifier
 from OCP.gp import gp_Pnt
@@ -34,7 +36,7 @@ FIXING_PRECISION, MAX_FIXED_TOLERANCE = 1e-5, 1e-3
 """Millimetres, of ShapeFix. Its largest tolerance is 1e-7 by default, at which it may not change anything."""
 
 MAX_FIXED_SIZE = 1e-5
-"""In body sizes: largest tolerance of ShapeFix, as of sewing."""
+"""In body sizes: largest tolerance that healing may give to an edge, as sewing may."""
 
 VOLUME_SAMPLES = 1500
 """Random points in a solid's box, by which its volume is measured once more."""
@@ -81,11 +83,26 @@ def describe_faults(solid: TopoDS_Solid, report: ShapeReport) -> str:
 
 
 def heal_solid(solid: TopoDS_Solid, report: ShapeReport, arcs: StepArcs | None) -> Healed | None:
-    """An unsound solid made sound; None if no way is found. `arcs`: of its file, if that is STEP."""
-    before = f"it {describe_faults(solid, report)}"
+    """An unsound solid made sound; None if no way is found. `arcs`: of its file, if that is STEP.
+
+    ShapeFix changes the tolerances of `solid` itself, and exceeds the largest that it is given.
+    """
+    fault = f"it {describe_faults(solid, report)}"
+    largest = max(MAX_FIXED_SIZE * box_diagonal(solid), BRep_Tool.MaxTolerance_s(solid, TopAbs_EDGE))
+
+    def accept(healed: Sequence[TopoDS_Solid], words: str) -> Healed | None:
+        """What was healed, with the volumes before and after; None unless it is one solid, sound, and within `largest`."""
+        if len(healed) != 1 or BRep_Tool.MaxTolerance_s(healed[0], TopAbs_EDGE) > largest:
+            return None
+        after = check_shape(healed[0])
+        if not after.ok or not volume_agrees(healed[0], after):
+            return None
+        volumes = f"its volume was {report.volume:.9g} mm3 and is {after.volume:.9g} mm3"
+        return Healed(healed[0], after, f"{fault}; {words}; {volumes}")
+
     if report.valid and report.closed:
-        return _accept([turn_outward(solid)], f"{before}; turned round", report)
-    if healed := _accept(_fix(solid), f"{before}; changed by the kernel's shape healing", report):
+        return accept([turn_outward(solid)], "turned round")
+    if healed := accept(_fix(solid), "changed by the kernel's shape healing"):
         return healed
     if arcs is None:
         return None
@@ -96,9 +113,7 @@ def heal_solid(solid: TopoDS_Solid, report: ShapeReport, arcs: StepArcs | None) 
         return None
     edge = "circular edges, which run" if len(turned) > 1 else "circular edge, which runs"
     numbers = ", ".join(map(str, sorted(turned)))
-    return _accept(
-        [found], f"{before}; turned {len(turned)} {edge} the wrong way round: entity {numbers} of the file", report
-    )
+    return accept([found], f"turned {len(turned)} {edge} the wrong way round: entity {numbers} of the file")
 
 
 def find_turned_arcs(arcs: CircularEdges, count_faults: Callable[[Collection[int]], float]) -> frozenset[int]:
@@ -168,14 +183,3 @@ def _fix(solid: TopoDS_Solid) -> Sequence[TopoDS_Solid]:
         return solids_of(fixing.Shape())
     except Exception:  # OCCT's exceptions have no common base class
         return ()
-
-
-def _accept(solids: Sequence[TopoDS_Solid], words: str, before: ShapeReport) -> Healed | None:
-    """The healed solid with the volumes before and after; None unless it is one and sound."""
-    if len(solids) != 1:
-        return None
-    (solid,) = solids
-    report = check_shape(solid)
-    if not report.ok or not volume_agrees(solid, report):
-        return None
-    return Healed(solid, report, f"{words}; its volume was {before.volume:.9g} mm3 and is {report.volume:.9g} mm3")
