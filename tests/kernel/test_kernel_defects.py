@@ -14,6 +14,7 @@ pytestmark = pytest.mark.kernel
 
 import build123d as bd
 from OCP.Bnd import Bnd_Box
+from OCP.BRep import BRep_Builder, BRep_Tool
 from OCP.BRepAdaptor import BRepAdaptor_Curve2d
 from OCP.BRepAlgoAPI import BRepAlgoAPI_Common, BRepAlgoAPI_Cut, BRepAlgoAPI_Fuse
 from OCP.BRepBndLib import BRepBndLib
@@ -22,13 +23,16 @@ from OCP.BRepCheck import BRepCheck_Analyzer
 from OCP.BRepGProp import BRepGProp
 from OCP.BRepOffset import BRepOffset_MakeOffset, BRepOffset_Skin
 from OCP.BRepPrimAPI import BRepPrimAPI_MakeBox, BRepPrimAPI_MakeCone, BRepPrimAPI_MakeCylinder, BRepPrimAPI_MakeRevol
+from OCP.BRepTools import BRepTools
+from OCP.Geom import Geom_Plane
 from OCP.GeomAbs import GeomAbs_Arc
 from OCP.gp import gp_Ax1, gp_Ax2, gp_Circ, gp_Dir, gp_Pnt, gp_Trsf
 from OCP.GProp import GProp_GProps
-from OCP.ShapeFix import ShapeFix_Edge
+from OCP.ShapeFix import ShapeFix_Edge, ShapeFix_Shape
 from OCP.STEPControl import STEPControl_AsIs, STEPControl_Reader, STEPControl_Writer
-from OCP.TopAbs import TopAbs_FACE, TopAbs_SHELL
+from OCP.TopAbs import TopAbs_EDGE, TopAbs_FACE, TopAbs_SHELL
 from OCP.TopLoc import TopLoc_Location
+from OCP.TopoDS import TopoDS_Shape
 
 from tests.brep.test_extents import trimmed_face
 from tests.kernel.test_sphere_seams import bored_quarter, read_by_occt, write_without_pcurves
@@ -288,6 +292,39 @@ def test_products_are_queried_in_a_file_with_a_point_marker(tmp_path: Path) -> N
 def test_a_file_with_a_point_marker_is_read_with_its_names(tmp_path: Path) -> None:
     content = call_in_child(read_names, add_marker(tmp_path / "marker.step"), seconds=20)
     assert len(content) == 1
+
+
+def read_brep(path: Path) -> bool:
+    try:
+        return BRepTools.Read_s(TopoDS_Shape(), str(path), BRep_Builder())
+    except Exception:  # OCCT's exceptions have no common base class
+        return False
+
+
+@pytest.mark.xfail(
+    strict=True, raises=ChildFailure, reason=f"OCCT {VERSION}: a BREP file cut short is read without end"
+)
+def test_a_brep_file_that_breaks_off_is_refused_by_the_reader(tmp_path: Path) -> None:
+    path = tmp_path / "bored.brep"
+    bd.export_brep(bd.Box(30, 40, 50) - bd.Cylinder(5, 60), path)
+    content = path.read_bytes()
+    path.write_bytes(content[: len(content) // 2])
+    assert not call_in_child(read_brep, path, seconds=3)
+
+
+@pytest.mark.xfail(
+    strict=True,
+    raises=AssertionError,
+    reason=f"OCCT {VERSION}: shape healing exceeds the largest tolerance that it is given",
+)
+def test_shape_healing_keeps_to_its_largest_tolerance() -> None:
+    box = bd.Box(20, 20, 20).solid()
+    lid = box.faces().sort_by(bd.Axis.Z)[-1].wrapped
+    BRep_Builder().UpdateFace(lid, Geom_Plane(gp_Pnt(0, 0, 11), gp_Dir(0, 0, 1)), TopLoc_Location(), 1e-7)
+    fixing = ShapeFix_Shape(box.wrapped)
+    fixing.SetMaxTolerance(1e-3)
+    fixing.Perform()
+    assert BRep_Tool.MaxTolerance_s(fixing.Shape(), TopAbs_EDGE) <= 1e-3
 
 
 def read_names(path: Path) -> tuple[str, ...]:
