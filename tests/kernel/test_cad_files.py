@@ -327,6 +327,12 @@ def test_the_search_gives_up_where_faults_remain() -> None:
     assert find_turned_arcs(arcs, lambda turned: 1 + len(turned)) == frozenset()
 
 
+def test_arcs_that_are_not_shown_to_be_needed_in_time_are_not_turned() -> None:
+    arcs = CircularEdges(((1, 2), (3, 4)), (), ())
+    assert find_turned_arcs(arcs, lambda turned: 0 if {1, 2} <= set(turned) else 1) == {1, 2}
+    assert find_turned_arcs(arcs, lambda turned: 0 if {1, 2} <= set(turned) else 1, seconds=-1.0) == frozenset()
+
+
 def test_a_volume_that_its_points_do_not_confirm_is_not_believed() -> None:
     ball = bd.Sphere(3).solid().wrapped
     report = check_shape(ball)

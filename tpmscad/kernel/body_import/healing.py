@@ -10,6 +10,7 @@ healed by ShapeFix, two by turned arcs.
 from __future__ import annotations
 
 import os
+import time
 from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass
 from itertools import chain
@@ -44,8 +45,8 @@ VOLUME_SAMPLES = 1500
 VOLUME_DEVIATIONS = 5.0
 """Standard deviations of that volume within which the integrated one has to be."""
 
-MAX_ARC_READINGS = 60
-"""Readings of a file in search of the arcs that are to be turned."""
+MAX_ARC_READINGS, MAX_ARC_SECONDS = 60, 40.0
+"""Readings of a file in search of the arcs that are to be turned, and their time: two thirds of the least that a child has."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -116,30 +117,34 @@ def heal_solid(solid: TopoDS_Solid, report: ShapeReport, arcs: StepArcs | None) 
     return accept([found], f"turned {len(turned)} {edge} the wrong way round: entity {numbers} of the file")
 
 
-def find_turned_arcs(arcs: CircularEdges, count_faults: Callable[[Collection[int]], float]) -> frozenset[int]:
-    """The fewest circular edges without faults when they are turned; none if MAX_ARC_READINGS calls do not find them.
+def find_turned_arcs(
+    arcs: CircularEdges, count_faults: Callable[[Collection[int]], float], seconds: float = MAX_ARC_SECONDS
+) -> frozenset[int]:
+    """The fewest circular edges without faults when they are turned; none if MAX_ARC_READINGS calls, or `seconds`, do not do.
 
     The search begins with the long arcs at the faults, or with all long arcs if these leave fewer faults. One group after the
     other is turned, or turned back, if that lowers the number of faults. Then those are turned back that are not needed: a boss
     with a flat, whose arc is long, has as valid a twin without most of it.
     """
+    end = time.monotonic() + seconds
     starts = {frozenset(chain(*groups)): 0.0 for groups in (arcs.suspect, arcs.long)}
     starts = {start: count_faults(start) for start in starts}
     turned = min(starts, key=starts.__getitem__)
     faults, readings = starts[turned], len(starts)
-    for group in map(frozenset, (*arcs.long, *arcs.closed)):
-        if faults == 0 or readings >= MAX_ARC_READINGS:
+    groups = [frozenset(group) for group in (*arcs.long, *arcs.closed)]
+    for group in groups:
+        if faults == 0 or readings >= MAX_ARC_READINGS or time.monotonic() > end:
             break
         left = count_faults(turned ^ group)
         readings += 1
         if left < faults:
             turned, faults = turned ^ group, left
-    if faults > 0:
-        return frozenset()
-    for group in map(frozenset, (*arcs.long, *arcs.closed)):
-        if group < turned and count_faults(turned - group) == 0:
+    for group in [group for group in groups if group < turned] if faults == 0 else ():
+        if time.monotonic() > end:
+            return frozenset()
+        if count_faults(turned - group) == 0:
             turned -= group
-    return turned
+    return turned if faults == 0 else frozenset()
 
 
 def find_rejected_faces(shape: TopoDS_Shape) -> list[TopoDS_Face]:
