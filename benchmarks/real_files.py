@@ -112,7 +112,9 @@ def fill(path: Path, cells: float, skin_cells: float | None) -> dict[str, Any]:
     except tpmscad.TpmscadError as error:
         return {"outcome": "refused", "words": str(error), "seconds": time.process_time() - begun}
     seconds = time.process_time() - begun
-    resource.setrlimit(resource.RLIMIT_CPU, (resource.RLIM_INFINITY, resource.RLIM_INFINITY))  # the judgement takes its time
+    resource.setrlimit(
+        resource.RLIMIT_CPU, (resource.RLIM_INFINITY, resource.RLIM_INFINITY)
+    )  # the judgement takes its time
     found = {"seconds": seconds, "faces": model.certificate.n_faces, "method": model.trimmed_by, "words": ""}
     if not model.certificate.met:
         return found | {"outcome": "not met", "words": "; ".join(model.certificate.shortfalls)}
