@@ -102,6 +102,7 @@ class WorkplaneInfillOptions(InfillOptions):
     """The arguments of `tpmsInfill`: those of `infill` in global coordinates, for the solids on the stack."""
 
     body: Any = field(init=False, default=None)
+    solid: int | str | None = field(init=False, default=None)
     _: KW_ONLY
     open_faces: Annotated[
         Any,

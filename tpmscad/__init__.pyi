@@ -17,6 +17,7 @@ from tpmscad.files._export_instances import export_instances as export_instances
 from tpmscad.files._export_slabs import export_slabs as export_slabs
 from tpmscad.files._export_step import export_step as export_step
 from tpmscad.kernel.body_import._body_field import body_field as body_field
+from tpmscad.kernel.body_import._read_body import read_body as read_body
 from tpmscad.results.certificate import Certificate as Certificate
 from tpmscad.results.model import Model as Model
 from tpmscad.solids._fluid_domains import fluid_domains as fluid_domains

@@ -75,7 +75,7 @@ class Recorder:
         path.write_text("ISO-10303-21;")
         return SimpleNamespace(to_dict=lambda: {"copies": 8000}, summary=lambda verbose: "8000 copies")
 
-    def check_step(self, path: Path, *, faces: bool) -> Any:
+    def check_step(self, path: Path, *, faces: bool, solid: int | None) -> Any:
         ok = "bad" not in path.name
 
         class Found(SimpleNamespace):

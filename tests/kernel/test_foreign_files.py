@@ -142,7 +142,8 @@ def test_a_file_that_breaks_off_is_refused_in_plain_words(box_file: Path) -> Non
 
 def test_a_foreign_file_reads_as_in_this_process(box_file: Path) -> None:
     expected = check_step(box_file)
-    assert check_foreign_step(box_file) == expected
+    found = check_foreign_step(box_file)
+    assert (found.shape, found.units, found.products) == (expected.shape, expected.units, expected.products)
     foreign = read_foreign_step(box_file)
     assert check_shape(foreign.shape) == expected.shape
     assert foreign.notes == ()

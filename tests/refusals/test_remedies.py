@@ -105,8 +105,8 @@ REMEDIES: dict[str, tuple[Request, str, Remedy]] = {
     "too many cells": (lambda: infill(cell=0.05, thickness=0.01), "enlarge the cell", lambda _: infill()),
     "several solids": (
         lambda: infill(two_boxes()),
-        "fill several solids one at a time",
-        lambda _: [infill(solid) for solid in two_boxes().solids()][-1],
+        r'solid="(largest)"',
+        lambda found: infill(two_boxes(), solid=found[1]),
     ),
     "a thickness of a skeletal solid": (
         lambda: lattice(kind="skeletal"),

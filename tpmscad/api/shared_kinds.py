@@ -50,7 +50,7 @@ FUNCTION = ArgumentKind("a function of points (..., 3)", "lambda p: p[..., 0]", 
 FLAG = instance_of("True or False", "True", bool)
 TEXT = instance_of("text", '"gyroid"', str)
 PATH = ArgumentKind("the path of a file", '"part.step"', read_path)
-SHAPE = ArgumentKind("a build123d or CadQuery shape, or the path of a STEP file", '"part.step"', read_shape)
+SHAPE = ArgumentKind("a build123d or CadQuery shape, or the path of a CAD file", '"part.step"', read_shape)
 ANYTHING = ArgumentKind("anything", "", lambda value: value)
 POINTS = ArgumentKind("an array of points (..., 3)", "(0.0, 0.0, 0.0)", read_array)
 GRID_AXIS = ArgumentKind("a one-dimensional array of coordinates", "np.linspace(0, 10, 50)", read_array)
@@ -170,6 +170,11 @@ TEXTS = TEXT.or_else(sequence_of(TEXT.read, "several", ""))
 FLOW = ArgumentKind("sides by the names of groups", '{"channel +": "X+"}', _read_flow)
 RECORD = ArgumentKind("a record of the catalogue", "fields.TPMS['gyroid']", _read_record)
 PROGRESS = FLAG.or_else(ArgumentKind("a function of a stage and a fraction", "", read_callable))
+
+ONE_SOLID = COUNT.or_else(choice_of("largest")).described_as('the number of a solid from 1, or "largest"', '"largest"')
+SOLID = COUNT.or_else(choice_of("largest", "all")).described_as(
+    'the number of a solid from 1, "largest" or "all"', '"largest"'
+)
 
 
 def _read_executor(value: object) -> object:

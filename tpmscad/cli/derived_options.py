@@ -27,9 +27,11 @@ from tpmscad.api.shared_kinds import (
     LENGTHS,
     NOT_NEGATIVE,
     OFFSET,
+    ONE_SOLID,
     OVERHANG,
     PICTURE_SIZE,
     POSITIVE,
+    SOLID,
     TEXT,
     TEXTS,
     VIEW,
@@ -50,6 +52,7 @@ from tpmscad.cli.options import (
     VerboseOption,
     VerifyOption,
     parse_numbers,
+    parse_solid,
 )
 from tpmscad.cli.output import MODEL_SUFFIXES, OutputRequest
 
@@ -124,6 +127,8 @@ WRITTEN: Mapping[Any, tuple[Any, dict[str, Any]]] = {
     VIEW.read: (str | None, {"metavar": "NAME|X,Y,Z"}),
     ANYTHING.read: (str | None, {}),
     PICTURE_SIZE.read: (Any, {"metavar": "WxH", "parser": parse_size}),
+    ONE_SOLID.read: (Any, {"metavar": "N|largest", "parser": parse_solid}),
+    SOLID.read: (Any, {"metavar": "N|largest|all", "parser": parse_solid}),
     TEXTS.read: (list[str] | None, {"metavar": "NAME"}),
 }
 """How a command line writes a kind of argument: the type of the option, its placeholder, and how its text is read."""

@@ -34,6 +34,11 @@ def parse_labels(text: str) -> Any:
     return text if text == "all" else parse_numbers(text)
 
 
+def parse_solid(text: str) -> Any:
+    """The number of a solid, or a word."""
+    return int(text) if text.isdecimal() else text
+
+
 def remedy_for_number(text: str) -> str:
     """What to write for a number with a unit or a decimal comma, after a colon; "" for other texts."""
     if match := _NUMBER_WITH_UNIT.match(text):
@@ -115,8 +120,10 @@ QuietOption = Annotated[bool, result_option("--quiet", "-q", help="Show no progr
 VerboseOption = Annotated[
     bool, result_option("--verbose", "-v", help="Tell every figure of the certificate, with its bound.")
 ]
-StepFileArgument = Annotated[Path, input_file("FILE.step", "A STEP file, or a .brep file.")]
-BodyArgument = Annotated[Path, input_file("BODY.step", "A STEP file with one solid.")]
+StepFileArgument = Annotated[Path, input_file("FILE.step", "A STEP, IGES or BREP file.")]
+BodyArgument = Annotated[
+    Path, input_file("BODY.step", "A STEP, IGES or BREP file; --solid chooses one of several solids.")
+]
 MetricsOption = Annotated[
     bool,
     typer.Option(

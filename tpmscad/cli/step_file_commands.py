@@ -38,6 +38,9 @@ VerboseCheckOption = Annotated[
 FacesOption = Annotated[
     bool, typer.Option("--faces", help="List the faces, too: the label of each in a filled body, kind, area and place.")
 ]
+SolidOption = Annotated[
+    int | None, typer.Option("--solid", min=1, metavar="N", help="Report on the solid of this number only.")
+]
 PRINT_PANEL = "Check before printing"
 PrintOption = Annotated[
     bool,
@@ -56,6 +59,7 @@ SlicesOption = Annotated[
 def check(
     limits: Request,
     file: StepFileArgument,
+    solid: SolidOption = None,
     faces: FacesOption = False,
     metrics: MetricsOption = False,
     within: WithinOption = None,
@@ -64,7 +68,7 @@ def check(
     verbose: VerboseCheckOption = False,
     quiet: QuietOption = False,
 ) -> None:
-    """Read a STEP file with the kernel: solids, shells, faces, validity, closedness, volume, area, units, tolerances.
+    """Read a CAD file with the kernel: solids, faces, validity, closedness, volume, area, units, tolerances, healing.
 
     With --print, check it before printing, too; exit status 1 if a limit is not kept.
     """
@@ -73,17 +77,18 @@ def check(
         given = ", ".join(f"--{name.replace('_', '-')}" for name in limits)
         raise typer.BadParameter(f"{given} limits the check before printing: add --print")
     with progress_bar(f"reading {file.name}", quiet):
-        found = tpmscad.check_step(file, faces=faces)
+        found = tpmscad.check_step(file, faces=faces, solid=solid)
     content, text = found.to_dict(), found.summary(verbose=verbose)
+    part = file if solid is None or not found.ok else tpmscad.read_body(file, solid=solid, heal=False)
     if found.ok and (metrics or within):
         with progress_bar(f"measuring {file.name}", quiet):
-            measured = tpmscad.measure(file, within=within)
+            measured = tpmscad.measure(part, within=within)
         content["metrics"] = measured.to_dict()
         text += f"\n{measured}"
     faults: list[str] = []
     if found.ok and printing:
         with progress_bar(f"checking {file.name} before printing", quiet):
-            judged = tpmscad.check_print(file, **limits)
+            judged = tpmscad.check_print(part, **limits)
         content["print"] = judged.to_dict()
         text += f"\n{judged}"
         faults = [str(fault) for fault in judged.faults]

@@ -45,6 +45,11 @@ def is_face_selection(text: str) -> bool:
     return all(map(_TERM.fullmatch, _split_terms(text)))
 
 
+def is_numbered(text: str) -> bool:
+    """Whether a term of the text is the number of a face."""
+    return any(term.isdigit() for term in _split_terms(text))
+
+
 def resolve_face_selectors(body: CadBody, faces: Any) -> tuple[Any, ...]:
     """The faces with every text replaced by the numbers of its faces; InvalidRequest if one is unknown or finds none."""
     given = list_given_faces(faces)

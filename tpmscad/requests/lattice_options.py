@@ -20,8 +20,10 @@ from tpmscad.api.shared_kinds import (
     MAP,
     NAME_OR_FIELD,
     OFFSET,
+    ONE_SOLID,
     POSITIVE,
     SHAPE,
+    SOLID,
     TEXT,
     WALL_THICKNESS,
 )
@@ -140,10 +142,16 @@ class BodyOptions(WallOptions):
     body: Annotated[
         Any,
         SHAPE,
-        "One closed solid: a build123d, CadQuery or TopoDS shape, the path of a STEP file, or ``fields.box``, ``fields.sphere`` "
-        "or ``fields.cylinder`` with a height.",
+        "One closed solid: a build123d, CadQuery or TopoDS shape, the path of a STEP, IGES or BREP file, what `read_body` "
+        "returns, or ``fields.box``, ``fields.sphere`` or ``fields.cylinder`` with a height. What is repaired of a file is told "
+        "in the notes of the certificate.",
     ]
     _: KW_ONLY
+    solid: Annotated[
+        int | str | None,
+        ONE_SOLID,
+        "Which solid, if the body or its file has several: its number from 1, as ``tpmscad check`` lists them, or 'largest'.",
+    ] = None
     rotation: Annotated[
         Sequence[float],
         POINT.described_as("three angles in degrees", "(0, 0, 45)"),
@@ -172,9 +180,15 @@ class InfillOptions(SolidOptions, BodyOptions):
         str | Field | Callable[..., Any],
         NAME_OR_FIELD,
         "Name of a surface (see ``tpmscad surfaces``), or a field in the body's coordinates that is negative where solid. A "
-        "field takes `tol`, `skin`, `open_faces`, `loose` and `progress` only.",
+        "field takes `solid`, `tol`, `skin`, `open_faces`, `loose` and `progress` only.",
     ]
     _: KW_ONLY
+    solid: Annotated[
+        int | str | None,
+        SOLID,
+        "Which solid, if the body or its file has several: its number from 1, as ``tpmscad check`` lists them, 'largest', or "
+        "'all': each is filled by itself, and the pieces have its name in files.",
+    ] = None
     skin: Annotated[
         float | None,
         POSITIVE,

@@ -87,6 +87,8 @@ class Model:
     envelope : Envelope or None
         What the solid was made in, of which fractions are stated: the body, or the box of the cells or of the field; None if
         neither is known, as after a map.
+    piece_names : tuple of str
+        Names of the solids, largest first, where they are those of several parts; empty if they follow from `name`.
 
     Notes
     -----
@@ -106,6 +108,7 @@ class Model:
     openings: frozenset[str] = frozenset()
     make_spline_volumes: Callable[[], SplineVolumes | None] | None = None
     envelope: Envelope | None = None
+    piece_names: tuple[str, ...] = ()
 
     @property
     def solid(self) -> Any:
@@ -366,14 +369,14 @@ class Model:
         """The solids with their names and the labels of their faces, as files store them.
 
         Largest first: name, TopoDS solid, labels of its faces in the kernel's order. The first has the name of the model,
-        another says where it lies: "gyroid (X+ Y- Z-)".
+        another says where it lies: "gyroid (X+ Y- Z-)". Pieces of several parts have the names of these.
         """
         if isinstance(self.built, BrepSolids):
             found = label_faces(self.patches)
             labels = tuple(order_labels(solid, self.built.faces, found) for solid in self.built.solids)
         else:
             labels = self.built.labels
-        names = name_pieces(self.name, [vertices_of(solid) for solid in self.built.solids])
+        names = self.piece_names or name_pieces(self.name, [vertices_of(solid) for solid in self.built.solids])
         return tuple(
             NamedSolid(name, solid, of, openings=self.openings)
             for name, solid, of in zip(names, self.built.solids, labels, strict=True)

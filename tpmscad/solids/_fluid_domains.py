@@ -76,7 +76,7 @@ def fluid_domains(options: FluidDomainsOptions) -> FluidDomains:
     """
     stages = StageTimer(options.progress)
     with stages("read"):
-        read = read_body(options.body)
+        read = read_body(options.body, options.solid)
     request = resolve_lattice_request(lattice_in_body(options))
     block = build_lattice_block(request, rotation_matrix(options.rotation), read, stages)
     with stages("trim"):

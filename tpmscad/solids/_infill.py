@@ -16,17 +16,18 @@ from tpmscad.brep.boundary_representation import translate_brep
 from tpmscad.errors import CrossingSurfaces, InvalidRequest
 from tpmscad.fields.analysis.crease_network import describe_creases, trace_creases
 from tpmscad.fields.field import Field, as_field
-from tpmscad.kernel.body_import.cad_body import CadBody, read_body
+from tpmscad.kernel.body_import.cad_body import CadBody, read_bodies
 from tpmscad.kernel.boolean.boolean_operations import OcctSolids
 from tpmscad.kernel.boolean.cut_faces import UNKNOWN, label_cut_solids
 from tpmscad.kernel.boolean.hollow_body import resolve_open_faces
 from tpmscad.kernel.measure.envelope import Envelope
 from tpmscad.kernel.occt.bounding_boxes import enclosing_box
 from tpmscad.levelset.crossing_operands import has_meeting_quadrics
-from tpmscad.requests.face_selection import resolve_face_selectors
+from tpmscad.requests.face_selection import is_numbered, list_given_faces, resolve_face_selectors
 from tpmscad.requests.lattice_options import InfillOptions
 from tpmscad.requests.lattice_request import LatticeRequest, lattice_in_body, resolve_lattice_request, rotation_matrix
 from tpmscad.results.certificate import certify_kernel_solids
+from tpmscad.results.joined_models import join_models
 from tpmscad.results.loose_pieces import DroppedPieces, drop_loose_pieces, drop_loose_solids
 from tpmscad.results.model import Model
 from tpmscad.solids.boolean_strategies import (
@@ -41,7 +42,7 @@ from tpmscad.solids.reference_distance import field_distance, lattice_distance
 from tpmscad.solids.skin import fill_within_skin
 from tpmscad.stage_timer import StageTimer
 
-OPTIONS_OF_FIELDS = ("body", "surface", "skin", "open_faces", "loose", "tol", "progress")
+OPTIONS_OF_FIELDS = ("body", "surface", "solid", "skin", "open_faces", "loose", "tol", "progress")
 """Arguments that the solid of a field takes."""
 
 MIN_WALL_THICKNESS = 1e-5
@@ -52,7 +53,8 @@ MIN_WALL_THICKNESS = 1e-5
 def infill(options: InfillOptions) -> Model:
     """Fill a CAD body with a lattice of a minimal surface, or with the solid of a field.
 
-    The lattice is anchored at the origin of the body's coordinates. The faces of the body stay exact.
+    The lattice is anchored at the origin of the body's coordinates. The faces of the body stay exact. Of several solids each is
+    filled by itself; where they touch, the fillings touch and are not joined.
 
     Returns
     -------
@@ -73,9 +75,24 @@ def infill(options: InfillOptions) -> Model:
     >>> model = tpmscad.infill("bracket.step", "gyroid", cell=8, thickness=0.8, skin=1.5)  # doctest: +SKIP
     >>> model.export_step("filled.step")  # doctest: +SKIP
     """
-    stages, surface, skin = StageTimer(options.progress), options.surface, options.skin
+    stages = StageTimer(options.progress)
     with stages("read"):
-        read = read_body(options.body)
+        bodies = read_bodies(options.body, options.solid)
+    if len(bodies) == 1:
+        return _fill(options, bodies[0], stages)
+    if any(not isinstance(face, str) or is_numbered(face) for face in list_given_faces(options.open_faces)):
+        raise InvalidRequest(
+            "numbers in open_faces are those of one solid: select the open faces of several as '>Z,<Z' does"
+        )
+    models = {body.title: _fill(options, body, stages) for body in bodies}
+    name = f"{options.surface} infill" if isinstance(options.surface, str) else "field infill"
+    return join_models(name, models, stages.seconds, "the bodies")
+
+
+def _fill(options: InfillOptions, read: CadBody, stages: StageTimer) -> Model:
+    """One body filled."""
+    surface, skin = options.surface, options.skin
+    with stages("read"):
         openings = resolve_open_faces(read, resolve_face_selectors(read, options.open_faces))
         if openings and skin is None:
             raise InvalidRequest("open_faces are left out of a skin: give skin=, its thickness")

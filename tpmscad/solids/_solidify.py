@@ -54,7 +54,7 @@ def solidify(
         BoxCorners | Any,
         DOMAIN,
         "A box in model units; or a body in the coordinates of the field: a build123d, CadQuery or TopoDS shape, the "
-        "path of a STEP file, or ``fields.box``, ``fields.sphere`` or ``fields.cylinder``. A body's own faces stay "
+        "path of a CAD file, or ``fields.box``, ``fields.sphere`` or ``fields.cylinder``. A body's own faces stay "
         "exact, and the field beyond the body's bounding box does not matter. Or a map of `maps.trivariate` or "
         "`maps.between`: the field is then one of the coordinates of its domain, and the solid fills the image of the "
         "domain.",
@@ -106,9 +106,10 @@ def solidify(
     if not is_numeric_box(domain):
         if executor is not None:
             raise InvalidRequest("an executor is for boxes; a body is filled by one process: leave executor out")
-        bounds = enclosing_box(read_body(domain).shape)
+        body = read_body(domain)
+        bounds = enclosing_box(body.shape)
         return infill(
-            domain, extend_level_sets_linearly(as_field(field), *bounds), tol=tol, loose=loose, progress=progress
+            body, extend_level_sets_linearly(as_field(field), *bounds), tol=tol, loose=loose, progress=progress
         )
     stages = StageTimer(progress)
     if has_meeting_quadrics(as_field(field), *validate_box(*parse_corners(domain), tol), tol):

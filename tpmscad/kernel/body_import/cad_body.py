@@ -1,20 +1,24 @@
-"""CAD bodies as input: a build123d, CadQuery or TopoDS shape, or a STEP file, reduced to one valid closed solid."""
+"""CAD bodies as input: build123d, CadQuery or TopoDS shapes, or CAD files, reduced to valid closed solids."""
 
 from __future__ import annotations
 
 import os
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 from OCP.TopoDS import TopoDS_Shape, TopoDS_Solid
 
 from tpmscad.errors import InvalidRequest
-from tpmscad.kernel.body_import.isolated_reader import read_foreign_step
+from tpmscad.kernel.body_import.healing import describe_faults
+from tpmscad.kernel.body_import.isolated_reader import read_foreign_solids
 from tpmscad.kernel.body_import.overlapping_spheres import require_disjoint_spheres
+from tpmscad.kernel.body_import.solid_choice import ALL, LARGEST, choose_solids, list_reported_solids
 from tpmscad.kernel.build.primitive_solids import PrimitiveRegion, make_region_solid
-from tpmscad.kernel.measure.shape_report import ShapeReport, check_shape
+from tpmscad.kernel.measure.shape_report import ShapeReport, check_shape, check_solids
+from tpmscad.kernel.measure.solid_list import SolidEntry, list_in_lines, title_solids
 from tpmscad.kernel.occt.bounding_boxes import enclosing_box
+from tpmscad.kernel.occt.construction import make_compound
 from tpmscad.kernel.occt.exploration import faces_of, solids_of, unwrap
 from tpmscad.kernel.step.face_labels import name_body_face
 
@@ -27,6 +31,7 @@ class CadBody:
     """One valid, closed solid with the report of its check, a name for messages, and notes on the file that it came from.
 
     face_names: of the solid's faces in the order of `faces_of`, as the file states them, "" where it names none.
+    title: of the solid among several, for the names of what is made of it.
     """
 
     shape: TopoDS_Solid
@@ -34,6 +39,7 @@ class CadBody:
     name: str
     notes: tuple[str, ...] = ()
     face_names: tuple[str, ...] = ()
+    title: str = "body"
 
     @property
     def face_labels(self) -> tuple[str, ...]:
@@ -47,44 +53,116 @@ class CadBody:
         return self.report.volume
 
 
-def read_body(source: Any) -> CadBody:
-    """The single solid of a build123d or CadQuery object (builders and workplanes too), a TopoDS shape, a region or a STEP file.
+@dataclass(frozen=True, slots=True, eq=False, repr=False)
+class BodyFile:
+    """What a CAD file holds, and the solids of it that were chosen, sound and ready to be filled.
 
-    Regions are `fields.box`, `fields.sphere` and `fields.cylinder` with a height. Faces of spheres that the kernel has read as
-    the rest of their sphere are exchanged, and a note says so.
-
-    Raises InvalidRequest, with a description of what was found, if there is no solid or more than one, if the solid is open,
-    invalid or inside out, or if the file is no STEP file.
+    Attributes
+    ----------
+    file : str
+        Path of the file.
+    solids : tuple of SolidEntry
+        All solids of the file: number, name, size, volume, faces by kind, largest edge tolerance.
+    bodies : tuple of CadBody
+        Those that were chosen.
+    healed : tuple of str
+        What was repaired, in words, with volumes before and after; empty if nothing was.
+    accuracy : float or None
+        The accuracy that the file states, mm.
+    notes : tuple of str
+        What a user should know of the file, with what was repaired.
     """
-    if isinstance(source, CadBody):
-        return source
-    foreign = read_foreign_step(source) if isinstance(source, str | os.PathLike) else None
-    shape, name = (foreign.shape, str(source)) if foreign else _resolve_shape(source)
+
+    file: str
+    solids: tuple[SolidEntry, ...]
+    bodies: tuple[CadBody, ...]
+    healed: tuple[str, ...]
+    accuracy: float | None
+    notes: tuple[str, ...]
+
+    @property
+    def shape(self) -> TopoDS_Shape:
+        """The TopoDS solid that was chosen, or the compound of several."""
+        return self.bodies[0].shape if len(self.bodies) == 1 else make_compound(body.shape for body in self.bodies)
+
+    @property
+    def wrapped(self) -> TopoDS_Shape:
+        """The shape, under the name that build123d, CadQuery and viewers use."""
+        return self.shape
+
+    def __repr__(self) -> str:
+        count = "1 solid" if len(self.solids) == 1 else f"{len(self.solids)} solids"
+        lines = [f"{self.file}: {count}", *list_in_lines(self.solids), *self.notes]
+        return "\n".join(lines)
+
+
+def read_body_file(path: str | os.PathLike[str], solid: int | str | None, *, heal: bool = True) -> BodyFile:
+    """The solids of a STEP, IGES or BREP file; see `read_chosen_solids`."""
+    found = read_foreign_solids(path, solid, heal=heal)
+    bodies, titles = [], title_solids(found.entries)
+    for number, shape, report, names in zip(found.numbers, found.solids, found.reports, found.face_names, strict=True):
+        name = str(path) if len(found.entries) == 1 else f"solid {found.entries[number - 1].label} of {path}"
+        _require_possible(shape, name)
+        bodies.append(CadBody(shape, report, name, found.notes, names, titles[number]))
+    return BodyFile(os.fspath(path), found.entries, tuple(bodies), found.healed, found.accuracy, found.notes)
+
+
+def read_bodies(source: Any, solid: int | str | None = None) -> tuple[CadBody, ...]:
+    """Solids of a build123d or CadQuery object (builders and workplanes too), a TopoDS shape, a region or a CAD file.
+
+    Regions are `fields.box`, `fields.sphere` and `fields.cylinder` with a height. `solid` is a number from 1, "largest" or "all";
+    by default there has to be one solid only. Faces of spheres that the kernel has read as the rest of their sphere are
+    exchanged, and a note says so.
+
+    Raises InvalidRequest, with a description of what was found, if there is no solid, or more than one and none is chosen, if the
+    solid is open, invalid or inside out, unless it is a file's and can be healed, or if the file cannot be read.
+    """
+    if isinstance(source, CadBody | BodyFile):
+        bodies = (source,) if isinstance(source, CadBody) else source.bodies
+        if solid is not None:
+            raise InvalidRequest("the body has been read: give solid= to tpmscad.read_body, or the path here")
+        return bodies
+    if isinstance(source, str | os.PathLike):
+        return read_body_file(source, solid).bodies
+    shape, name = _resolve_shape(source)
     solids = solids_of(shape)
-    if len(solids) != 1:
-        found = (
-            f"{len(solids)} solids"
-            if solids
-            else f"no solid ({shape.ShapeType().name.removeprefix('TopAbs_').lower()})"
-        )
+    if not solids:
+        raise InvalidRequest(f"{name} holds no solid ({shape.ShapeType().name.removeprefix('TopAbs_').lower()})")
+    if len(solids) == 1 and solid in (None, 1, ALL, LARGEST):
+        return (_check_body(solids[0], name),)
+    for one in solids:
+        _require_possible(one, name)
+    _, reports = check_solids(solids)
+    numbers = choose_solids(list_reported_solids(solids, reports), solid, name)
+    named = (replace(_check_body(solids[n - 1], f"solid {n} of {name}"), title=f"solid {n}") for n in numbers)
+    return tuple(named)
+
+
+def read_body(source: Any, solid: int | str | None = None) -> CadBody:
+    """The single solid of what `read_bodies` takes; errors as there, and if several solids were chosen."""
+    bodies = read_bodies(source, solid)
+    if len(bodies) > 1:
         raise InvalidRequest(
-            f"{name} holds {found}: a body is one solid; fill several solids one at a time, or unite them first"
+            f"{len(bodies)} solids were chosen, where one body is filled at a time: choose one by its number"
         )
-    low, high = enclosing_box(solids[0])
+    return bodies[0]
+
+
+def _check_body(solid: TopoDS_Solid, name: str) -> CadBody:
+    """The solid as a body; InvalidRequest unless it is finite, valid and closed, and has a positive volume."""
+    _require_possible(solid, name)
+    report = check_shape(solid)
+    if faults := describe_faults(solid, report):
+        raise InvalidRequest(f"{name} {faults}; repair it where it was modelled")
+    return CadBody(solid, report, name)
+
+
+def _require_possible(solid: TopoDS_Solid, name: str) -> None:
+    """InvalidRequest if a solid reaches beyond MAX_COORDINATE, or faces of one sphere cover each other."""
+    low, high = enclosing_box(solid)
     if not np.isfinite([low, high]).all() or np.abs([low, high]).max() > MAX_COORDINATE:
         raise InvalidRequest(f"{name} has coordinates beyond {MAX_COORDINATE:g}: a body must be finite")
-    solid = solids[0]
     require_disjoint_spheres(solid, name)
-    report = check_shape(solid)
-    for failed, what in (
-        (not report.closed, "is not closed: some of its edges bound one face only"),
-        (not report.valid, "is invalid for the kernel (BRepCheck)"),
-        (report.volume <= 0, f"is inside out: its volume is {report.volume:.6g}"),
-    ):
-        if failed:
-            raise InvalidRequest(f"{name} {what}; repair it where it was modelled")
-    notes, names = (foreign.notes, foreign.face_names) if foreign else ((), ())
-    return CadBody(solid, report, name, notes, *names)
 
 
 def _resolve_shape(source: Any) -> tuple[TopoDS_Shape, str]:
@@ -101,7 +179,7 @@ def _resolve_shape(source: Any) -> tuple[TopoDS_Shape, str]:
     shape = unwrap(source)
     if not isinstance(shape, TopoDS_Shape) or shape.IsNull():
         raise InvalidRequest(
-            f"{type(source).__name__} is no body: give a build123d or CadQuery shape, a TopoDS shape, a STEP file's path, or "
+            f"{type(source).__name__} is no body: give a build123d or CadQuery shape, a TopoDS shape, the path of a CAD file, or "
             "a box, sphere or cylinder of tpmscad.fields"
         )
     return shape, str(getattr(source, "label", "") or "the body")

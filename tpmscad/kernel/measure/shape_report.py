@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
@@ -18,6 +19,7 @@ from tpmscad._typing import Array
 from tpmscad.kernel.measure.face_table import FaceEntry
 from tpmscad.kernel.measure.mass_properties import solid_moments
 from tpmscad.kernel.measure.shape_extents import shape_bounds
+from tpmscad.kernel.measure.solid_list import SolidEntry, list_in_lines
 from tpmscad.kernel.occt import convert
 from tpmscad.kernel.occt.child_process import may_use_threads
 from tpmscad.kernel.occt.exploration import (
@@ -124,6 +126,12 @@ class StepReport:
         Names of its products.
     faces : tuple of tuple of FaceEntry
         The faces of each solid, if they were asked for.
+    solids : tuple of SolidEntry
+        The solids: number, name, size, volume, faces by kind, largest edge tolerance.
+    accuracy : float or None
+        The accuracy that the file states, mm.
+    healing : tuple of str
+        What reading the file as a body would repair, in words, or why it cannot; empty if nothing is wrong.
     """
 
     file: str
@@ -131,6 +139,9 @@ class StepReport:
     units: tuple[str, ...]
     products: tuple[str, ...]
     faces: tuple[tuple[FaceEntry, ...], ...] = ()
+    solids: tuple[SolidEntry, ...] = ()
+    accuracy: float | None = None
+    healing: tuple[str, ...] = ()
 
     @property
     def ok(self) -> bool:
@@ -145,14 +156,17 @@ class StepReport:
     def to_dict(self) -> dict[str, Any]:
         """The report as plain values for JSON.
 
-        `file`, `units`, `products`, `notes`, the entries of `ShapeReport.to_dict`, and if they were asked for `face_table`, the
-        attributes of the faces of each solid.
+        `file`, `units`, `products`, `notes`, `accuracy`, `healing`, `solid_table` with the attributes of each solid, the
+        entries of `ShapeReport.to_dict`, and if they were asked for `face_table`, the attributes of the faces of each solid.
         """
         of_file: dict[str, Any] = {
             "file": self.file,
             "units": list(self.units),
             "products": list(self.products),
             "notes": list(self.notes),
+            "accuracy": self.accuracy,
+            "solid_table": [asdict(solid) for solid in self.solids],
+            "healing": list(self.healing),
         }
         if self.faces:
             of_file["face_table"] = [[asdict(face) for face in solid] for solid in self.faces]
@@ -175,26 +189,22 @@ class StepReport:
         wrong = [
             what
             for is_wrong, what in (
+                (not shape.solids, "NO SOLID"),
                 (not shape.valid, "INVALID, the kernel's check rejects it"),
                 (not shape.closed, "OPEN, not watertight"),
                 (not shape.outward, "INSIDE OUT"),
             )
             if is_wrong
         ]
-        low, high = (np.asarray(corner) for corner in shape.bounds)
-        size = " x ".join(f"{edge:.6g}" for edge in high - low)
-        digits = int(-np.log10(BOUNDS_ROUNDING * max(shape.max_tolerance, convert.CONFUSION_TOLERANCE)))
-        corners = " to ".join(
-            f"({', '.join(f'{c:.6g}' for c in np.round(corner, digits) + 0.0)})" for corner in (low, high)
-        )
-        solids = "1 solid" if shape.solids == 1 else f"{shape.solids} solids"
         lines = [
             f"{self.file}: {', '.join((*self.products[:3], self._describe_units()))}",
             "ok          valid, closed, the right way out" if not wrong else f"NOT ok      {'; '.join(wrong)}",
-            f"size        {size} mm, from {corners}",
-            f"holds       {solids}, {shape.faces} faces",
-            f"volume      {shape.volume:.9g} mm3, surface {shape.area:.9g} mm2",
+            *(self._describe_size() if shape.solids else ()),
         ]
+        lines += [f"solid       {line}" for line in list_in_lines(self.solids)]
+        if self.accuracy is not None:
+            lines.append(f"accuracy    {self.accuracy:.3g} mm, as the file states it")
+        lines += [f"healing     {words}" for words in self.healing]
         lines += [f"warning     {note}" for note in self.notes]
         if (cavities := shape.shells - shape.solids) > 0:
             found = "1 closed cavity" if cavities == 1 else f"{cavities} closed cavities"
@@ -209,6 +219,22 @@ class StepReport:
             lines += [f"solid       {number}"] if len(self.faces) > 1 else []
             lines += [f"face        {face}" for face in solid]
         return "\n".join(lines)
+
+    def _describe_size(self) -> list[str]:
+        """Size, numbers and volume in lines."""
+        shape = self.shape
+        low, high = (np.asarray(corner) for corner in shape.bounds)
+        size = " x ".join(f"{edge:.6g}" for edge in high - low)
+        digits = int(-np.log10(BOUNDS_ROUNDING * max(shape.max_tolerance, convert.CONFUSION_TOLERANCE)))
+        corners = " to ".join(
+            f"({', '.join(f'{c:.6g}' for c in np.round(corner, digits) + 0.0)})" for corner in (low, high)
+        )
+        solids = "1 solid" if shape.solids == 1 else f"{shape.solids} solids"
+        return [
+            f"size        {size} mm, from {corners}",
+            f"holds       {solids}, {shape.faces} faces",
+            f"volume      {shape.volume:.9g} mm3, surface {shape.area:.9g} mm2",
+        ]
 
     def __str__(self) -> str:
         names = ", ".join(self.products[:3]) + (f" and {len(self.products) - 3} more" if len(self.products) > 3 else "")
@@ -257,9 +283,29 @@ def is_valid(shape: Any) -> bool:
 
 def check_shape(shape: Any) -> ShapeReport:
     """Report on a TopoDS, build123d or CadQuery shape; a solid that is placed many times is measured once."""
+    return _sum_up(_measure_placed_solids(solids_of(shape)))
+
+
+def check_solids(solids: Sequence[TopoDS_Solid]) -> tuple[ShapeReport, tuple[ShapeReport, ...]]:
+    """Report on solids together, and on each of them; one that is placed many times is measured once."""
+    measured = _measure_placed_solids(solids)
+    return _sum_up(measured), tuple(_sum_up([one]) for one in measured)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _PlacedFigures:
+    """Properties of a placed solid: those that its place does not change, moments and box."""
+
+    own: _SolidFigures
+    moments: Array
+    bounds: tuple[Array, Array]
+
+
+def _measure_placed_solids(solids: Sequence[TopoDS_Solid]) -> list[_PlacedFigures]:
+    """Properties of solids, of which each that is placed many times is measured once."""
     measured: dict[ShapeKey, _SolidFigures] = {}
-    total, volumes, figures, boxes = np.zeros(5), [], [], []
-    for solid in solids_of(shape):
+    placed = []
+    for solid in solids:
         unplaced = solid.Located(TopLoc_Location())
         key = ShapeKey(unplaced)
         if key not in measured:
@@ -268,14 +314,18 @@ def check_shape(shape: Any) -> ShapeReport:
         moments = _transform_moments(found.moments, solid)
         if orientation_sign(solid) < orientation_sign(unplaced):
             moments[1:] *= -1.0
-        total += moments
-        volumes.append(float(moments[1]))
-        figures.append(found)
-        boxes.append(_place_bounds(found.bounds, solid))
-    low = np.min([low for low, _ in boxes], axis=0) if boxes else np.zeros(3)
-    high = np.max([high for _, high in boxes], axis=0) if boxes else np.zeros(3)
-    volume = float(total[1])
+        placed.append(_PlacedFigures(found, moments, _place_bounds(found.bounds, solid)))
+    return placed
+
+
+def _sum_up(placed: Sequence[_PlacedFigures]) -> ShapeReport:
+    """The report on solids together."""
+    total = np.sum([of.moments for of in placed], axis=0) if placed else np.zeros(5)
+    low = np.min([of.bounds[0] for of in placed], axis=0) if placed else np.zeros(3)
+    high = np.max([of.bounds[1] for of in placed], axis=0) if placed else np.zeros(3)
+    volume, volumes = float(total[1]), [float(of.moments[1]) for of in placed]
     centroid = total[2:] / volume if volume else np.zeros(3)
+    figures = [of.own for of in placed]
     return ShapeReport(
         solids=len(figures),
         shells=sum(f.shells for f in figures),

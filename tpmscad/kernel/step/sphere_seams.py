@@ -96,14 +96,14 @@ def turn_spheres(reader: STEPControl_Reader, frames: Frames) -> None:
 
 def _edges_may_move(face: StepShape_FaceSurface) -> bool:
     """Whether the edges of a face of a file have no parameter curves, and none is used twice, as a seam is."""
-    edges = list(_edges_of_entity(face))
+    edges = list(edges_of_face_entity(face))
     curves = [edge.EdgeGeometry() for edge in edges if isinstance(edge, StepShape_EdgeCurve)]
     return not any(isinstance(curve, StepGeom_SurfaceCurve) for curve in curves) and len(set(map(id, edges))) == len(
         edges
     )
 
 
-def _edges_of_entity(face: StepShape_FaceSurface) -> Iterator[object]:
+def edges_of_face_entity(face: StepShape_FaceSurface) -> Iterator[object]:
     """The edges of the loops of a face of a file."""
     for i in range(1, face.NbBounds() + 1):
         loop = face.BoundsValue(i).Bound()

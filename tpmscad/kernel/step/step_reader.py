@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Iterator
+from collections.abc import Callable, Collection, Iterable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
@@ -12,15 +12,19 @@ from OCP.IFSelect import IFSelect_RetDone
 from OCP.Interface import Interface_Static
 from OCP.Message import Message
 from OCP.StepBasic import StepBasic_Product
+from OCP.STEPConstruct import STEPConstruct_UnitContext
 from OCP.STEPControl import STEPControl_Reader
+from OCP.StepGeom import StepGeom_GeomRepContextAndGlobUnitAssCtxAndGlobUncertaintyAssCtx as GeometricContext
+from OCP.StepRepr import StepRepr_NextAssemblyUsageOccurrence as AssemblyUsage
 from OCP.StepRepr import StepRepr_RepresentationItem
 from OCP.TopLoc import TopLoc_Location
-from OCP.TopoDS import TopoDS_Shape, TopoDS_Solid
+from OCP.TopoDS import TopoDS_Face, TopoDS_Shape, TopoDS_Solid
 
 from tpmscad.errors import InvalidRequest
 from tpmscad.kernel.occt import convert
 from tpmscad.kernel.occt.convert import encode_file_name
 from tpmscad.kernel.occt.exploration import faces_of, solids_of
+from tpmscad.kernel.step.long_arcs import CircularEdges, find_circular_edges, turn_arcs
 from tpmscad.kernel.step.sphere_seams import Frames, find_clear_frames, turn_spheres
 
 PART21_MAGIC = b"ISO-10303-21;"
@@ -47,6 +51,9 @@ SHAPE_FIX_MODES = (
 edges are not among them: a STEP file may omit these, but OCCT requires them."""
 
 
+MAX_NAMED_SOLIDS = 100
+"""Solids whose names are looked up: OCCT looks through all of the file for each."""
+
 FITTING_PRECISION = 1e-7
 """Millimetres: OCCT's own confusion, below which edges and faces count as one."""
 
@@ -60,6 +67,8 @@ class StepContent:
     """Content of a file: all roots as one shape, its solids in file order, its length units and product names.
 
     face_names: of the faces of each solid, in the order of `faces_of`, if they were asked for; "" where the file names none.
+    accuracy: the largest uncertainty of lengths that the file states, mm. is_assembly: parts are placed in others by the file.
+    solid_names: the solids' own names, "" where the file names none; none in an assembly, where several have one.
     """
 
     shape: TopoDS_Shape
@@ -67,6 +76,9 @@ class StepContent:
     units: tuple[str, ...]
     products: tuple[str, ...]
     face_names: tuple[tuple[str, ...], ...] = ()
+    accuracy: float | None = None
+    is_assembly: bool = False
+    solid_names: tuple[str, ...] = ()
 
     @property
     def wrapped(self) -> TopoDS_Shape:
@@ -75,30 +87,55 @@ class StepContent:
 
 
 def read_step(
-    path: str | os.PathLike[str], *, healed: bool = True, with_face_names: bool = False, with_clear_seams: bool = False
+    path: str | os.PathLike[str],
+    *,
+    healed: bool = True,
+    with_face_names: bool = False,
+    with_clear_seams: bool = False,
+    turned_arcs: Collection[int] = (),
+    require_solid: bool = True,
 ) -> StepContent:
     """Read a STEP file in mm, whatever its unit, with the shape healing of OCCT's reader or without it.
 
     with_clear_seams: turn the frames of spheres with edges on their seams, as `sphere_seams` says. A file that is checked is
-    read without, as other programs on OCCT read it.
+    read without, as other programs on OCCT read it. turned_arcs: circular edges that are given the other sense, see `long_arcs`.
     OCCT looks through all of the file for the name of each face, 16 ms in one of 5000 faces: 86 s for all of them.
-    Raises InvalidRequest if the file does not exist, is no STEP file, cannot be parsed or holds no solid. The file must be one
-    that this process wrote; others may crash OCCT (see `isolated_reader`).
+    Raises InvalidRequest if the file does not exist, is no STEP file, cannot be parsed, or if it holds no solid and
+    `require_solid`. The file must be one that this process wrote; others may crash OCCT (see `isolated_reader`).
     """
     path = require_step_file(Path(path))
-    reader = _translate(path, healed, {})
+    reader = _translate(path, healed, {}, turned_arcs)
     if with_clear_seams and (frames := find_clear_frames(reader, reader.OneShape())):
-        reader = _translate(path, healed, frames)
+        reader = _translate(path, healed, frames, turned_arcs)
     shape = reader.OneShape()
     solids = tuple(solids_of(shape))
-    if not solids:
+    if not solids and require_solid:
         raise missing_solid(path)
     names = tuple(_face_names(reader, solid) for solid in solids) if with_face_names else ()
-    return StepContent(shape, solids, _length_units(reader), _product_names(reader), names)
+    is_assembly = _is_assembly(reader)
+    return StepContent(
+        shape,
+        solids,
+        _length_units(reader),
+        _product_names(reader),
+        names,
+        _stated_accuracy(reader),
+        is_assembly,
+        () if is_assembly else tuple(_entity_name(reader, solid) for solid in solids[:MAX_NAMED_SOLIDS]),
+    )
 
 
-def _translate(path: Path, healed: bool, frames: Frames) -> STEPControl_Reader:
-    """The reader of a file with its shapes, with other frames of some of its spheres."""
+def list_circular_edges(
+    path: str | os.PathLike[str], find_suspects: Callable[[TopoDS_Shape], Iterable[TopoDS_Face]]
+) -> CircularEdges:
+    """The circular edges of a STEP file, given what finds the faces of its shape under suspicion; errors as `read_step`."""
+    reader = _translate(require_step_file(Path(path)), True, {}, ())
+    shape = reader.OneShape()
+    return find_circular_edges(reader, faces_of(shape), find_suspects(shape))
+
+
+def _translate(path: Path, healed: bool, frames: Frames, turned_arcs: Collection[int]) -> STEPControl_Reader:
+    """The reader of a file with its shapes, with other frames of some of its spheres and the other sense of some arcs."""
     reader = STEPControl_Reader()
     with silence_occt(), fine_precision():
         if reader.ReadFile(encode_file_name(path)) != IFSelect_RetDone:
@@ -106,6 +143,7 @@ def _translate(path: Path, healed: bool, frames: Frames) -> STEPControl_Reader:
         if not healed:  # after reading the file, which resets them
             reader.SetShapeFixParameters(convert.string_map({f"FixShape.{mode}": "0" for mode in SHAPE_FIX_MODES}))
         turn_spheres(reader, frames)
+        turn_arcs(reader, turned_arcs)
         if reader.TransferRoots() == 0:
             raise missing_solid(path)
     return reader
@@ -178,14 +216,36 @@ def _length_units(reader: STEPControl_Reader) -> tuple[str, ...]:
     return tuple(name for name in names if name)
 
 
+def _stated_accuracy(reader: STEPControl_Reader) -> float | None:
+    """The largest uncertainty of lengths that a file states, mm; None if it states none."""
+    model, stated = reader.StepModel(), []
+    for context in (model.Value(i) for i in range(1, model.NbEntities() + 1)):
+        if isinstance(context, GeometricContext):
+            units = STEPConstruct_UnitContext()
+            units.ComputeFactors(context.GlobalUnitAssignedContext())
+            units.ComputeTolerance(context.GlobalUncertaintyAssignedContext())
+            if units.HasUncertainty():
+                stated.append(float(units.Uncertainty() * units.LengthFactor()))
+    return max(stated, default=None)
+
+
+def _is_assembly(reader: STEPControl_Reader) -> bool:
+    """Whether parts are placed in others by a file."""
+    model = reader.StepModel()
+    return any(isinstance(model.Value(i), AssemblyUsage) for i in range(1, model.NbEntities() + 1))
+
+
 def _face_names(reader: STEPControl_Reader, solid: TopoDS_Solid) -> tuple[str, ...]:
     """Names of the faces of a solid, in the order of `faces_of`."""
-    transfer, names = reader.WS().TransferReader(), []
-    for face in faces_of(solid):
-        entity = transfer.EntityFromShapeResult(face.Located(TopLoc_Location()), 1)
-        name = entity.Name() if isinstance(entity, StepRepr_RepresentationItem) else None
-        names.append("" if name is None else name.ToCString())
-    return tuple("" if name == NO_NAME else name for name in names)
+    return tuple(_entity_name(reader, face) for face in faces_of(solid))
+
+
+def _entity_name(reader: STEPControl_Reader, shape: TopoDS_Shape) -> str:
+    """The name of the entity of which a solid or a face was made."""
+    entity = reader.WS().TransferReader().EntityFromShapeResult(shape.Located(TopLoc_Location()), 1)
+    name = entity.Name() if isinstance(entity, StepRepr_RepresentationItem) else None
+    text = "" if name is None else str(name.ToCString())
+    return "" if text == NO_NAME else text
 
 
 def _product_names(reader: STEPControl_Reader) -> tuple[str, ...]:
