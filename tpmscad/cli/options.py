@@ -53,9 +53,9 @@ def output_option(help: str, metavar: str = "FILE") -> Any:
     return result_option("--output", "-o", metavar=metavar, help=help)
 
 
-def input_file(metavar: str, help: str) -> Any:
-    """The operand for a file that exists."""
-    return typer.Argument(metavar=metavar, exists=True, dir_okay=False, help=help)
+def input_file(metavar: str, help: str, *, dir_okay: bool = False) -> Any:
+    """The operand for a file that exists, or a folder where that is one."""
+    return typer.Argument(metavar=metavar, exists=True, dir_okay=dir_okay, help=help)
 
 
 def array_option(*names: str, **settings: Any) -> Any:
@@ -138,7 +138,9 @@ FieldFileArgument = Annotated[
     Path,
     input_file(
         "FILE",
-        "A recipe (.toml; `tpmscad template solidify` prints one), or an array (.npy, .vti, .vtk, .nrrd, .nii).",
+        "A recipe (.toml; `tpmscad template solidify` prints one), or an image: .npy, .npz, .nii, .nrrd, .mha, .mhd, .tif, .mrc, "
+        ".map, .vti, .vtu, .vtk, .raw; or a folder of slices, DICOM or .tif.",
+        dir_okay=True,
     ),
 ]
 DryRunOption = Annotated[bool, result_option("--dry-run", help="Check the recipe and all it names; make no solid.")]
@@ -172,6 +174,14 @@ FrameOption = Annotated[
         "the file.",
         show_default="RAS",
     ),
+]
+VolumeOption = Annotated[
+    int | None,
+    array_option(metavar="N", help="Which of the volumes of a file, or of the DICOM series of a folder, from 0 on."),
+]
+ArrayNameOption = Annotated[
+    str | None,
+    array_option(metavar="NAME", help="Which of the arrays of a VTK or .npz file.", show_default="the active one"),
 ]
 SpacingOption = Annotated[
     Any,

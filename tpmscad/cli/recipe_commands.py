@@ -10,6 +10,7 @@ from tpmscad.cli.derived_options import take_output
 from tpmscad.cli.option_language import RENAMED_KEYWORDS, speak_in_options
 from tpmscad.cli.options import (
     AllowErrorsOption,
+    ArrayNameOption,
     ArrayTolOption,
     CentredOption,
     DryRunOption,
@@ -22,6 +23,7 @@ from tpmscad.cli.options import (
     OriginOption,
     RecipeArgument,
     SpacingOption,
+    VolumeOption,
 )
 from tpmscad.cli.output import (
     OutputRequest,
@@ -78,6 +80,8 @@ def solidify(
     origin: OriginOption = None,
     centred: CentredOption = None,
     frame: FrameOption = None,
+    volume: VolumeOption = None,
+    array_name: ArrayNameOption = None,
     tol: ArrayTolOption = None,
     dry_run: DryRunOption = False,
     keep_loose: KeepLooseOption = False,
@@ -98,6 +102,8 @@ def solidify(
             "origin": origin,
             "centred": centred,
             "frame": frame,
+            "volume": volume,
+            "array_name": array_name,
         }
         if file.suffix.lower() == ".toml":
             extra = [f"`{name}`" for name, value in {**given, "tol": tol}.items() if value is not None]

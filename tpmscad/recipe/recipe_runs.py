@@ -101,6 +101,8 @@ class SolidRun:
         origin: Any = None,
         centred: bool | None = None,
         frame: str | None = None,
+        volume: int | None = None,
+        array_name: str | None = None,
         tol: float | None = None,
         keep_loose: bool = False,
     ) -> SolidRun:
@@ -108,12 +110,13 @@ class SolidRun:
 
         Without either it is the part of all labels but 0.
         """
+        read: dict[str, Any] = {"frame": frame, "volume": volume, "array_name": array_name}
         if level is None:
             if centred is False:
                 raise InvalidRequest("labels belong to voxels: leave centred=False out")
-            field = fields.labels(path, spacing, origin, "all" if label is None else label, frame=frame)
+            field = fields.labels(path, spacing, origin, "all" if label is None else label, **read)
         elif label is None:
-            field = fields.sampled(path, spacing, origin, level=level, centred=centred, frame=frame)
+            field = fields.sampled(path, spacing, origin, level=level, centred=centred, **read)
         else:
             raise InvalidRequest("give either `level`, for grey values, or `label`, for a segmentation")
         (x0, y0, z0), (x1, y1, z1) = field.domain

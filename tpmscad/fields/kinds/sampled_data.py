@@ -25,8 +25,9 @@ from scipy.sparse.linalg import splu
 from tpmscad._typing import Array, BoxCorners
 from tpmscad.api.argument_kinds import POINT
 from tpmscad.api.public_calls import read_value, validate_call
-from tpmscad.api.shared_kinds import ARRAY_OR_PATH, FLAG, LENGTHS, NUMBER, SAMPLES
+from tpmscad.api.shared_kinds import ARRAY_OR_PATH, FLAG, INDEX, LENGTHS, NUMBER, SAMPLES, TEXT
 from tpmscad.errors import InvalidRequest
+from tpmscad.fields.data.grey_levels import describe_levels, fill_missing
 from tpmscad.fields.data.image_files import read_image
 from tpmscad.fields.data.image_frames import FRAME, FRAME_MEANING, Image
 from tpmscad.fields.data.label_values import describe_whole_numbers, list_labels
@@ -44,8 +45,9 @@ SATURATION_SPACINGS = 0.5
 DataSource = Annotated[
     ArrayLike | str | os.PathLike[str],
     ARRAY_OR_PATH,
-    "Sample (i, j, k) lies at origin + spacing * (i, j, k). Or the path of an image: ``.npy``, ``.vti``, ``.vtk``, "
-    "``.nrrd``, ``.nii`` or ``.nii.gz``; all but the first need the extra ``tpmscad[images]``.",
+    "Sample (i, j, k) lies at origin + spacing * (i, j, k). Or the path of an image: ``.npy``, ``.npz``, ``.raw``, and with "
+    "the extra ``tpmscad[images]`` NIfTI (``.nii``), ``.nrrd``, ``.mha``, ``.mhd``, DICOM, ``.tif``, ``.mrc``, ``.map``, "
+    "and ``.vti``, ``.vtr``, ``.vts``, ``.vtu`` or ``.vtk``; or a folder of slices, DICOM or ``.tif``. NaN is outside the solid.",
 ]
 DataSpacing = Annotated[
     float | Sequence[float] | None,
@@ -58,6 +60,16 @@ DataOrigin = Annotated[
     "Position of the first sample, which of a cell is its centre, model units. By default that of the file, or the origin.",
 ]
 DataFrame = Annotated[str | None, FRAME, FRAME_MEANING]
+DataVolume = Annotated[
+    int | None,
+    INDEX,
+    "Which of the volumes of a file, times or channels, or of the DICOM series of a folder, from 0 on.",
+]
+DataArrayName = Annotated[
+    str | None,
+    TEXT.described_as(example='"density"'),
+    "Which of the arrays of an ``.npz`` or VTK file; by default the only one, or the active one.",
+]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -126,6 +138,8 @@ def sampled(
         "False: the values belong to points.",
     ] = None,
     frame: DataFrame = None,
+    volume: DataVolume = None,
+    array_name: DataArrayName = None,
 ) -> SampledField:
     """Return the smooth field through samples on a uniform grid.
 
@@ -137,7 +151,7 @@ def sampled(
     Raises
     ------
     InvalidRequest
-        If the array does not have three dimensions, or less than four samples of points along one, a value is not finite, a
+        If the array does not have three dimensions, or less than four samples of points along one, a value is infinite, a
         spacing is not positive, the values are labels, or the file cannot be read.
 
     Notes
@@ -157,7 +171,7 @@ def sampled(
     >>> fields.sampled(np.ones((24, 12, 8)), origin=(0.5, 0.5, 0.5), centred=True).domain
     ((0.0, 0.0, 0.0), (24.0, 12.0, 8.0))
     """
-    name, image = read_data(values, frame, centred)
+    name, image = read_data(values, frame, centred, volume, array_name)
     found = list_labels(image.values)
     if found is not None:
         raise InvalidRequest(
@@ -173,24 +187,35 @@ def sampled(
     of_cells = image.centred if centred is None else centred
     array = np.array(image.values, dtype=float)
     if level is not None:
-        least, most = array.min(), array.max()
-        if not least < level < most:
+        has_outside = np.nanmin(array) < level or np.isnan(array).any()
+        if not (has_outside and level < np.nanmax(array)):
             raise InvalidRequest(
-                f"level {level:g} lies outside the data, which reach from {least:g} to {most:g}: give a level between these"
+                f"level {level:g} lies outside the data, which reach {describe_levels(array)}: give a level between these"
             )
         array = level - array
+    array, filled = fill_missing(name, array)
+    notes += filled
     return interpolate_samples(array, *place_data(image, spacing, origin), centred=bool(of_cells), notes=tuple(notes))
 
 
-def read_data(values: ArrayLike | str | os.PathLike[str], frame: str | None, centred: bool | None) -> tuple[str, Image]:
-    """The name of a file or array for messages, and its samples in their own type; InvalidRequest if they are not finite."""
+def read_data(
+    values: ArrayLike | str | os.PathLike[str],
+    frame: str | None,
+    centred: bool | None,
+    volume: int | None,
+    array_name: str | None,
+) -> tuple[str, Image]:
+    """The name of a file or array for messages, and its samples in their own type; InvalidRequest if some are infinite."""
     if not isinstance(values, str | os.PathLike):
-        if frame not in (None, "file"):
-            raise InvalidRequest(f"frame {frame!r} is for image files: an array states none; leave `frame` out")
+        given = {"frame": frame if frame != "file" else None, "volume": volume, "array_name": array_name}
+        for name, value in given.items():
+            if value is not None:
+                raise InvalidRequest(f"{name} {value!r} is for image files: an array states none; leave `{name}` out")
         return "the array", Image(np.asarray(values))
-    image = read_image(values, frame=frame, centred=centred)
-    read_value("values", SAMPLES, image.values)
-    return os.path.basename(values), image
+    image = read_image(values, frame=frame, centred=centred, volume=volume, array_name=array_name)
+    name = os.path.basename(os.path.normpath(values))
+    read_value(name, SAMPLES, image.values)
+    return name, image
 
 
 def place_data(image: Image, spacing: float | Sequence[float] | None, origin: Triple | None) -> tuple[Triple, Triple]:

@@ -21,12 +21,15 @@ from tpmscad._typing import Array, BoolArray
 from tpmscad.api.public_calls import validate_call
 from tpmscad.api.shared_kinds import LABEL
 from tpmscad.errors import InvalidRequest
+from tpmscad.fields.data.grey_levels import describe_levels
 from tpmscad.fields.data.label_values import format_labels, list_labels
 from tpmscad.fields.kinds.sampled_data import (
+    DataArrayName,
     DataFrame,
     DataOrigin,
     DataSource,
     DataSpacing,
+    DataVolume,
     SampledField,
     interpolate_samples,
     place_data,
@@ -61,6 +64,8 @@ def labels(
     ] = 1,
     *,
     frame: DataFrame = None,
+    volume: DataVolume = None,
+    array_name: DataArrayName = None,
 ) -> SampledField:
     """Return the region of a label of a segmentation, with a smooth surface within half a voxel.
 
@@ -90,7 +95,7 @@ def labels(
     >>> bool(((ball(np.argwhere(organs == 2) * 0.5) < 0)).all())
     True
     """
-    name, image = read_data(array, frame, True)
+    name, image = read_data(array, frame, True, volume, array_name)
     inside, told = select_labels(name, image.values, label)
     steps, first = place_data(image, spacing, origin)
     size = float(np.cbrt(np.prod(steps)))
@@ -105,12 +110,14 @@ def labels(
 
 def select_labels(name: str, values: Array, label: int | Sequence[int] | str) -> tuple[BoolArray, str]:
     """The voxels (nx, ny, nz) of some labels, and which these are, in words."""
+    missing = np.isnan(values)
+    values = np.where(missing, 0, values) if missing.any() else values
     known = list_labels(values)
     if label == "all" and known is None:
         kind = "integers of too many values, or below zero," if values.dtype.kind in "iu" else "floating-point numbers,"
         raise InvalidRequest(
-            f"{name} holds {kind} which are grey values: it needs `level`, solid is where the values exceed it, such as 0.5 of a "
-            "density; of a segmentation give `label`"
+            f"{name} holds {kind} which are grey values {describe_levels(values)}: it needs `level`, solid is where the values "
+            "exceed it; of a segmentation give `label`"
         )
     if known is None and not (values == np.rint(values)).all():
         odd = values[values != np.rint(values)].flat[0]
@@ -129,6 +136,8 @@ def select_labels(name: str, values: Array, label: int | Sequence[int] | str) ->
     told = f"label{'s' if several else ''} {format_labels(wanted)} of {format_labels(found)}"
     if several:
         told += " as one solid" + ("; `label` takes one of them" if label == "all" else "")
+    if missing.any():
+        told += f"; {missing.sum()} voxels without a value (NaN) are taken as 0"
     return inside, told
 
 
