@@ -150,6 +150,14 @@ AllowErrorsOption = Annotated[
 LevelOption = Annotated[
     float | None, array_option(metavar="VALUE", help="Solid where the grey values of the array exceed this.")
 ]
+ArrayFractionOption = Annotated[
+    float | None,
+    array_option(
+        "--volume-fraction",
+        metavar="0..1",
+        help="Instead of --level: the part of the volume that is to be solid, from which the level follows.",
+    ),
+]
 LabelOption = Annotated[
     Any,
     array_option(

@@ -10,6 +10,7 @@ from tpmscad.cli.derived_options import take_output
 from tpmscad.cli.option_language import RENAMED_KEYWORDS, speak_in_options
 from tpmscad.cli.options import (
     AllowErrorsOption,
+    ArrayFractionOption,
     ArrayNameOption,
     ArrayTolOption,
     CentredOption,
@@ -75,6 +76,7 @@ def solidify(
     file: FieldFileArgument,
     *,
     level: LevelOption = None,
+    volume_fraction: ArrayFractionOption = None,
     label: LabelOption = None,
     spacing: SpacingOption = None,
     origin: OriginOption = None,
@@ -89,7 +91,8 @@ def solidify(
 ) -> None:
     """Make the solid of a field: one that a TOML file describes (graded, thresholded, mixed, mapped), or an array.
 
-    Of an array of grey values it is the part above a level, of one of integers that of a label.
+    Of an array of grey values it is the part above a level, or the densest part of a volume fraction; of one of integers that
+    of a label.
     """
 
     def read(progress: Progress) -> RecipeRun:
@@ -97,6 +100,7 @@ def solidify(
 
         given = {
             "level": level,
+            "volume_fraction": volume_fraction,
             "label": label,
             "spacing": spacing,
             "origin": origin,

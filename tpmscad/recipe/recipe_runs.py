@@ -96,6 +96,7 @@ class SolidRun:
         path: Path,
         *,
         level: float | None = None,
+        volume_fraction: float | None = None,
         label: Any = None,
         spacing: Any = None,
         origin: Any = None,
@@ -106,19 +107,22 @@ class SolidRun:
         tol: float | None = None,
         keep_loose: bool = False,
     ) -> SolidRun:
-        """The part of an array that exceeds a level or has a label, in its domain; by default within a tenth of the spacing.
+        """The part of an array that exceeds a level, fills a part of the volume or has a label, in its domain.
 
-        Without either it is the part of all labels but 0.
+        By default within a tenth of the spacing. Without any of them it is the part of all labels but 0.
         """
         read: dict[str, Any] = {"frame": frame, "volume": volume, "array_name": array_name}
-        if level is None:
+        if level is None and volume_fraction is None:
             if centred is False:
                 raise InvalidRequest("labels belong to voxels: leave centred=False out")
             field = fields.labels(path, spacing, origin, "all" if label is None else label, **read)
         elif label is None:
-            field = fields.sampled(path, spacing, origin, level=level, centred=centred, **read)
+            read |= {"level": level, "volume_fraction": volume_fraction, "centred": centred}
+            field = fields.sampled(path, spacing, origin, **read)
         else:
-            raise InvalidRequest("give either `level`, for grey values, or `label`, for a segmentation")
+            raise InvalidRequest(
+                "give either `level` or `volume_fraction`, for grey values, or `label`, for a segmentation"
+            )
         (x0, y0, z0), (x1, y1, z1) = field.domain
         least = DEFAULT_TOL_SPACINGS * min(field.spacing)
         return cls(field, ((x0, y0, z0), (x1, y1, z1)), least if tol is None else tol, None, keep_loose)

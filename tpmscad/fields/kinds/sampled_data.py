@@ -25,8 +25,9 @@ from scipy.sparse.linalg import splu
 from tpmscad._typing import Array, BoxCorners
 from tpmscad.api.argument_kinds import POINT
 from tpmscad.api.public_calls import read_value, validate_call
-from tpmscad.api.shared_kinds import ARRAY_OR_PATH, FLAG, INDEX, LENGTHS, NUMBER, SAMPLES, TEXT
+from tpmscad.api.shared_kinds import ARRAY_OR_PATH, FLAG, FRACTION, INDEX, LENGTHS, NUMBER, SAMPLES, TEXT
 from tpmscad.errors import InvalidRequest
+from tpmscad.fields.analysis.volume_fraction_thresholds import SAMPLES_PER_AXIS, threshold_for
 from tpmscad.fields.data.grey_levels import describe_levels, fill_missing
 from tpmscad.fields.data.image_files import read_image
 from tpmscad.fields.data.image_frames import FRAME, FRAME_MEANING, Image
@@ -41,6 +42,9 @@ MIN_SAMPLES = 4
 
 SATURATION_SPACINGS = 0.5
 """Spacings beyond the domain at which the continued coordinate saturates."""
+
+CELLS_PER_SAMPLE = 2
+"""Cells per sample along the longest axis, with which the volume above a level is measured."""
 
 DataSource = Annotated[
     ArrayLike | str | os.PathLike[str],
@@ -130,6 +134,11 @@ def sampled(
         "If given, the field is `level` minus the data: the part whose data exceed the level is solid, as is usual "
         "for densities. Otherwise the field is the data, and negative data are solid.",
     ] = None,
+    volume_fraction: Annotated[
+        float | None,
+        FRACTION,
+        "Instead of `level`: the part of the domain's volume that is to be solid, from which the level follows.",
+    ] = None,
     centred: Annotated[
         bool | None,
         FLAG,
@@ -186,6 +195,12 @@ def sampled(
         )
     of_cells = image.centred if centred is None else centred
     array = np.array(image.values, dtype=float)
+    placed = place_data(image, spacing, origin)
+    if volume_fraction is not None:
+        if level is not None:
+            raise InvalidRequest("give either `level` or `volume_fraction`, from which the level follows")
+        level = _find_level(name, array, placed, bool(of_cells), volume_fraction)
+        notes.append(f"{name}: level {level:.6g} for a volume fraction of {volume_fraction:g}")
     if level is not None:
         has_outside = np.nanmin(array) < level or np.isnan(array).any()
         if not (has_outside and level < np.nanmax(array)):
@@ -195,7 +210,18 @@ def sampled(
         array = level - array
     array, filled = fill_missing(name, array)
     notes += filled
-    return interpolate_samples(array, *place_data(image, spacing, origin), centred=bool(of_cells), notes=tuple(notes))
+    return interpolate_samples(array, *placed, centred=bool(of_cells), notes=tuple(notes))
+
+
+def _find_level(name: str, array: Array, placed: tuple[Triple, Triple], centred: bool, fraction: float) -> float:
+    """The level whose excess fills a part of the domain's volume."""
+    if np.isnan(array).any():
+        raise InvalidRequest(f"{name} has samples without a value (NaN), which have no volume: give `level`")
+    field = interpolate_samples(array, *placed, centred=centred)
+    cells = max(SAMPLES_PER_AXIS, CELLS_PER_SAMPLE * max(array.shape))
+    level = threshold_for(field, fraction, "pore", domain=field.domain, samples=cells)
+    assert isinstance(level, float)
+    return level
 
 
 def read_data(

@@ -3,24 +3,28 @@
 The boundary of the voxels of a label is a staircase, and any surface that separates the centres inside from those outside
 explains the voxels as well. The signed distance to the staircase, in voxels, is smoothed by a Gaussian, which takes the steps
 away and shrinks what is convex. Van Cittert's iteration gives back what a smooth shape has lost: the residual, limited to a
-voxel, is added before the Gaussian is applied again. In the end each value keeps the sign of its voxel, so that the surface
-crosses between every centre inside and its neighbours outside, and thin parts do not vanish.
+voxel, is added before the Gaussian is applied again. The surface is then shifted until its volume is that of the voxels. In the
+end each value keeps the sign of its voxel, so that the surface crosses between every centre inside and its neighbours outside,
+and thin parts do not vanish.
 
 Sources: distance field and a fit of bounded deviation, arXiv:2402.12076; P. H. van Cittert, Z. Phys. 69 (1931) 298.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from itertools import product
 from typing import Annotated
 
 import numpy as np
-from scipy.ndimage import distance_transform_edt, gaussian_filter
+from scipy.ndimage import binary_dilation, distance_transform_edt, gaussian_filter
+from scipy.optimize import brentq
 
 from tpmscad._typing import Array, BoolArray
 from tpmscad.api.public_calls import validate_call
 from tpmscad.api.shared_kinds import LABEL
 from tpmscad.errors import InvalidRequest
+from tpmscad.fields.analysis.volume_fraction_thresholds import cube_volumes_below
 from tpmscad.fields.data.grey_levels import describe_levels
 from tpmscad.fields.data.label_values import format_labels, list_labels
 from tpmscad.fields.kinds.sampled_data import (
@@ -47,6 +51,12 @@ MAX_DISTANCE_VOXELS = 3.0
 
 MAX_RESIDUAL_VOXELS = 1.0
 """Part of the residual that is added back: ridges of the distance inside thin parts have more."""
+
+MAX_SHIFT_VOXELS, MAX_SHIFTS = 0.4, 4
+"""Greatest shift of the smoothed surface along its normal at once, and times that one is tried, to keep the volume."""
+
+VOLUME_RTOL, MAX_VOLUME_ERROR = 1e-3, 1e-2
+"""Relative differences of the volume from that of the voxels: aimed at, and told if it is exceeded."""
 
 LEAST_VALUE_VOXELS = 0.1
 """Least magnitude of the field at a voxel's centre: the surface does not pass through it."""
@@ -82,7 +92,8 @@ def labels(
     Notes
     -----
     The field is negative at the centre of every voxel with the label and positive at that of every other one. Between two centres
-    the surface lies up to half a voxel from the face between their voxels. Voxels are cells: a label that reaches the end of the
+    the surface lies up to half a voxel from the face between their voxels. The volume is that of the voxels to a per cent, unless
+    parts are too thin for that, which a note tells. Voxels are cells: a label that reaches the end of the
     array is solid up to there.
 
     Examples
@@ -103,9 +114,12 @@ def labels(
         f"{name}: {told}; the deviation is that from its smoothed surface, which separates the centres of voxels inside and "
         "outside, within half a voxel of the faces between them"
     )
-    return interpolate_samples(
-        size * separate_voxels(inside), steps, first, centred=True, notes=(*image.notes, reference)
-    )
+    values, volume = separate_voxels(inside)
+    if abs(volume - 1) > MAX_VOLUME_ERROR:
+        reference += (
+            f"; its volume is {100 * volume:.1f} % of that of the voxels, some of which make parts too thin for less"
+        )
+    return interpolate_samples(size * values, steps, first, centred=True, notes=(*image.notes, reference))
 
 
 def select_labels(name: str, values: Array, label: int | Sequence[int] | str) -> tuple[BoolArray, str]:
@@ -141,8 +155,11 @@ def select_labels(name: str, values: Array, label: int | Sequence[int] | str) ->
     return inside, told
 
 
-def separate_voxels(inside: BoolArray) -> Array:
-    """Values at the centres of voxels (nx, ny, nz), about distances in voxels, of a smooth field that is negative inside."""
+def separate_voxels(inside: BoolArray) -> tuple[Array, float]:
+    """Values at the centres of voxels (nx, ny, nz), about distances in voxels, of a smooth field that is negative inside.
+
+    The second result is the volume of that field's solid as a multiple of that of the voxels.
+    """
     sign = np.where(inside, -1.0, 1.0)
     distance = np.where(inside, distance_transform_edt(inside), distance_transform_edt(~inside)) - 0.5
     target = sign * np.minimum(distance, MAX_DISTANCE_VOXELS)
@@ -150,7 +167,38 @@ def separate_voxels(inside: BoolArray) -> Array:
     for _ in range(RESTORATIONS):
         residual = _limit(target) - _limit(_smooth(source))
         source = source + residual
-    return sign * np.maximum(sign * _smooth(source), LEAST_VALUE_VOXELS)
+    smooth, count, shift = _smooth(source), float(inside.sum()), 0.0
+    for _ in range(MAX_SHIFTS):
+        values = sign * np.maximum(sign * (smooth + shift), LEAST_VALUE_VOXELS)
+        excess = _measure_excess(values, inside)
+        if abs(excess(0.0)) <= VOLUME_RTOL * count:
+            break
+        ends = sorted((MAX_SHIFT_VOXELS * np.sign(excess(0.0)), 0.0))
+        step = brentq(excess, *ends, xtol=1e-4) if excess(ends[0]) * excess(ends[1]) < 0 else sum(ends)
+        shift += step
+    return values, 1.0 + excess(0.0) / count
+
+
+def _measure_excess(values: Array, inside: BoolArray) -> Callable[[float], float]:
+    """The volume in voxels, more than that of the voxels inside, of the solid whose surface is moved inwards by c voxels.
+
+    The field is linear in the voxels with neighbours of both kinds, and in eighths of them; the volume is extrapolated from both.
+    """
+    field = interpolate_samples(values, (1.0, 1.0, 1.0), (0.0, 0.0, 0.0), centred=True)
+    neighbours = np.ones((3, 3, 3), bool)
+    near = np.argwhere(binary_dilation(inside, neighbours) & binary_dilation(~inside, neighbours))
+    counted = float(inside[tuple(near.T)].sum())
+    parts = []
+    for n in (1, 2):
+        centres = np.array(list(product((np.arange(n) + 0.5) / n - 0.5, repeat=3)))
+        height, slope = field.value_and_gradient((near[:, None] + centres).reshape(-1, 3))
+        parts.append((height, np.abs(slope) / n))
+
+    def excess(c: float) -> float:
+        coarse, fine = (cube_volumes_below(-c - height, changes).mean() for height, changes in parts)
+        return float(fine + (fine - coarse) / 3) * len(near) - counted
+
+    return excess
 
 
 def _smooth(values: Array) -> Array:
