@@ -144,9 +144,10 @@ class TestArrays:
         density = np.zeros((24, 12, 8))
         density[:, :6] = 1
         np.save(folder / "density.npy", density)
+        np.savez(folder / "density.npz", rho=density, smooth=np.arange(5.0) * np.ones((7, 6, 5)))
 
     def made(self) -> list[str]:
-        return [name for name in made() if not name.endswith(".npy")]
+        return [name for name in made() if not name.endswith((".npy", ".npz"))]
 
     @pytest.mark.parametrize(
         ("line", "message"),
@@ -156,6 +157,10 @@ class TestArrays:
             ("organs.npy --label 1 --level 0.5", "give either --level, for grey values, or --label"),
             ("organs.npy --label 1 --point-data", "leave --point-data out"),
             ("density.npy", "grey values: it needs --level.*; of a segmentation give --label"),
+            ("density.npy --level 0.5 --volume 1", "volume 1: density.npy holds one volume: leave --volume out"),
+            ("density.npy --level 7", "reach from 0 to 1; Otsu's threshold of their histogram is 0.5"),
+            ("organs.npy --smoothing 1", "leave --smoothing out, it is for grey values"),
+            ("density.npz --level 0.5", "holds 2 arrays, 'rho', 'smooth': name one of them, --array-name rho"),
             ("density.npy --level 0.5 --frame RAS", "states no frame.*leave --frame out"),
             (
                 "graded.toml --label 1 --cell-data --frame file",
@@ -179,6 +184,15 @@ class TestArrays:
         out = capsys.readouterr().out
         assert "box (-0.5, -0.5, -0.5) to (23.5, 11.5, 7.5)" in out
         assert "taken at points" not in out
+
+    def test_an_array_of_an_archive_its_smoothing_and_the_volume_that_it_fills(
+        self, capsys: pytest.CaptureFixture[str]
+    ) -> None:
+        line = "solidify density.npz --array-name smooth --volume-fraction 0.4 --smoothing 0.5 --cell-data --dry-run"
+        assert run(line) == 0
+        out = capsys.readouterr().out
+        assert "about 40.0 % of it solid" in out
+        assert "density.npz: smoothed by a Gaussian of 0.5 samples" in out
 
     def test_integers_are_all_labels_unless_one_is_named(self, capsys: pytest.CaptureFixture[str]) -> None:
         assert run("solidify organs.npy --dry-run") == 0

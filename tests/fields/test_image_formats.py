@@ -361,7 +361,7 @@ class TestMissingValues:
 
     def test_an_image_of_nothing_else_is_refused(self) -> None:
         with pytest.raises(InvalidRequest, match="holds no values but NaN"):
-            fields.sampled(np.full((5, 5, 5), np.nan))
+            fields.sampled(np.full((5, 5, 5), np.nan), level=1)
 
 
 class TestLevels:

@@ -158,6 +158,14 @@ ArrayFractionOption = Annotated[
         help="Instead of --level: the part of the volume that is to be solid, from which the level follows.",
     ),
 ]
+SmoothingOption = Annotated[
+    float | None,
+    array_option(
+        metavar="SAMPLES",
+        help="Width of a Gaussian that takes noise from grey values, in samples.",
+        show_default="none",
+    ),
+]
 LabelOption = Annotated[
     Any,
     array_option(

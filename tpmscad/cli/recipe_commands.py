@@ -23,6 +23,7 @@ from tpmscad.cli.options import (
     OptionalOutputOption,
     OriginOption,
     RecipeArgument,
+    SmoothingOption,
     SpacingOption,
     VolumeOption,
 )
@@ -77,6 +78,7 @@ def solidify(
     *,
     level: LevelOption = None,
     volume_fraction: ArrayFractionOption = None,
+    smoothing: SmoothingOption = None,
     label: LabelOption = None,
     spacing: SpacingOption = None,
     origin: OriginOption = None,
@@ -101,6 +103,7 @@ def solidify(
         given = {
             "level": level,
             "volume_fraction": volume_fraction,
+            "smoothing": smoothing,
             "label": label,
             "spacing": spacing,
             "origin": origin,

@@ -97,6 +97,7 @@ class SolidRun:
         *,
         level: float | None = None,
         volume_fraction: float | None = None,
+        smoothing: float | None = None,
         label: Any = None,
         spacing: Any = None,
         origin: Any = None,
@@ -115,9 +116,18 @@ class SolidRun:
         if level is None and volume_fraction is None:
             if centred is False:
                 raise InvalidRequest("labels belong to voxels: leave centred=False out")
+            if smoothing is not None:
+                raise InvalidRequest(
+                    "labels are smoothed within half a voxel: leave `smoothing` out, it is for grey values"
+                )
             field = fields.labels(path, spacing, origin, "all" if label is None else label, **read)
         elif label is None:
-            read |= {"level": level, "volume_fraction": volume_fraction, "centred": centred}
+            read |= {
+                "level": level,
+                "volume_fraction": volume_fraction,
+                "centred": centred,
+                "smoothing": smoothing or 0.0,
+            }
             field = fields.sampled(path, spacing, origin, **read)
         else:
             raise InvalidRequest(

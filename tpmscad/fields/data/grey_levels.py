@@ -9,7 +9,6 @@ import numpy as np
 from scipy.ndimage import distance_transform_edt
 
 from tpmscad._typing import Array
-from tpmscad.errors import InvalidRequest
 
 HISTOGRAM_BINS = 256
 
@@ -48,8 +47,6 @@ def fill_missing(name: str, values: Array) -> tuple[Array, tuple[str, ...]]:
     missing = np.isnan(values)
     if not missing.any():
         return values, ()
-    if missing.all():
-        raise InvalidRequest(f"{name} holds no values but NaN")
     nearest = distance_transform_edt(missing, return_distances=False, return_indices=True)
     least = LEAST_FILL_FRACTION * np.ptp(values[~missing])
     filled = np.where(missing, np.maximum(np.abs(values[tuple(nearest)]), least), values)

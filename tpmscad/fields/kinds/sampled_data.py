@@ -19,13 +19,14 @@ from typing import Annotated
 
 import numpy as np
 from numpy.typing import ArrayLike
+from scipy.ndimage import gaussian_filter
 from scipy.sparse import csc_array
 from scipy.sparse.linalg import splu
 
 from tpmscad._typing import Array, BoxCorners
 from tpmscad.api.argument_kinds import POINT
 from tpmscad.api.public_calls import read_value, validate_call
-from tpmscad.api.shared_kinds import ARRAY_OR_PATH, FLAG, FRACTION, INDEX, LENGTHS, NUMBER, SAMPLES, TEXT
+from tpmscad.api.shared_kinds import ARRAY_OR_PATH, FLAG, FRACTION, INDEX, LENGTHS, NOT_NEGATIVE, NUMBER, SAMPLES, TEXT
 from tpmscad.errors import InvalidRequest
 from tpmscad.fields.analysis.volume_fraction_thresholds import SAMPLES_PER_AXIS, threshold_for
 from tpmscad.fields.data.grey_levels import describe_levels, fill_missing
@@ -139,6 +140,12 @@ def sampled(
         FRACTION,
         "Instead of `level`: the part of the domain's volume that is to be solid, from which the level follows.",
     ] = None,
+    smoothing: Annotated[
+        float,
+        NOT_NEGATIVE.described_as(example="1.0"),
+        "Standard deviation, in samples, of a Gaussian that takes noise away before the samples are interpolated: 1 makes "
+        "a noisy scan a solid of a fifth of the faces.",
+    ] = 0.0,
     centred: Annotated[
         bool | None,
         FLAG,
@@ -165,9 +172,8 @@ def sampled(
 
     Notes
     -----
-    A cubic spline follows the samples exactly, noise included. Smooth measured data first, for example with
-    ``scipy.ndimage.gaussian_filter(values, 1)``. Integers of a few different values, none negative, are labels and refused: see
-    `fields.labels`. If they are numbers, convert them: ``values.astype(float)``.
+    A cubic spline follows the samples exactly, noise included, unless they are smoothed. Integers of a few different values, none
+    negative, are labels and refused: see `fields.labels`. If they are numbers, convert them: ``values.astype(float)``.
 
     Examples
     --------
@@ -195,6 +201,13 @@ def sampled(
         )
     of_cells = image.centred if centred is None else centred
     array = np.array(image.values, dtype=float)
+    if np.isnan(array).all():
+        raise InvalidRequest(f"{name} holds no values but NaN")
+    if smoothing:
+        array = _smooth_samples(array, smoothing)
+        notes.append(
+            f"{name}: smoothed by a Gaussian of {smoothing:g} samples; the deviation is that from the smoothed data"
+        )
     placed = place_data(image, spacing, origin)
     if volume_fraction is not None:
         if level is not None:
@@ -211,6 +224,16 @@ def sampled(
     array, filled = fill_missing(name, array)
     notes += filled
     return interpolate_samples(array, *placed, centred=bool(of_cells), notes=tuple(notes))
+
+
+def _smooth_samples(array: Array, width: float) -> Array:
+    """The samples weighted by a Gaussian, those that are missing left out; data are reflected at the ends of the array."""
+    known = np.isfinite(array)
+    if known.all():
+        return np.asarray(gaussian_filter(array, width))
+    weight = gaussian_filter(known.astype(float), width)
+    total = gaussian_filter(np.where(known, array, 0.0), width)
+    return np.where(known, total / np.where(known, weight, 1.0), np.nan)
 
 
 def _find_level(name: str, array: Array, placed: tuple[Triple, Triple], centred: bool, fraction: float) -> float:
