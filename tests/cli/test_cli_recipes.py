@@ -154,11 +154,19 @@ class TestArrays:
         [
             ("organs.npy --level 0.5", "organs.npy holds the labels 0, 1, 2, .*: --label makes the surface of one"),
             ("organs.npy --label 3", "organs.npy holds no label 3: its values are 0, 1, 2"),
-            ("organs.npy --label 1 --level 0.5", "give either --level, for grey values, or --label"),
+            (
+                "organs.npy --label 1 --level 0.5",
+                "give either --level or --volume-fraction, for grey values, or --label",
+            ),
             ("organs.npy --label 1 --point-data", "leave --point-data out"),
             ("density.npy", "grey values: it needs --level.*; of a segmentation give --label"),
             ("density.npy --level 0.5 --volume 1", "volume 1: density.npy holds one volume: leave --volume out"),
             ("density.npy --level 7", "reach from 0 to 1; Otsu's threshold of their histogram is 0.5"),
+            ("density.npy --smoothing 1", "grey values: it needs --level"),
+            ("density.npy --as gyroid", "a lattice needs --cell, the edge of its cell"),
+            ("density.npy --as gyroid --cell 6 --level 0.5", "--level: a lattice is graded by all of the densities"),
+            ("density.npy --cell 6 --level 0.5", "--cell is that of a lattice: give --as too"),
+            ("density.npy --as giroid --cell 6", "gyroid"),
             ("organs.npy --smoothing 1", "leave --smoothing out, it is for grey values"),
             ("density.npz --level 0.5", "holds 2 arrays, 'rho', 'smooth': name one of them, --array-name rho"),
             ("density.npy --level 0.5 --frame RAS", "states no frame.*leave --frame out"),
@@ -193,6 +201,16 @@ class TestArrays:
         out = capsys.readouterr().out
         assert "about 40.0 % of it solid" in out
         assert "density.npz: smoothed by a Gaussian of 0.5 samples" in out
+
+    def test_a_density_is_a_lattice_of_as_much_volume(self, capsys: pytest.CaptureFixture[str]) -> None:
+        """Half of the plate is full and half is empty: .6 and .15 of it, as a lattice."""
+        line = "solidify density.npy --as gyroid --cell 4 --cell-data --dry-run"
+        assert run(f"{line} --report out.json") == 0
+        assert json.loads(Path("out.json").read_text())["volume_fraction"] == pytest.approx(0.375, abs=0.01)
+        assert (
+            "a gyroid sheet with the densities as volume fractions, 2304 of 2304 of which were"
+            in capsys.readouterr().out
+        )
 
     def test_integers_are_all_labels_unless_one_is_named(self, capsys: pytest.CaptureFixture[str]) -> None:
         assert run("solidify organs.npy --dry-run") == 0

@@ -380,5 +380,5 @@ class TestLevels:
         values = np.repeat([2.0, 6.0], 32)[:, None, None] * np.ones((1, 8, 8))
         with pytest.raises(InvalidRequest, match=r"level 9 .* reach from 2 to 6; Otsu's threshold .* is 4: give a"):
             fields.sampled(values, level=9)
-        with pytest.raises(InvalidRequest, match=r"grey values from 2 to 6; Otsu's .* is 4: it needs `level`"):
+        with pytest.raises(InvalidRequest, match=r"grey values: it needs `level`.* from 2 to 6; Otsu's .* is 4\)"):
             fields.labels(values, label="all")

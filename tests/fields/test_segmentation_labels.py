@@ -176,7 +176,11 @@ class TestSelection:
             (ORGANS, 1.5, "label 1.5 must be a whole number"),
             (ORGANS, "bone", "label 'bone' is unknown; choose one of 'all'"),
             (ORGANS + 0.25, 1, "holds 0.25: labels are whole numbers; `level` is for grey values"),
-            (ORGANS * 1.0, "all", "floating-point numbers, which are grey values from 0 to 9; .*: it needs `level`"),
+            (
+                ORGANS * 1.0,
+                "all",
+                "floating-point numbers, which are grey values: it needs `level`.* from 0 to 9; Otsu",
+            ),
             (ORGANS - 1000, "all", "integers of too many values, or below zero, which are grey values"),
         ],
     )

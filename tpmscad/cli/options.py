@@ -158,6 +158,17 @@ ArrayFractionOption = Annotated[
         help="Instead of --level: the part of the volume that is to be solid, from which the level follows.",
     ),
 ]
+AsSurfaceOption = Annotated[
+    str | None,
+    array_option(
+        "--as",
+        metavar="SURFACE",
+        help="Make a lattice of this surface whose volume fraction is the density in the array; needs --cell.",
+    ),
+]
+ArrayCellOption = Annotated[
+    Any, array_option("--cell", parser=parse_numbers, metavar="MM|X,Y,Z", help="Edge of the lattice's cell, with --as.")
+]
 SmoothingOption = Annotated[
     float | None,
     array_option(

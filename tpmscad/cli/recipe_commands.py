@@ -10,9 +10,11 @@ from tpmscad.cli.derived_options import take_output
 from tpmscad.cli.option_language import RENAMED_KEYWORDS, speak_in_options
 from tpmscad.cli.options import (
     AllowErrorsOption,
+    ArrayCellOption,
     ArrayFractionOption,
     ArrayNameOption,
     ArrayTolOption,
+    AsSurfaceOption,
     CentredOption,
     DryRunOption,
     FieldFileArgument,
@@ -78,6 +80,8 @@ def solidify(
     *,
     level: LevelOption = None,
     volume_fraction: ArrayFractionOption = None,
+    as_surface: AsSurfaceOption = None,
+    cell: ArrayCellOption = None,
     smoothing: SmoothingOption = None,
     label: LabelOption = None,
     spacing: SpacingOption = None,
@@ -103,6 +107,8 @@ def solidify(
         given = {
             "level": level,
             "volume_fraction": volume_fraction,
+            "as_surface": as_surface,
+            "cell": cell,
             "smoothing": smoothing,
             "label": label,
             "spacing": spacing,

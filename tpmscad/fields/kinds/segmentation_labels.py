@@ -130,8 +130,8 @@ def select_labels(name: str, values: Array, label: int | Sequence[int] | str) ->
     if label == "all" and known is None:
         kind = "integers of too many values, or below zero," if values.dtype.kind in "iu" else "floating-point numbers,"
         raise InvalidRequest(
-            f"{name} holds {kind} which are grey values {describe_levels(values)}: it needs `level`, solid is where the values "
-            "exceed it; of a segmentation give `label`"
+            f"{name} holds {kind} which are grey values: it needs `level`, solid is where the values exceed it (they reach "
+            f"{describe_levels(values)}); of a segmentation give `label`"
         )
     if known is None and not (values == np.rint(values)).all():
         odd = values[values != np.rint(values)].flat[0]
