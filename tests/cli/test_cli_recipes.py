@@ -166,6 +166,7 @@ class TestArrays:
             ("density.npy --as gyroid", "a lattice needs --cell, the edge of its cell"),
             ("density.npy --as gyroid --cell 6 --level 0.5", "--level: a lattice is graded by all of the densities"),
             ("density.npy --cell 6 --level 0.5", "--cell is that of a lattice: give --as too"),
+            ("organs.npy --as gyroid --cell 6", "organs.npy holds values that are no densities from 0 to 1, 0 to 2"),
             ("density.npy --as giroid --cell 6", "gyroid"),
             ("organs.npy --smoothing 1", "leave --smoothing out, it is for grey values"),
             ("density.npz --level 0.5", "holds 2 arrays, 'rho', 'smooth': name one of them, --array-name rho"),

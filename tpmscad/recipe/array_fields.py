@@ -69,7 +69,12 @@ def _grade_lattice(path: Path, surface: str, cell: Any, given: Mapping[str, Any]
         raise InvalidRequest("a lattice needs `cell`, the edge of its cell in mm")
     chosen = {name: given[name] for name in ("frame", "centred", "volume", "array_name") if name in given}
     image = read_image(path, **chosen)
-    densities = np.nan_to_num(image.values.astype(float), nan=0.0)
+    densities = image.values.astype(float)
+    if not ((densities >= 0) & (densities <= 1)).all():  # NaN, too
+        raise InvalidRequest(
+            f"{path.name} holds values that are no densities from 0 to 1, {np.nanmin(densities):g} to {np.nanmax(densities):g}, "
+            "or places without one: a lattice would fill them"
+        )
     limited = np.clip(densities, LEAST_FRACTION, GREATEST_FRACTION)
     spacing, origin = given.get("spacing", image.spacing), given.get("origin", image.origin)
     centred = given.get("centred", image.centred)
