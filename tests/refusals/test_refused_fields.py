@@ -13,9 +13,9 @@ from tests.refusals.refused import Row, check_refusal
 from tpmscad import fields, surfaces, topology
 from tpmscad.errors import InvalidRequest, NoFoot
 from tpmscad.fields.analysis.isometries import find_isometries
-from tpmscad.fields.analysis.volume_fraction_thresholds import volume_fractions
 from tpmscad.fields.data.image_files import read_image
 from tpmscad.fields.data.sample_grid import SampleGrid, sample_field
+from tpmscad.fields.kinds.volume_fraction_thresholds import volume_fractions
 from tpmscad.studies._thickest_wall import thickest_wall
 from tpmscad.surfaces.plane_waves import NODAL_WAVES
 from tpmscad.surfaces.reflection_group import mirror_symmetry

@@ -73,15 +73,14 @@ def read_nrrd(file: Path, choice: ImageChoice) -> StoredImage:
 
 
 def _find_axis_of_volumes(header: Any) -> int:
-    """The axis of four that has no direction, or no spacing, or is none of space by its kind; else the last."""
+    """The axis of four that has no direction, or no spacing; else the last."""
     for key in ("space directions", "spacings"):
         if key in header:
             rows = np.asarray(header[key], float).reshape(4, -1)
             without = np.flatnonzero(~np.isfinite(rows).all(axis=1))
             if len(without) == 1:
                 return int(without[0])
-    kinds = [str(kind).lower() not in ("domain", "space") for kind in header.get("kinds", ())]
-    return kinds.index(True) if sum(kinds) == 1 else 3
+    return 3
 
 
 def _known(unit: str) -> str:

@@ -28,12 +28,12 @@ from tpmscad.api.argument_kinds import POINT
 from tpmscad.api.public_calls import read_value, validate_call
 from tpmscad.api.shared_kinds import ARRAY_OR_PATH, FLAG, FRACTION, INDEX, LENGTHS, NOT_NEGATIVE, NUMBER, SAMPLES, TEXT
 from tpmscad.errors import InvalidRequest
-from tpmscad.fields.analysis.volume_fraction_thresholds import SAMPLES_PER_AXIS, threshold_for
 from tpmscad.fields.data.grey_levels import describe_levels, fill_missing
 from tpmscad.fields.data.image_files import read_image
 from tpmscad.fields.data.image_frames import FRAME, FRAME_MEANING, Image
 from tpmscad.fields.data.label_values import describe_whole_numbers, list_labels
 from tpmscad.fields.field import Field
+from tpmscad.fields.kinds.volume_fraction_thresholds import SAMPLES_PER_AXIS, threshold_for
 from tpmscad.fields.periods_and_directions import as_periods
 from tpmscad.fields.tape.evaluation import Triple
 from tpmscad.fields.tape.tape_nodes import Node, clamp, root, tensor_spline

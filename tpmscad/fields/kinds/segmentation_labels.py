@@ -20,11 +20,10 @@ import numpy as np
 from scipy.ndimage import binary_dilation, distance_transform_edt, gaussian_filter
 from scipy.optimize import brentq
 
-from tpmscad._typing import Array, BoolArray
+from tpmscad._typing import Array, BoolArray, IntArray
 from tpmscad.api.public_calls import validate_call
 from tpmscad.api.shared_kinds import LABEL
 from tpmscad.errors import InvalidRequest
-from tpmscad.fields.analysis.volume_fraction_thresholds import cube_volumes_below
 from tpmscad.fields.data.grey_levels import describe_levels
 from tpmscad.fields.data.label_values import format_labels, list_labels
 from tpmscad.fields.kinds.sampled_data import (
@@ -39,6 +38,7 @@ from tpmscad.fields.kinds.sampled_data import (
     place_data,
     read_data,
 )
+from tpmscad.fields.kinds.volume_fraction_thresholds import cube_volumes_below
 
 SMOOTHING_VOXELS = 1.3
 """Standard deviation of the Gaussian: balls of 2 to 6 voxels' radius come out smoother than with 1, and as large."""
@@ -57,6 +57,9 @@ MAX_SHIFT_VOXELS, MAX_SHIFTS = 0.4, 4
 
 VOLUME_RTOL, MAX_VOLUME_ERROR = 1e-3, 1e-2
 """Relative differences of the volume from that of the voxels: aimed at, and told if it is exceeded."""
+
+EXTRAPOLATED_VOXELS = 20_000
+"""Voxels at the surface, at most about as many, from which the error of the volume by linear voxels is extrapolated."""
 
 LEAST_VALUE_VOXELS = 0.1
 """Least magnitude of the field at a voxel's centre: the surface does not pass through it."""
@@ -182,21 +185,25 @@ def separate_voxels(inside: BoolArray) -> tuple[Array, float]:
 def _measure_excess(values: Array, inside: BoolArray) -> Callable[[float], float]:
     """The volume in voxels, more than that of the voxels inside, of the solid whose surface is moved inwards by c voxels.
 
-    The field is linear in the voxels with neighbours of both kinds, and in eighths of them; the volume is extrapolated from both.
+    The field is linear in the voxels with neighbours of both kinds, and in eighths of some of them; the volume is extrapolated
+    from both.
     """
     field = interpolate_samples(values, (1.0, 1.0, 1.0), (0.0, 0.0, 0.0), centred=True)
     neighbours = np.ones((3, 3, 3), bool)
     near = np.argwhere(binary_dilation(inside, neighbours) & binary_dilation(~inside, neighbours))
     counted = float(inside[tuple(near.T)].sum())
-    parts = []
-    for n in (1, 2):
+    stride = len(near) // EXTRAPOLATED_VOXELS + 1
+
+    def linearise(voxels: IntArray, n: int) -> Callable[[float], Array]:
         centres = np.array(list(product((np.arange(n) + 0.5) / n - 0.5, repeat=3)))
-        height, slope = field.value_and_gradient((near[:, None] + centres).reshape(-1, 3))
-        parts.append((height, np.abs(slope) / n))
+        height, slope = field.value_and_gradient((voxels[:, None] + centres).reshape(-1, 3))
+        return lambda c: cube_volumes_below(-c - height, np.abs(slope) / n)
+
+    coarse, fine = linearise(near, 1), linearise(near[::stride], 2)
 
     def excess(c: float) -> float:
-        coarse, fine = (cube_volumes_below(-c - height, changes).mean() for height, changes in parts)
-        return float(fine + (fine - coarse) / 3) * len(near) - counted
+        parts = coarse(c)
+        return float(parts.mean() + (fine(c).mean() - parts[::stride].mean()) * 4 / 3) * len(near) - counted
 
     return excess
 
