@@ -73,10 +73,14 @@ def read_picture_folder(folder: Path, choice: ImageChoice) -> StoredImage:
     files = sorted((f for f in folder.iterdir() if f.suffix.lower() in PICTURE_SUFFIXES), key=_numbers_in_name)
     pictures = [tifffile.imread(file) for file in files]
     for file, picture in zip(files, pictures, strict=True):
-        if picture.ndim != 2 or picture.shape != pictures[0].shape:
+        if picture.ndim != 2:
+            raise InvalidRequest(
+                f"{file.name} in {folder.name} is no slice, its shape is {picture.shape}: name the file itself if it is a stack"
+            )
+        if picture.shape != pictures[0].shape:
             raise InvalidRequest(
                 f"{file.name} in {folder.name} has the shape {picture.shape}, {files[0].name} {pictures[0].shape}: slices are "
-                "pictures of two dimensions, of one size"
+                "pictures of one size"
             )
     return StoredImage(
         np.transpose(np.stack(pictures)), notes=(f"{len(files)} pictures, {files[0].name} to {files[-1].name}",)

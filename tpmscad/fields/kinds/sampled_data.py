@@ -279,7 +279,8 @@ def interpolate_samples(
     """The spline through samples (nx, ny, nz) of points, or of cells; InvalidRequest for less than four points along an axis."""
     if not centred and min(samples.shape) < MIN_SAMPLES:
         raise InvalidRequest(
-            f"values of shape {samples.shape}: give an array of three dimensions with at least {MIN_SAMPLES} samples along each"
+            f"values of shape {samples.shape}: give an array of three dimensions with at least {MIN_SAMPLES} samples along each, "
+            "or centred=True if the values belong to cells (voxels), of which one is enough"
         )
     for axis in range(3):
         samples = _reflected_coefficients(samples, axis) if centred else _spline_coefficients(samples, axis)
