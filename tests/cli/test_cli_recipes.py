@@ -168,6 +168,10 @@ class TestArrays:
             ("density.npy --cell 6 --level 0.5", "--cell is that of a lattice: give --as too"),
             ("organs.npy --as gyroid --cell 6", "organs.npy holds values that are no densities from 0 to 1, 0 to 2"),
             ("density.npy --as giroid --cell 6", "gyroid"),
+            ("organs.npy --label 0 --among 1,2", "label 0 is none of those in --among, 1, 2"),
+            ("organs.npy --among 1,2", "give one --label of those in --among, 1, 2"),
+            ("organs.npy --label 1,2 --among 1,2", "give one --label of those in --among, 1, 2"),
+            ("organs.npy --among 1,2 --level 0.5", "--among is for labels: leave it out, or --level"),
             ("organs.npy --smoothing 1", "leave --smoothing out, it is for grey values"),
             ("density.npz --level 0.5", "holds 2 arrays, 'rho', 'smooth': name one of them, --array-name rho"),
             ("density.npy --level 0.5 --frame RAS", "states no frame.*leave --frame out"),
@@ -218,6 +222,13 @@ class TestArrays:
         assert "labels 1, 2 of 0, 1, 2 as one solid; --label takes one of them" in capsys.readouterr().out
         assert run("solidify organs.npy --label 2 --dry-run") == 0
         assert "label 2 of 0, 1, 2" in capsys.readouterr().out
+
+    def test_a_label_among_others_fills_what_they_leave(self, capsys: pytest.CaptureFixture[str]) -> None:
+        for number in (1, 2):
+            assert run(f"solidify organs.npy --label {number} --among 1,2 --dry-run --report {number}.json") == 0
+            assert "labels 1, 2 of 0, 1, 2, divided by smooth surfaces" in capsys.readouterr().out
+        shares = [json.loads(Path(f"{number}.json").read_text())["volume_fraction"] for number in (1, 2)]
+        assert shares == pytest.approx([1 / 3, 1 / 3], rel=0.01)
 
     @pytest.mark.kernel
     def test_elements_reach_to_their_ends(self) -> None:

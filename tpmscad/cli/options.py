@@ -186,6 +186,14 @@ LabelOption = Annotated[
         show_default="all but 0, of an array of integers",
     ),
 ]
+AmongOption = Annotated[
+    Any,
+    array_option(
+        parser=parse_labels,
+        metavar="N,N|all",
+        help="With --label: the labels with which it shares its faces; their solids, made one by one, touch exactly.",
+    ),
+]
 CentredOption = Annotated[
     bool | None,
     array_option(

@@ -10,6 +10,7 @@ from tpmscad.cli.derived_options import take_output
 from tpmscad.cli.option_language import RENAMED_KEYWORDS, speak_in_options
 from tpmscad.cli.options import (
     AllowErrorsOption,
+    AmongOption,
     ArrayCellOption,
     ArrayFractionOption,
     ArrayNameOption,
@@ -84,6 +85,7 @@ def solidify(
     cell: ArrayCellOption = None,
     smoothing: SmoothingOption = None,
     label: LabelOption = None,
+    among: AmongOption = None,
     spacing: SpacingOption = None,
     origin: OriginOption = None,
     centred: CentredOption = None,
@@ -111,6 +113,7 @@ def solidify(
             "cell": cell,
             "smoothing": smoothing,
             "label": label,
+            "among": among,
             "spacing": spacing,
             "origin": origin,
             "centred": centred,

@@ -20,6 +20,8 @@ from tpmscad.fields.kinds.coordinate_transforms import warp as warp
 from tpmscad.fields.kinds.expressions import expression as expression
 from tpmscad.fields.kinds.image_regions import image_region as image_region
 from tpmscad.fields.kinds.implicit_bspline import bspline_unit as bspline_unit
+from tpmscad.fields.kinds.label_partitions import LabelPartition as LabelPartition
+from tpmscad.fields.kinds.label_partitions import label_partition as label_partition
 from tpmscad.fields.kinds.nodal_field import tpms as tpms
 from tpmscad.fields.kinds.normal_distance import normal_distance as normal_distance
 from tpmscad.fields.kinds.normal_distance import wall as wall

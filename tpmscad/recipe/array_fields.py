@@ -29,7 +29,7 @@ OVERSHOOT = 0.12
 
 
 def make_array_field(
-    path: Path, *, as_surface: str | None = None, cell: Any = None, label: Any = None, **given: Any
+    path: Path, *, as_surface: str | None = None, cell: Any = None, label: Any = None, among: Any = None, **given: Any
 ) -> tuple[Field, BoxCorners, float]:
     """The field, its domain and the tolerance of its solid if none is given, model units.
 
@@ -44,11 +44,15 @@ def make_array_field(
         return _grade_lattice(path, as_surface, cell, read)
     if cell is not None:
         raise InvalidRequest("`cell` is that of a lattice: give `as_surface` too, or leave it out")
+    if among is not None and read.keys() & {"level", "volume_fraction", "smoothing"}:
+        raise InvalidRequest("`among` is for labels: leave it out, or `level`, `volume_fraction` and `smoothing`")
     if not read.keys() & {"level", "volume_fraction"}:
         if read.get("centred") is False:
             raise InvalidRequest("labels belong to voxels: leave centred=False out")
         smoothing = read.pop("smoothing", None)
         read.pop("centred", None)
+        if among is not None:
+            return _cut_out_label(path, label, among, read)
         field = fields.labels(path, label="all" if label is None else label, **read)
         if smoothing is not None:
             raise InvalidRequest(
@@ -61,6 +65,18 @@ def make_array_field(
             "give either `level` or `volume_fraction`, for grey values, or `label`, for a segmentation"
         )
     return field, field.domain, DEFAULT_TOL_SPACINGS * min(field.spacing)
+
+
+def _cut_out_label(path: Path, label: Any, among: Any, given: Mapping[str, Any]) -> tuple[Field, BoxCorners, float]:
+    """The region of a label that shares its faces with those of the others."""
+    parts = fields.label_partition(path, label=among, **given)
+    known = ", ".join(map(str, parts.regions))
+    if label is None or isinstance(label, str) or np.size(label) != 1:
+        raise InvalidRequest(f"give one `label` of those in `among`, {known}")
+    number = int(np.ravel(label)[0])
+    if number not in parts.regions:
+        raise InvalidRequest(f"label {number} is none of those in `among`, {known}: name one of them")
+    return parts.regions[number], parts.domain, DEFAULT_TOL_SPACINGS * min(parts.spacing)
 
 
 def _grade_lattice(path: Path, surface: str, cell: Any, given: Mapping[str, Any]) -> tuple[Field, BoxCorners, float]:

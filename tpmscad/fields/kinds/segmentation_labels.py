@@ -111,16 +111,18 @@ def labels(
     """
     name, image = read_data(array, frame, True, volume, array_name)
     inside, told = select_labels(name, image.values, label)
+    if inside.all():
+        raise InvalidRequest(f"{name} holds nothing but {told}: it has no surface")
     steps, first = place_data(image, spacing, origin)
     size = float(np.cbrt(np.prod(steps)))
     reference = (
         f"{name}: {told}; the deviation is that from its smoothed surface, which separates the centres of voxels inside and "
         "outside, within half a voxel of the faces between them"
     )
-    values, volume = separate_voxels(inside)
-    if abs(volume - 1) > MAX_VOLUME_ERROR:
+    values, share = separate_voxels(inside)
+    if abs(share - 1) > MAX_VOLUME_ERROR:
         reference += (
-            f"; its volume is {100 * volume:.1f} % of that of the voxels, some of which make parts too thin for less"
+            f"; its volume is {100 * share:.1f} % of that of the voxels, some of which make parts too thin for less"
         )
     return interpolate_samples(size * values, steps, first, centred=True, notes=(*image.notes, reference))
 
@@ -147,8 +149,6 @@ def select_labels(name: str, values: Array, label: int | Sequence[int] | str) ->
             f"{name} holds no label {format_labels(absent) or 'but 0'}: its values are {format_labels(found)}"
         )
     inside = np.isin(values, wanted)
-    if inside.all():
-        raise InvalidRequest(f"the label {format_labels(wanted)} fills all of {name}: it has no surface")
     several = len(wanted) > 1
     told = f"label{'s' if several else ''} {format_labels(wanted)} of {format_labels(found)}"
     if several:
