@@ -122,6 +122,9 @@ LABEL = ArgumentKind("a whole number", "1", read_whole).or_else(
     sequence_of(read_whole, "several", "").or_else(choice_of("all")).described_as('several, or "all"')
 )
 WHOLE_NUMBER = ArgumentKind("a whole number", "60", read_whole)
+INDEX = ArgumentKind(
+    "a whole number of at least 0", "0", restrict(read_whole, lambda number: number >= 0, "must be at least 0")
+)
 REFINEMENT = ArgumentKind("a whole number of at least 0, or two of them", "1", _read_refinement)
 AXIS_NUMBER = ArgumentKind(
     "0, 1 or 2", "2", restrict(read_whole, lambda number: number in (0, 1, 2), "is none of 0, 1 and 2")
@@ -144,18 +147,21 @@ POINT_TABLE = PATH.or_else(POINT_ROWS).described_as(
 
 
 def _read_samples(value: object) -> object:
-    """An array of VALUES, or of bools, in its own type: integers may be labels."""
+    """An array of VALUES, or of bools, in its own type: integers may be labels. NaN is a value that is missing."""
     import numpy as np
 
     try:
         array = np.asarray(value)
     except (TypeError, ValueError):
         raise InvalidValue("is no array of numbers of one shape") from None
-    VALUES.read(array.view(np.uint8) if array.dtype == bool else array)
+    if array.dtype.kind == "f":
+        VALUES.read(np.where(np.isnan(array), 0.0, array))
+    else:
+        VALUES.read(array.view(np.uint8) if array.dtype == bool else array)
     return array
 
 
-SAMPLES = ArgumentKind(VALUES.text, VALUES.example, _read_samples)
+SAMPLES = ArgumentKind("samples in an array of three dimensions", VALUES.example, _read_samples)
 ARRAY_OR_PATH = PATH.or_else(SAMPLES).described_as(
     "the path of an image, or an array of samples in three dimensions", VALUES.example
 )
