@@ -39,3 +39,4 @@ from tpmscad.fields.kinds.segmentation_labels import labels as labels
 from tpmscad.fields.kinds.thresholds import pore as pore
 from tpmscad.fields.kinds.thresholds import rod as rod
 from tpmscad.fields.kinds.thresholds import sheet as sheet
+from tpmscad.fields.kinds.triangle_meshes import mesh as mesh

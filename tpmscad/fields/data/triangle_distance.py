@@ -142,9 +142,21 @@ def _find_nearest(corners, low, high, child, first, last, points, distance, feet
             if step < 0:
                 t = nearest
                 v, w = _nearest_of_triangle(corners, t, x, y, z)
-                fx = corners[t, 0, 0] + v * (corners[t, 1, 0] - corners[t, 0, 0]) + w * (corners[t, 2, 0] - corners[t, 0, 0])
-                fy = corners[t, 0, 1] + v * (corners[t, 1, 1] - corners[t, 0, 1]) + w * (corners[t, 2, 1] - corners[t, 0, 1])
-                fz = corners[t, 0, 2] + v * (corners[t, 1, 2] - corners[t, 0, 2]) + w * (corners[t, 2, 2] - corners[t, 0, 2])
+                fx = (
+                    corners[t, 0, 0]
+                    + v * (corners[t, 1, 0] - corners[t, 0, 0])
+                    + w * (corners[t, 2, 0] - corners[t, 0, 0])
+                )
+                fy = (
+                    corners[t, 0, 1]
+                    + v * (corners[t, 1, 1] - corners[t, 0, 1])
+                    + w * (corners[t, 2, 1] - corners[t, 0, 1])
+                )
+                fz = (
+                    corners[t, 0, 2]
+                    + v * (corners[t, 1, 2] - corners[t, 0, 2])
+                    + w * (corners[t, 2, 2] - corners[t, 0, 2])
+                )
                 best = (x - fx) ** 2 + (y - fy) ** 2 + (z - fz) ** 2
                 feet[p, 0], feet[p, 1], feet[p, 2] = fx, fy, fz
                 continue
@@ -168,9 +180,21 @@ def _find_nearest(corners, low, high, child, first, last, points, distance, feet
                     continue
                 for t in range(first[node], last[node]):
                     v, w = _nearest_of_triangle(corners, t, x, y, z)
-                    fx = corners[t, 0, 0] + v * (corners[t, 1, 0] - corners[t, 0, 0]) + w * (corners[t, 2, 0] - corners[t, 0, 0])
-                    fy = corners[t, 0, 1] + v * (corners[t, 1, 1] - corners[t, 0, 1]) + w * (corners[t, 2, 1] - corners[t, 0, 1])
-                    fz = corners[t, 0, 2] + v * (corners[t, 1, 2] - corners[t, 0, 2]) + w * (corners[t, 2, 2] - corners[t, 0, 2])
+                    fx = (
+                        corners[t, 0, 0]
+                        + v * (corners[t, 1, 0] - corners[t, 0, 0])
+                        + w * (corners[t, 2, 0] - corners[t, 0, 0])
+                    )
+                    fy = (
+                        corners[t, 0, 1]
+                        + v * (corners[t, 1, 1] - corners[t, 0, 1])
+                        + w * (corners[t, 2, 1] - corners[t, 0, 1])
+                    )
+                    fz = (
+                        corners[t, 0, 2]
+                        + v * (corners[t, 1, 2] - corners[t, 0, 2])
+                        + w * (corners[t, 2, 2] - corners[t, 0, 2])
+                    )
                     square = (x - fx) ** 2 + (y - fy) ** 2 + (z - fz) ** 2
                     if square < best:
                         best, nearest = square, t
