@@ -177,7 +177,7 @@ def _orient(mesh: TriangleMesh) -> TriangleMesh:
     triangles = mesh.triangles
     half = list_half_edges(triangles)
     owner = np.tile(np.arange(len(triangles)), 3)
-    key, which, count = np.unique(np.sort(half, axis=1), axis=0, return_inverse=True, return_counts=True)
+    _, which, count = np.unique(np.sort(half, axis=1), axis=0, return_inverse=True, return_counts=True)
     order = np.argsort(which.ravel(), kind="stable")
     pairs = order[np.repeat(count == 2, count)].reshape(-1, 2)
     against = (half[pairs[:, 0]] == half[pairs[:, 1]]).all(axis=1)

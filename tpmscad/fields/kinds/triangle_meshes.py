@@ -64,15 +64,15 @@ def mesh(
     source: Annotated[
         Any,
         MESH,
-        "The path of an ``.stl``, ``.obj``, ``.ply`` or ``.3mf`` file, which needs the extra ``tpmscad[triangles]``; or an object "
-        "with arrays `vertices` (k, 3) and `faces` (m, 3), such as a mesh of trimesh.",
+        "The path of an ``.stl``, ``.obj``, ``.ply`` or ``.3mf`` file, with the extra ``tpmscad[triangles]``; or an object with "
+        "arrays `vertices` (k, 3) and `faces` (m, 3), such as a mesh of trimesh.",
     ],
     *,
     spacing: Annotated[
         float | None,
         POSITIVE,
-        "Distance of the samples, model units. Parts thinner than two spacings are lost, and edges are rounded over about one. By "
-        "default a sixty-fourth of the longest edge of the mesh's box, or less where the samples would break or close a part.",
+        "Distance of the samples, model units. Parts thinner than two spacings are lost, and edges are rounded over about one. "
+        "By default a sixty-fourth of the longest edge of the mesh's box, or less where the samples would break or close a part.",
     ] = None,
 ) -> MeshField:
     """Return the signed distance of a closed triangle mesh as a smooth field.
@@ -122,8 +122,8 @@ def mesh(
     distance = _measure_triangles(spline, found)
     largest, rms = float(np.abs(distance).max()), float(np.sqrt(np.mean(distance**2)))
     how = (
-        f"{found.name}: the distance of its {len(found.triangles)} triangles was sampled every {grid.spacing:.3g}; they lie up to "
-        f"{largest:.2g} from the smooth surface, {rms:.2g} in the root mean square"
+        f"{found.name}: the distance of its {len(found.triangles)} triangles was sampled every {grid.spacing:.3g}; they lie up "
+        f"to {largest:.2g} from the smooth surface, {rms:.2g} in the root mean square"
     )
     return MeshField(
         spline.coefficients,
