@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 from tpmscad.api.argument_kinds import POINT, choice_of
 from tpmscad.api.shared_arguments import LoosePieces, StageProgress
 from tpmscad.api.shared_kinds import (
+    BOX,
     CELL_COUNTS,
     FACES,
     FRACTION,
@@ -140,10 +141,16 @@ class BodyOptions(WallOptions):
     body: Annotated[
         Any,
         SHAPE,
-        "One closed solid: a build123d, CadQuery or TopoDS shape, the path of a STEP file, or ``fields.box``, ``fields.sphere`` "
-        "or ``fields.cylinder`` with a height.",
+        "One closed solid: a build123d, CadQuery or TopoDS shape, or the path of a STEP file; a closed triangle mesh: the path of "
+        "an STL, OBJ, PLY or 3MF file, or `fields.mesh`; or any field of `tpmscad.fields` with a finite solid.",
     ]
     _: KW_ONLY
+    box: Annotated[
+        Sequence[Sequence[float]] | None,
+        BOX,
+        "Box in which the solid of a field given as `body` is made, model units; planes close the solid at its sides. By default "
+        "that of the field's data, or bounds that are found from its formula.",
+    ] = None
     rotation: Annotated[
         Sequence[float],
         POINT.described_as("three angles in degrees", "(0, 0, 45)"),

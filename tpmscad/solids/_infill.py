@@ -13,7 +13,7 @@ import numpy as np
 
 from tpmscad.api.public_calls import validate_options
 from tpmscad.brep.boundary_representation import translate_brep
-from tpmscad.errors import CrossingSurfaces, InvalidRequest
+from tpmscad.errors import CrossingSurfaces, InvalidRequest, TrimmingError
 from tpmscad.fields.analysis.crease_network import describe_creases, trace_creases
 from tpmscad.fields.field import Field, as_field
 from tpmscad.kernel.body_import.cad_body import CadBody, read_body
@@ -36,12 +36,14 @@ from tpmscad.solids.boolean_strategies import (
     intersect_body_with_lattice,
 )
 from tpmscad.solids.combined_solids import SURFACE, combine_field_solids
+from tpmscad.solids.field_bodies import FieldBody, fit_field_body, reject_box, resolve_field
+from tpmscad.solids.field_body_infill import infill_field_body, reject_empty
 from tpmscad.solids.lattice_block import build_field_block, build_lattice_block, expand_body_box
 from tpmscad.solids.reference_distance import field_distance, lattice_distance
 from tpmscad.solids.skin import fill_within_skin
 from tpmscad.stage_timer import StageTimer
 
-OPTIONS_OF_FIELDS = ("body", "surface", "skin", "open_faces", "loose", "tol", "progress")
+OPTIONS_OF_FIELDS = ("body", "box", "surface", "skin", "open_faces", "loose", "tol", "progress")
 """Arguments that the solid of a field takes."""
 
 MIN_WALL_THICKNESS = 1e-5
@@ -75,7 +77,14 @@ def infill(options: InfillOptions) -> Model:
     """
     stages, surface, skin = StageTimer(options.progress), options.surface, options.skin
     with stages("read"):
-        read = read_body(options.body)
+        field = resolve_field(options.body)
+    body = None if field is None else fit_field_body(field, options.box, _find_tolerance(options), stages)
+    if isinstance(body, FieldBody):
+        return _infill_field_body(body, options, stages)
+    with stages("read"):
+        if field is None:
+            reject_box(options.box)
+        read = read_body(options.body if body is None else body)
         openings = resolve_open_faces(read, resolve_face_selectors(read, options.open_faces))
         if openings and skin is None:
             raise InvalidRequest("open_faces are left out of a skin: give skin=, its thickness")
@@ -125,6 +134,38 @@ def infill(options: InfillOptions) -> Model:
         distance_to_reference=distance,
         envelope=Envelope(read.name, read.volume, read.shape),
     )
+
+
+def _find_tolerance(options: InfillOptions) -> float:
+    """The tolerance of the body's patches and the lattice's."""
+    if isinstance(options.surface, str):
+        return resolve_lattice_request(lattice_in_body(options)).tol
+    if options.tol is None:
+        raise InvalidRequest("the solid of a field needs tol=, its greatest deviation from the field")
+    return options.tol
+
+
+def _infill_field_body(body: FieldBody, options: InfillOptions, stages: StageTimer) -> Model:
+    """The solid of a field filled with a lattice or with the solid of another field."""
+    surface = options.surface
+    if list(options.open_faces):
+        raise InvalidRequest(
+            f"open_faces are plane faces of a CAD body; {body.name} has none: leave open_faces out, and bore through the skin"
+        )
+    if isinstance(surface, str):
+        request = resolve_lattice_request(lattice_in_body(options))
+        _check_wall_thickness(request)
+        turn = rotation_matrix(options.rotation)
+        block, name = build_lattice_block(request, turn, body.cad, stages), f"{request.surface} infill"
+        distance = lattice_distance(request, None, turn)
+    else:
+        _reject_lattice_options(options)
+        block, name = build_field_block(surface, body.cad, options.tol, stages), "field infill"
+        distance = field_distance(surface)
+    try:
+        return infill_field_body(body, block, options.skin, options.loose, stages, name, distance)
+    except TrimmingError as error:
+        raise reject_empty(error, body) from error
 
 
 def _has_meeting_quadrics(field: Field, body: CadBody, tol: float) -> bool:
