@@ -141,8 +141,8 @@ class BodyOptions(WallOptions):
     body: Annotated[
         Any,
         SHAPE,
-        "One closed solid: a build123d, CadQuery or TopoDS shape, or the path of a STEP file; a closed triangle mesh: the path of "
-        "an STL, OBJ, PLY or 3MF file, or `fields.mesh`; or any field of `tpmscad.fields` with a finite solid.",
+        "One closed solid: a build123d, CadQuery or TopoDS shape, or the path of a STEP file; a closed triangle mesh: the path "
+        "of an STL, OBJ, PLY or 3MF file, or `fields.mesh`; or any field of `tpmscad.fields` with a finite solid.",
     ]
     _: KW_ONLY
     box: Annotated[

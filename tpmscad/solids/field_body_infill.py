@@ -1,8 +1,9 @@
 """The solid of a field filled with a lattice: two networks of patches, cut by each other.
 
-Without a skin the result is the intersection of body and lattice. With one, the cavity (`field_skin`) without the lattice is taken
-from the body: these voids do not touch the body's boundary, so that their faces, reversed, are further shells of it. The volume
-is compared with that of a sample of points, classified by the field itself and by the nearest nodes of the lattice's patches.
+Without a skin the result is the intersection of body and lattice. With one, the cavity (`field_skin`) without the lattice is
+taken from the body: these voids do not touch the body's boundary, so that their faces, reversed, are further shells of it. The
+volume is compared with that of a sample of points, classified by the field itself and by the nearest nodes of the lattice's
+patches.
 """
 
 from __future__ import annotations

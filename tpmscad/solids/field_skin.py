@@ -171,8 +171,8 @@ def _fill_small_parts(values: Array, spacing: float) -> tuple[Array, tuple[str, 
     filled = np.where(near, np.maximum(values, LEAST_DEPTH_SPACINGS * spacing), values)
     one = len(shallow) == 1
     note = (
-        f"{len(shallow)} part{'' if one else 's'} of the body less than {LEAST_DEPTH_SPACINGS * spacing:.2g} deeper than the skin "
-        f"{'is' if one else 'are'} left solid"
+        f"{len(shallow)} part{'' if one else 's'} of the body less than {LEAST_DEPTH_SPACINGS * spacing:.2g} deeper than the "
+        f"skin {'is' if one else 'are'} left solid"
     )
     return filled, (note,)
 
