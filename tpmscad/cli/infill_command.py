@@ -12,7 +12,7 @@ from tpmscad.requests.lattice_options import FluidDomainsOptions, InfillOptions
 @take_options_of(InfillOptions)
 @take_output()
 def infill(request: Request, *, writing: OutputRequest) -> None:
-    """Fill the solid in a STEP file with a lattice that is anchored at the origin of the file's coordinates."""
+    """Fill the solid in a STEP file, or a closed mesh, with a lattice that is anchored at the origin of the file's coordinates."""
     make_and_write(
         f"{request['surface']} infill",
         lambda progress: tpmscad.infill(request.pop("body"), request.pop("surface"), progress=progress, **request),
@@ -23,7 +23,7 @@ def infill(request: Request, *, writing: OutputRequest) -> None:
 @take_options_of(FluidDomainsOptions)
 @take_output(DomainsOutputOption, suffixes=DOMAIN_SUFFIXES, leave_out=("verify",))
 def domains(request: Request, *, writing: OutputRequest) -> None:
-    """Divide the solid in a STEP file into the wall of a sheet lattice and the two channels beside it, for heat exchangers."""
+    """Divide a solid into the wall of a sheet lattice and the two channels beside it, for heat exchangers."""
     make_and_write(
         f"{request['surface']} exchanger",
         lambda progress: tpmscad.fluid_domains(

@@ -116,7 +116,9 @@ VerboseOption = Annotated[
     bool, result_option("--verbose", "-v", help="Tell every figure of the certificate, with its bound.")
 ]
 StepFileArgument = Annotated[Path, input_file("FILE.step", "A STEP file, or a .brep file.")]
-BodyArgument = Annotated[Path, input_file("BODY.step", "A STEP file with one solid.")]
+BodyArgument = Annotated[
+    Path, input_file("BODY.step", "A STEP file with one solid, or a closed mesh: .stl, .obj, .ply or .3mf.")
+]
 MetricsOption = Annotated[
     bool,
     typer.Option(

@@ -40,8 +40,8 @@ BOX_MARGIN_FRACTION = 0.03
 
 MESH_TOL_FRACTION = 0.25
 """Of the greatest distance of a mesh's triangles from its field: the least tolerance of the patches. A fit deviates by a
-thirtieth of its tolerance in the root mean square; the patches of a scanned animal follow its triangles as well as with a tenth of
-this, in a tenth of the time."""
+thirtieth of its tolerance in the root mean square: the patches of a scanned animal follow its triangles as well as with a tenth
+of this, in a tenth of the time."""
 
 MEASURED_POINTS = 20_000
 """Points of each surface at which its distance from the other one is measured."""
@@ -68,6 +68,12 @@ class FieldBody:
     def name(self) -> str:
         """The name in messages."""
         return self.cad.name
+
+    @property
+    def used_tags(self) -> dict[int, str]:
+        """The tags of its faces by their numbers."""
+        brep = self.built.brep
+        return {number: brep.tags[number] for number in np.unique(brep.faces.tag).tolist()}
 
     def mesh(self, deviation: float) -> SolidMesh:
         """Triangles of the patches, up to a distance from them."""

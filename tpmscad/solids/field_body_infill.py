@@ -29,7 +29,7 @@ from tpmscad.solids.lattice_block import LatticeBlock
 from tpmscad.solids.patch_measures import move_patch_measures
 from tpmscad.solids.reference_distance import DistanceFunction
 from tpmscad.stage_timer import StageTimer
-from tpmscad.trimming.network_boolean import NetworkReport, Operation, combine_networks
+from tpmscad.trimming.network_boolean import NetworkReport, combine_networks
 
 SAMPLE_POINTS = 20_000
 """Points in the box of the body, at which the volume is counted."""
@@ -86,16 +86,10 @@ def infill_field_body(
     )
 
 
-def cut_by_lattice(body: Brep, block: LatticeBlock, operation: Operation) -> tuple[Brep, NetworkReport]:
-    """What an operation makes of a body and a closed lattice; TrimmingError if the intersection is not resolved."""
-    found = combine_networks(body, block.closed, operation)
-    return found.brep, found.report
-
-
 def _intersect(body: FieldBody, block: LatticeBlock) -> FilledBody:
     """The intersection of body and lattice."""
     found = combine_networks(body.built.brep, block.closed, "intersection", build=build_valid_solids)
-    return FilledBody(found.brep, found.built, found.report.shifted, (), _describe_cut(found.report))
+    return FilledBody(found.brep, found.built, found.report.shifted, (), describe_cut(found.report))
 
 
 def _fill_within_skin(body: FieldBody, block: LatticeBlock, cavity: Cavity) -> FilledBody:
@@ -109,7 +103,7 @@ def _fill_within_skin(body: FieldBody, block: LatticeBlock, cavity: Cavity) -> F
         f"the skin closes off {'a channel' if count == 1 else f'{count} channels'}: bore through the skin to let powder or "
         "fluid out"
     )
-    notes = (*_describe_cut(found.report), *cavity.notes, closed)
+    notes = (*describe_cut(found.report), *cavity.notes, closed)
     return FilledBody(brep, built, found.report.shifted, cavity.checks, notes)
 
 
@@ -121,7 +115,7 @@ def build_valid_solids(brep: Brep) -> BrepSolids:
     return built
 
 
-def _describe_cut(report: NetworkReport) -> tuple[str, ...]:
+def describe_cut(report: NetworkReport) -> tuple[str, ...]:
     """Notes on how two networks were cut."""
     moved = f"the lattice was moved by {report.shifted:.2g}: {report.reason}"
     return ("cut on the patches' parameters", *((moved,) if report.shifted else ()))

@@ -10,12 +10,13 @@ patches of the body.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 from scipy.ndimage import binary_dilation, label
 from scipy.spatial import cKDTree
 
-from tpmscad._typing import Array
+from tpmscad._typing import Array, IntArray
 from tpmscad.brep.boundary_representation import Brep, spline_faces
 from tpmscad.brep.orthogonal_projection import project_to_patch
 from tpmscad.errors import InvalidRequest, LevelSetError, format_point
@@ -43,8 +44,8 @@ TRIANGLE_DEVIATION = 0.002
 LEAST_DEPTH_SPACINGS = 0.75
 """How much deeper than the skin a part of the cavity must be, in spacings."""
 
-FIT_TOL = 0.005
-"""In skins: the least tolerance of the cavity's patches."""
+LEAST_FIT_TOL, GREATEST_FIT_TOL = 0.005, 0.02
+"""In skins: limits of the tolerance of the cavity's patches, between which it is that of the body's."""
 
 EXCESSES = (0.0, 0.02, 0.05)
 """In skins: by how much the skin is made thicker where the one before was measured too thin."""
@@ -111,8 +112,9 @@ def _fit_cavity(excess: float, body: FieldBody, skin: float, depth: _SampledDept
             f"nowhere deeper than {deepest:.4g}: make it thinner than that, or leave the body solid"
         )
     field = interpolate_samples(values, (depth.spacing,) * 3, depth.origin)
-    tol = max(FIT_TOL * skin, body.measures.tol)
-    found = fit_field_patches(field, *(np.array(c) for c in field.domain), min(tol, 0.02 * skin), StageTimer(None))
+    tol = min(max(LEAST_FIT_TOL * skin, body.measures.tol), GREATEST_FIT_TOL * skin)
+    low, high = (np.array(corner) for corner in field.domain)
+    found = fit_field_patches(field, low, high, tol, StageTimer(None))
     brep = replace(found.fitted.brep, tags=(BODY,) * len(found.fitted.brep.tags))
     thickness, points = _measure_thickness(brep, body)
     least, greatest = float(thickness.min()), float(thickness.max())
@@ -146,7 +148,7 @@ EROSION: Fallbacks[[FieldBody, float, _SampledDepth], Cavity] = Fallbacks(
     tuple(
         Fallback(
             f"the level set at {1 + excess:g} skins",
-            lambda body, skin, depth, excess=excess: _fit_cavity(excess, body, skin, depth),
+            partial(_fit_cavity, excess),
             "seconds for each",
         )
         for excess in EXCESSES
@@ -197,7 +199,7 @@ def _measure_thickness(cavity: Brep, body: FieldBody) -> tuple[Array, Array]:
     return best, points
 
 
-def _place_nodes(brep: Brep) -> list[tuple[Array, Array, Array]]:
+def _place_nodes(brep: Brep) -> list[tuple[Array, IntArray, Array]]:
     """Nodes (n, 3) of the spline faces of each carrier, the face (n,) of each, and its parameters (n, 2)."""
     found = []
     for own, carrier in spline_faces(brep):

@@ -69,7 +69,7 @@ def is_mesh_path(source: Any) -> bool:
 def is_mesh_object(source: Any) -> bool:
     """Whether a source holds arrays of vertices and faces, as meshes of trimesh and others do."""
     arrays = getattr(source, "vertices", None), getattr(source, "faces", None)
-    return all(not callable(array) and getattr(array, "ndim", 0) == 2 and array.shape[1] == 3 for array in arrays)
+    return all(array is not None and not callable(array) and np.shape(array)[1:] == (3,) for array in arrays)
 
 
 def read_triangle_mesh(source: Any) -> TriangleMesh:
@@ -208,7 +208,8 @@ def _fill_holes(mesh: TriangleMesh, extent: float) -> TriangleMesh:
         return mesh
     n = len(mesh.vertices)
     label = connected_components(coo_array((np.ones(len(edges)), tuple(edges.T)), shape=(n, n)), directed=False)[1]
-    vertices, triangles, filled = [mesh.vertices], [mesh.triangles], []
+    vertices, triangles = [mesh.vertices], [mesh.triangles]
+    filled: list[tuple[float, Array]] = []
     left: list[IntArray] = []
     for part in np.unique(label[edges[:, 0]]).tolist():
         own = edges[label[edges[:, 0]] == part]

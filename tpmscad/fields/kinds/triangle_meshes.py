@@ -15,7 +15,7 @@ from typing import Annotated, Any
 
 import numpy as np
 
-from tpmscad._typing import Array
+from tpmscad._typing import Array, IntArray
 from tpmscad.api.public_calls import validate_call
 from tpmscad.api.shared_kinds import MESH, POSITIVE
 from tpmscad.errors import InvalidRequest
@@ -169,7 +169,7 @@ class _Grid:
         return float(np.prod([float(len(axis)) for axis in self.axes]))
 
     @cached_property
-    def winding(self) -> Array:
+    def winding(self) -> IntArray:
         return grid_winding_numbers(self.mesh.vertices, self.mesh.triangles, *self.axes)
 
     @cached_property
