@@ -12,7 +12,7 @@ from tpmscad.requests.lattice_options import FluidDomainsOptions, InfillOptions
 @take_options_of(InfillOptions)
 @take_output()
 def infill(request: Request, *, writing: OutputRequest) -> None:
-    """Fill the solid in a STEP file, or a closed mesh, with a lattice that is anchored at the origin of the file's coordinates."""
+    """Fill a solid, of a STEP file or a closed mesh, with a lattice anchored at the origin of the file's coordinates."""
     make_and_write(
         f"{request['surface']} infill",
         lambda progress: tpmscad.infill(request.pop("body"), request.pop("surface"), progress=progress, **request),

@@ -3,7 +3,8 @@
 The nearest triangle is found in a tree of boxes, whose leaves hold a few triangles and whose nodes are split at the median of
 the centres along the longest edge. The nearest point of one triangle is that of C. Ericson, Real-Time Collision Detection
 (2005), 5.1.5. Winding numbers are counted along the grid lines of the third axis: a line changes the number where it crosses a
-triangle, and both triangles at an edge decide by the same floating-point operations on which side of it a line passes.
+triangle, and both triangles at an edge decide by the same floating-point operations on which side of it a line passes; a line
+through an edge is moved aside by an infinitesimal length (H. Edelsbrunner, E. P. Muecke, Simulation of Simplicity, 1990).
 """
 
 from __future__ import annotations
@@ -205,7 +206,8 @@ def _find_nearest(corners, low, high, child, first, last, points, distance, feet
 def grid_winding_numbers(vertices: Array, triangles: IntArray, x: Array, y: Array, z: Array) -> IntArray:
     """Winding numbers (nx, ny, nz) of a closed mesh about the points of a grid with equal steps along each axis.
 
-    Outward triangles wind once about the points inside. No vertex should have the x and y of a grid line.
+    Outward triangles wind once about the points inside. Lines through vertices and edges are moved by
+    an infinitesimal length.
     """
     count = np.zeros((len(x), len(y), len(z) + 1), np.int64)
     _count_crossings(np.ascontiguousarray(vertices, dtype=float), triangles, x, y, z, count)
@@ -218,6 +220,14 @@ def _side(ax, ay, bx, by, px, py):  # type: ignore[no-untyped-def]
     if ax > bx or (ax == bx and ay > by):
         return -((ax - bx) * (py - by) - (ay - by) * (px - bx))
     return (bx - ax) * (py - ay) - (by - ay) * (px - ax)
+
+
+@njit_inner
+def _sign_of_side(side, ax, ay, bx, by):  # type: ignore[no-untyped-def]
+    """The sign of a side; that of a point moved a little along x, and much less along y, if the point lies on the line a, b."""
+    if side != 0.0:
+        return np.sign(side)
+    return np.sign(ay - by) if ay != by else np.sign(bx - ax)
 
 
 @njit_cached
@@ -238,7 +248,10 @@ def _count_crossings(vertices, triangles, x, y, z, count):  # type: ignore[no-un
                 wc = _side(a[0], a[1], b[0], b[1], x[i], y[j])
                 wa = _side(b[0], b[1], c[0], c[1], x[i], y[j])
                 wb = _side(c[0], c[1], a[0], a[1], x[i], y[j])
-                if (wa > 0 and wb > 0 and wc > 0) or (wa < 0 and wb < 0 and wc < 0):
+                sa = _sign_of_side(wa, b[0], b[1], c[0], c[1])
+                sb = _sign_of_side(wb, c[0], c[1], a[0], a[1])
+                sc = _sign_of_side(wc, a[0], a[1], b[0], b[1])
+                if sa == sb == sc and wa + wb + wc != 0.0:
                     height = (wa * a[2] + wb * b[2] + wc * c[2]) / (wa + wb + wc)
                     k = min(max(int(np.ceil((height - z[0]) / hz)), 0), len(z))
-                    count[i, j, k] += 1 if wa > 0 else -1
+                    count[i, j, k] += 1 if sa > 0 else -1
