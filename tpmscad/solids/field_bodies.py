@@ -135,6 +135,10 @@ def fit_field_body(field: Field, box: BoxCorners | None, tol: float, stages: Sta
     except CrossingSurfaces:
         return _combine(field, low, high, closest, stages, name)
     except LevelSetError as error:
+        if "no surface inside the box" in str(error):
+            raise InvalidRequest(
+                f"no part of the surface of {name} lies in its box: check the field's sign and `box`"
+            ) from error
         remedy = (
             "; a larger `tol`, or another `spacing` of fields.mesh, makes it smoother"
             if isinstance(field, MeshField)

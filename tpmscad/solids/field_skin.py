@@ -10,7 +10,6 @@ patches of the body.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from functools import partial
 
 import numpy as np
 from scipy.ndimage import binary_dilation, label
@@ -19,9 +18,8 @@ from scipy.spatial import cKDTree
 from tpmscad._typing import Array, IntArray
 from tpmscad.brep.boundary_representation import Brep, spline_faces
 from tpmscad.brep.orthogonal_projection import project_to_patch
-from tpmscad.errors import InvalidRequest, LevelSetError, format_point
-from tpmscad.fallbacks import Fallback, Fallbacks
-from tpmscad.fields.data.triangle_distance import build_triangle_tree, grid_winding_numbers
+from tpmscad.errors import InvalidRequest, format_point
+from tpmscad.fields.data.triangle_distance import TriangleTree, build_triangle_tree, grid_winding_numbers
 from tpmscad.fields.field import Field
 from tpmscad.fields.kinds.sampled_data import interpolate_samples
 from tpmscad.results.certificate import Check
@@ -47,8 +45,15 @@ LEAST_DEPTH_SPACINGS = 0.75
 LEAST_FIT_TOL, GREATEST_FIT_TOL = 0.005, 0.02
 """In skins: limits of the tolerance of the cavity's patches, between which it is that of the body's."""
 
-EXCESSES = (0.0, 0.02, 0.05)
-"""In skins: by how much the skin is made thicker where the one before was measured too thin."""
+TARGET_THICKNESS = 0.99
+"""In skins: the least thickness of the level set that is fitted; the spline overshoots by a twentieth of a spacing at ridges, so
+that the level set is taken deeper where it is less."""
+
+MAX_CORRECTIONS = 4
+"""Levels that are tried for it."""
+
+PROJECTIONS = 4
+"""Newton steps from crossings of grid edges to the level set."""
 
 MARGIN_SPACINGS = 2.37
 """Spacings by which the grid reaches beyond the body; the odd part keeps grid lines out of its planes."""
@@ -73,14 +78,14 @@ class Cavity:
 def erode_field_body(body: FieldBody, skin: float) -> Cavity:
     """The part of a body deeper than its skin; InvalidRequest if there is none."""
     depth = _sample_depth(body, skin)
-    outcome = EROSION.run(body, skin, depth)
-    return outcome.value
+    return _fit_cavity(_find_excess(depth, skin), body, skin, depth)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _SampledDepth:
-    """Signed distances at the points of a grid, negative inside, its first point and its spacing."""
+    """Signed distances at the points of a grid, negative inside, its first point and its spacing, and the body's triangles."""
 
+    tree: TriangleTree
     values: Array
     origin: tuple[float, float, float]
     spacing: float
@@ -96,14 +101,47 @@ def _sample_depth(body: FieldBody, skin: float) -> _SampledDepth:
     counts = np.ceil((high - first) / spacing + MARGIN_SPACINGS).astype(int) + 1
     x, y, z = (a + spacing * np.arange(n) for a, n in zip(first.tolist(), counts.tolist(), strict=True))
     points = np.stack(np.meshgrid(x, y, z, indexing="ij"), axis=-1)
-    distance = build_triangle_tree(made.points, made.triangles).distances(points.reshape(-1, 3))
-    distance = distance.reshape(points.shape[:3])
+    tree = build_triangle_tree(made.points, made.triangles)
+    distance = tree.distances(points.reshape(-1, 3)).reshape(points.shape[:3])
     inside = grid_winding_numbers(made.points, made.triangles, x, y, z) > 0
-    return _SampledDepth(np.where(inside, -distance, distance), (x[0], y[0], z[0]), spacing)
+    return _SampledDepth(tree, np.where(inside, -distance, distance), (x[0], y[0], z[0]), spacing)
+
+
+def _find_excess(depth: _SampledDepth, skin: float) -> float:
+    """By how many skins the level must be deeper, so that the level set of the spline is nowhere nearer than TARGET_THICKNESS."""
+    excess = 0.0
+    spline = interpolate_samples(depth.values, (depth.spacing,) * 3, depth.origin)
+    for _ in range(MAX_CORRECTIONS):
+        points = _find_level_points(spline, depth, (1 + excess) * skin)
+        least = float(depth.tree.distances(points).min()) / skin if len(points) else 1.0
+        if least >= TARGET_THICKNESS:
+            break
+        excess += TARGET_THICKNESS - least + 0.25 * (1 - TARGET_THICKNESS)
+    return excess
+
+
+def _find_level_points(spline: Field, depth: _SampledDepth, skin: float) -> Array:
+    """Points (n, 3) on the level set at the depth of a skin, one for each grid edge that crosses it."""
+    values, found = depth.values + skin, []
+    for axis in range(3):
+        first, second = (np.moveaxis(values, axis, 0)[part] for part in (slice(None, -1), slice(1, None)))
+        at = np.argwhere((first < 0) != (second < 0))
+        share = (first / np.where(first == second, 1.0, first - second))[tuple(at.T)]
+        index = at.astype(float)
+        index[:, 0] += share
+        found.append(np.insert(index[:, 1:], axis, index[:, 0], axis=1))
+    points = np.array(depth.origin) + depth.spacing * np.concatenate(found)
+    for _ in range(PROJECTIONS):
+        gradient = spline.gradient(points)
+        square = np.maximum((gradient**2).sum(axis=1), 0.25)  # on ridges the gradient vanishes
+        step = ((spline(points) + skin) / square)[:, None] * gradient
+        length = np.linalg.norm(step, axis=1, keepdims=True)
+        points = points - step * np.minimum(1.0, 0.5 * depth.spacing / np.maximum(length, 1e-300))
+    return points[np.abs(spline(points) + skin) < 1e-3 * skin]
 
 
 def _fit_cavity(excess: float, body: FieldBody, skin: float, depth: _SampledDepth) -> Cavity:
-    """The cavity at (1 + excess) skins; LevelSetError if it cannot be fitted or is measured too near to the boundary."""
+    """The cavity at (1 + excess) skins; LevelSetError if it cannot be fitted."""
     values, left_out = _fill_small_parts(depth.values + (1 + excess) * skin, depth.spacing)
     if not (values < 0).any():
         deepest = -float(depth.values.min())
@@ -133,8 +171,6 @@ def _fit_cavity(excess: float, body: FieldBody, skin: float, depth: _SampledDept
             f"the skin is {greatest:.4g} thick near {at[1]}, more than {MAX_THICKNESS_RATIO:g} x {skin:g}",
         ),
     )
-    if not checks[0].passed and excess < EXCESSES[-1]:
-        raise LevelSetError(checks[0].shortfall)
     median = float(np.median(thickness))
     notes = (
         f"skin of {skin:g} by the distance from the body's patches, sampled every {depth.spacing:.3g}: {least:.4g} to "
@@ -142,20 +178,6 @@ def _fit_cavity(excess: float, body: FieldBody, skin: float, depth: _SampledDept
         *left_out,
     )
     return Cavity(brep, field, checks, notes)
-
-
-EROSION: Fallbacks[[FieldBody, float, _SampledDepth], Cavity] = Fallbacks(
-    tuple(
-        Fallback(
-            f"the level set at {1 + excess:g} skins",
-            partial(_fit_cavity, excess),
-            "seconds for each",
-        )
-        for excess in EXCESSES
-    ),
-    retry_on=(LevelSetError,),
-)
-"""Depths at which the cavity is tried."""
 
 
 def _fill_small_parts(values: Array, spacing: float) -> tuple[Array, tuple[str, ...]]:
