@@ -8,13 +8,17 @@ patches.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
+from functools import partial
+from typing import Any, TypeVar
 
 import numpy as np
 
 from tpmscad._typing import Array
-from tpmscad.brep.boundary_representation import Brep, join_breps, reverse_faces
-from tpmscad.errors import InvalidRequest, KernelError, TrimmingError
+from tpmscad.brep.boundary_representation import Brep, join_breps, reverse_faces, translate_brep
+from tpmscad.errors import InvalidRequest, KernelError, TrimmingError, UntracedCurve
+from tpmscad.fallbacks import Fallback, Fallbacks
 from tpmscad.kernel.boolean.cut_faces import SKIN
 from tpmscad.kernel.build.solids import BrepSolids, build_solids
 from tpmscad.kernel.measure.envelope import Envelope
@@ -29,10 +33,17 @@ from tpmscad.solids.lattice_block import LatticeBlock
 from tpmscad.solids.patch_measures import move_patch_measures
 from tpmscad.solids.reference_distance import DistanceFunction
 from tpmscad.stage_timer import StageTimer
-from tpmscad.trimming.network_boolean import NetworkReport, combine_networks
+from tpmscad.trimming.network_boolean import DividedNetwork, NetworkReport, NetworkResult, combine_networks
 
 SAMPLE_POINTS = 20_000
 """Points in the box of the body, at which the volume is counted."""
+
+
+MOVES = (0.0, 0.3, 0.6, 0.9)
+"""In what its tolerance leaves a lattice: lengths by which it is moved."""
+
+MOVE_DIRECTION = np.array([-0.53, 0.81, 0.25])
+"""Their direction, of unit length, far from mirror planes and from the direction in which networks are moved by themselves."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -88,13 +99,17 @@ def infill_field_body(
 
 def _intersect(body: FieldBody, block: LatticeBlock) -> FilledBody:
     """The intersection of body and lattice."""
-    found = combine_networks(body.built.brep, block.closed, "intersection", build=build_valid_solids)
-    return FilledBody(found.brep, found.built, found.report.shifted, (), describe_cut(found.report))
+    found, moved = cut_by_lattice(
+        block, lambda lattice: combine_networks(body.built.brep, lattice, "intersection", build=build_valid_solids)
+    )
+    return FilledBody(found.brep, found.built, moved, (), describe_cut(found.report, moved))
 
 
 def _fill_within_skin(body: FieldBody, block: LatticeBlock, cavity: Cavity) -> FilledBody:
     """The body without what the lattice leaves of the cavity."""
-    found = combine_networks(cavity.brep, block.closed, "difference", build=build_valid_solids)
+    found, moved = cut_by_lattice(
+        block, lambda lattice: combine_networks(cavity.brep, lattice, "difference", build=build_valid_solids)
+    )
     voids = replace(found.brep, tags=tuple(SKIN if tag == BODY else tag for tag in found.brep.tags))
     brep = join_breps([body.built.brep, reverse_faces(voids)])
     built = build_valid_solids(brep)
@@ -103,8 +118,8 @@ def _fill_within_skin(body: FieldBody, block: LatticeBlock, cavity: Cavity) -> F
         f"the skin closes off {'a channel' if count == 1 else f'{count} channels'}: bore through the skin to let powder or "
         "fluid out"
     )
-    notes = (*describe_cut(found.report), *cavity.notes, closed)
-    return FilledBody(brep, built, found.report.shifted, cavity.checks, notes)
+    notes = (*describe_cut(found.report, moved), *cavity.notes, closed)
+    return FilledBody(brep, built, moved, cavity.checks, notes)
 
 
 def build_valid_solids(brep: Brep) -> BrepSolids:
@@ -115,10 +130,36 @@ def build_valid_solids(brep: Brep) -> BrepSolids:
     return built
 
 
-def describe_cut(report: NetworkReport) -> tuple[str, ...]:
-    """Notes on how two networks were cut."""
-    moved = f"the lattice was moved by {report.shifted:.2g}: {report.reason}"
-    return ("cut on the patches' parameters", *((moved,) if report.shifted else ()))
+Cut = TypeVar("Cut", NetworkResult, DividedNetwork)
+
+
+def cut_by_lattice(block: LatticeBlock, cut: Callable[[Brep], Cut]) -> tuple[Cut, float]:
+    """What is made of the closed lattice of a block, which is moved within its tolerance where that fails, and the length moved."""
+    outcome = PLACEMENTS.run(block, cut)
+    found, length = outcome.value
+    return found, length + found.report.shifted
+
+
+def _cut_moved(fraction: float, block: LatticeBlock, cut: Callable[[Brep], Cut]) -> tuple[Cut, float]:
+    shift = fraction * block.max_shift
+    lattice = translate_brep(block.closed, shift * MOVE_DIRECTION) if shift else block.closed
+    return cut(lattice), shift
+
+
+PLACEMENTS: Fallbacks[[LatticeBlock, Any], Any] = Fallbacks(
+    tuple(Fallback(f"the lattice moved by {f:g} of its tolerance", partial(_cut_moved, f)) for f in MOVES),
+    retry_on=(TrimmingError,),
+    final=(UntracedCurve,),
+)
+"""Placements of the lattice that are tried while an intersection is not resolved, or the kernel rejects what is built."""
+
+
+def describe_cut(report: NetworkReport, moved: float) -> tuple[str, ...]:
+    """Notes on how two networks were cut, and the length by which the lattice was moved."""
+    if not moved:
+        return ("cut on the patches' parameters",)
+    reason = f": {report.reason}" if report.reason else ", where it is cut without slivers"
+    return "cut on the patches' parameters", f"the lattice was moved by {moved:.2g}{reason}"
 
 
 def _check_volume(volume: float, body: FieldBody, block: LatticeBlock, cavity: Cavity | None) -> Check:

@@ -45,9 +45,12 @@ LEAST_DEPTH_SPACINGS = 0.75
 LEAST_FIT_TOL, GREATEST_FIT_TOL = 0.005, 0.02
 """In skins: limits of the tolerance of the cavity's patches, between which it is that of the body's."""
 
-TARGET_THICKNESS = 0.99
+TARGET_THICKNESS = 1.0
 """In skins: the least thickness of the level set that is fitted; the spline overshoots by a twentieth of a spacing at ridges, so
 that the level set is taken deeper where it is less."""
+
+THICKNESS_TOL = 0.003
+"""In skins: what the least thickness of the level set may be off from that."""
 
 MAX_CORRECTIONS = 4
 """Levels that are tried for it."""
@@ -114,9 +117,9 @@ def _find_excess(depth: _SampledDepth, skin: float) -> float:
     for _ in range(MAX_CORRECTIONS):
         points = _find_level_points(spline, depth, (1 + excess) * skin)
         least = float(depth.tree.distances(points).min()) / skin if len(points) else 1.0
-        if least >= TARGET_THICKNESS:
+        if least >= TARGET_THICKNESS - THICKNESS_TOL:
             break
-        excess += TARGET_THICKNESS - least + 0.25 * (1 - TARGET_THICKNESS)
+        excess += TARGET_THICKNESS - least
     return excess
 
 
