@@ -134,7 +134,7 @@ Cut = TypeVar("Cut", NetworkResult, DividedNetwork)
 
 
 def cut_by_lattice(block: LatticeBlock, cut: Callable[[Brep], Cut]) -> tuple[Cut, float]:
-    """What is made of the closed lattice of a block, which is moved within its tolerance where that fails, and the length moved."""
+    """What is made of the closed lattice of a block, moved within its tolerance where that fails, and the length moved."""
     outcome = PLACEMENTS.run(block, cut)
     found, length = outcome.value
     return found, length + found.report.shifted
