@@ -47,7 +47,7 @@ ChordErrorOption = Annotated[
 def infill(
     request: Request, layer: LayerOption = None, chord_error: ChordErrorOption = None, *, writing: OutputRequest
 ) -> None:
-    """Fill the solid in a STEP file with a lattice that is anchored at the origin of the file's coordinates."""
+    """Fill the solid of a CAD file or a closed mesh with a lattice that is anchored at the origin of the file's coordinates."""
     assert writing.output is not None
     suffix = writing.output.suffix.lower()
     if layer is not None:
@@ -72,7 +72,7 @@ def infill(
 @take_options_of(FluidDomainsOptions)
 @take_output(DomainsOutputOption, suffixes=DOMAIN_SUFFIXES, leave_out=("verify",))
 def domains(request: Request, *, writing: OutputRequest) -> None:
-    """Divide the solid in a STEP file into the wall of a sheet lattice and the two channels beside it, for heat exchangers."""
+    """Divide a solid into the wall of a sheet lattice and the two channels beside it, for heat exchangers."""
     make_and_write(
         f"{request['surface']} exchanger",
         lambda progress: tpmscad.fluid_domains(

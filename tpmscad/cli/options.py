@@ -122,7 +122,11 @@ VerboseOption = Annotated[
 ]
 StepFileArgument = Annotated[Path, input_file("FILE.step", "A STEP, IGES or BREP file.")]
 BodyArgument = Annotated[
-    Path, input_file("BODY.step", "A STEP, IGES or BREP file; --solid chooses one of several solids.")
+    Path,
+    input_file(
+        "BODY.step",
+        "A STEP, IGES or BREP file, of which --solid chooses one of several solids, or a closed mesh: .stl, .obj, .ply or .3mf.",
+    ),
 ]
 MetricsOption = Annotated[
     bool,

@@ -38,6 +38,7 @@ from tpmscad.fields.kinds.segmentation_labels import labels as labels
 from tpmscad.fields.kinds.thresholds import pore as pore
 from tpmscad.fields.kinds.thresholds import rod as rod
 from tpmscad.fields.kinds.thresholds import sheet as sheet
+from tpmscad.fields.kinds.triangle_meshes import mesh as mesh
 from tpmscad.fields.kinds.volume_fraction_thresholds import graded_threshold as graded_threshold
 from tpmscad.fields.kinds.volume_fraction_thresholds import threshold_for as threshold_for
 from tpmscad.fields.kinds.volume_fraction_thresholds import volume_fraction as volume_fraction

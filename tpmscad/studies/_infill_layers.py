@@ -36,6 +36,7 @@ from tpmscad.parallel import task_runner
 from tpmscad.requests.face_selection import resolve_face_selectors
 from tpmscad.requests.lattice_request import LatticeRequest, lattice_in_body, resolve_lattice_request, rotation_matrix
 from tpmscad.requests.study_options import InfillLayersOptions
+from tpmscad.solids.field_bodies import FieldBody, fit_field_body, reject_box, reject_solid, resolve_field
 from tpmscad.solids.lattice_block import find_trim_tolerance, fit_patches_over_box
 from tpmscad.solids.skin import erode_body
 from tpmscad.stage_timer import StageTimer
@@ -101,7 +102,19 @@ def infill_layers(options: InfillLayersOptions) -> Slices:
             "solid, infill(...).slices(height)"
         )
     with stages("read"):
-        body = read_body(options.body)
+        field = resolve_field(options.body)
+    fitted = None
+    if field is not None:
+        reject_solid(options.solid)
+        fitted = fit_field_body(field, options.box, resolve_lattice_request(lattice_in_body(options)).tol, stages)
+        if isinstance(fitted, FieldBody) and skin is not None:
+            raise InvalidRequest(
+                "layers with a skin need a CAD body: leave skin out, or slice the solid, infill(...).slices(height)"
+            )
+    else:
+        reject_box(options.box)
+    with stages("read"):
+        body = fitted.cad if isinstance(fitted, FieldBody) else read_body(fitted or options.body, options.solid)
         openings = resolve_open_faces(body, resolve_face_selectors(body, options.open_faces))
         if openings and skin is None:
             raise InvalidRequest("open_faces are left out of a skin: give skin=, its thickness")
