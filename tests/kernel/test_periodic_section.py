@@ -7,7 +7,6 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-pytest.importorskip("OCP")
 pyclipper = pytest.importorskip("pyclipper")
 measure = pytest.importorskip("skimage.measure")
 
