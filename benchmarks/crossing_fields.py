@@ -2,12 +2,11 @@
 
     python -m benchmarks.crossing_fields [--seed 1] [--count 60] [--only 7] [--quadrics]
 
-Trees of two to five leaves (half-spaces, balls, struts, finite cylinders, boxes, sheets, rods, formulas) in a box of 10 mm at
-four tolerances. Columns: the tree, tolerance, outcome, faces, volume and its difference from one random point in each of 160^3
-cells in standard errors, Betti numbers, creases and the sharpest wedge, the curves that creases make within the box with their
-length, on the solid and by the field alone, CPU seconds. WRONG is a file that does not read back
-valid, or a volume that is more than 4 standard errors, and the area times the deviation, off. --quadrics leaves out fields that
-are fitted.
+Trees of two to five leaves (half-spaces, balls, struts, finite cylinders, boxes, sheets, rods, formulas, samples on a grid) in a
+box of 10 mm at four tolerances. Columns: the tree, tolerance, outcome, faces, volume and its difference from one random point in
+each of 160^3 cells in standard errors, Betti numbers, creases and the sharpest wedge, the curves that creases make within the box
+with their length, on the solid and by the field alone, CPU seconds. WRONG is a file that does not read back valid, or a volume
+that is more than 4 standard errors, and the area times the deviation, off. --quadrics leaves out fields that are fitted.
 """
 
 from __future__ import annotations
@@ -32,7 +31,7 @@ def draw_leaf(rng: np.random.Generator, quadrics: bool) -> tuple[str, fields.Fie
     """A random solid and its name."""
     middle = rng.uniform(2, 8, 3)
     axis = rng.normal(size=3)
-    kinds = ["half-space", "ball", "strut", "pin", "box"] + ([] if quadrics else ["sheet", "rod", "formula"])
+    kinds = ["half-space", "ball", "strut", "pin", "box"] + ([] if quadrics else ["sheet", "rod", "formula", "samples"])
     kind = str(rng.choice(kinds))
     if kind == "half-space":
         return kind, fields.halfspace(tuple(middle), tuple(axis))
@@ -48,6 +47,12 @@ def draw_leaf(rng: np.random.Generator, quadrics: bool) -> tuple[str, fields.Fie
     if kind == "formula":
         a, b = rng.uniform(0.5, 1.2, 2)
         return kind, fields.expression(f"(x-5)^2 + {a:.3f}*(y-5)^2 + {b:.3f}*(z-4.6)^2 - 9 + 2*sin(x)*cos(y)")
+    if kind == "samples":
+        spacing, origin = 0.5, -1.0
+        x, y, z = np.meshgrid(*[origin + spacing * np.arange(25)] * 3, indexing="ij")
+        a, b = rng.uniform(0.6, 1.2, 2)
+        distance = np.sqrt((x - middle[0]) ** 2 + a * (y - middle[1]) ** 2 + b * (z - middle[2]) ** 2)
+        return kind, fields.sampled(distance - 3 + 0.3 * np.sin(x), spacing, (origin,) * 3)
     name, period = str(rng.choice(["gyroid", "schwarz_p", "diamond"])), float(rng.choice([8.0, 10.0, 13.0]))
     surface = fields.tpms(name, period)
     if kind == "sheet":

@@ -24,8 +24,8 @@ from tpmscad.blending import LinearCoordinate, SphereRadius
 from tpmscad.blending.composition.blended_field import BlendedField
 from tpmscad.blending.weights.line_weight import make_line_weight
 from tpmscad.blending.weights.volume_weight import VolumeWeight
-from tpmscad.fields.analysis.volume_fraction_thresholds import GradedThreshold
 from tpmscad.fields.kinds.linear_extension import extend_linearly
+from tpmscad.fields.kinds.volume_fraction_thresholds import GradedThreshold
 from tpmscad.fields.tape.tape_nodes import Node, find_ancestors
 from tpmscad.fields.tape.tape_program import list_operands, resolve_alias
 from tpmscad.levelset.edge_rounding import ProfileMinMaxField, make_volume_neutral_profile

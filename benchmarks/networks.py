@@ -30,7 +30,7 @@ from tpmscad.kernel.build.solids import build_solids
 from tpmscad.kernel.measure.shape_report import is_valid
 from tpmscad.rigid_motion import Motion
 from tpmscad.splines.bspline import BSplineSurface
-from tpmscad.trimming.network_boolean import KEPT_INSIDE, combine_networks
+from tpmscad.trimming.network_boolean import KEPT_PARTS, combine_networks
 
 CELL, THICKNESS, TOL = 10.0, 1.0, 0.02
 NODAL_MARGIN = 0.1
@@ -151,7 +151,7 @@ def sample_volumes(first: Operand, second: Operand, count: int) -> tuple[dict[st
     corners = np.concatenate([first.brep.vertices, second.brep.vertices])
     low, high = corners.min(axis=0) - 0.3, corners.max(axis=0) + 0.3
     rng = np.random.default_rng(1)
-    inside: dict[str, int] = dict.fromkeys(KEPT_INSIDE, 0)
+    inside: dict[str, int] = dict.fromkeys(KEPT_PARTS, 0)
     for _ in range(0, count, 50_000):
         points = rng.uniform(low, high, (50_000, 3))
         a, b = first.contains(points), second.contains(points)
@@ -177,7 +177,7 @@ def main(arguments: list[str] | None = None) -> None:
         sampled, unit = sample_volumes(first, second, options.samples)
         combine_networks(first.brep, second.brep, "union")  # compiles
         found = {}
-        for operation in KEPT_INSIDE:
+        for operation in KEPT_PARTS:
             begun = time.process_time()
             result = combine_networks(first.brep, second.brep, operation)
             cut = time.process_time() - begun

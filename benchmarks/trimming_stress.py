@@ -5,12 +5,11 @@
 Bodies are random in kind, place, size and tilt; a fifth are put through corners, sides and middles of patches, half of these
 tangent there. With --round they are what people draw. Body i of a seed is always the same: a line can be run again alone.
 
-*fast*: trimmed on the patches' parameters. *moved*: so, with the lattice moved by a few tolerances. *split*: the patches near the
-body's faces by the kernel, because the fast way was not sure. *kernel*: all of them. *error*: none of these. *wrong*: a result
-that is invalid, open, or of another volume than the second way says: a count of points, told in or out by neither, which is good
-to `COUNTED`; the kernel for every n-th body (--boolean n), and where the count is off; with --void lattice and void, trimmed one
-by one, must add up to the body. The last figures are the difference to the second way, CPU seconds of trimming and building, and
-why not fast.
+*fast*: trimmed on the patches' parameters. *moved*: so, with the lattice moved by a few tolerances. *kernel*: by the kernel's
+boolean, because the fast way was not sure. *error*: none of these. *wrong*: a result that is invalid, open, or of another volume
+than the second way says: a count of points, told in or out by neither, which is good to `COUNTED`; the kernel for every n-th
+body (--boolean n), and where the count is off; with --void lattice and void, trimmed one by one, must add up to the body. The
+last figures are the difference to the second way, CPU seconds of trimming and building, and why not fast.
 """
 
 from __future__ import annotations
@@ -34,7 +33,7 @@ from tpmscad.kernel.boolean import boolean_operations
 from tpmscad.kernel.build.solids import build_solids
 from tpmscad.kernel.measure.shape_report import check_shape
 from tpmscad.kernel.occt.bounding_boxes import enclosing_box
-from tpmscad.solids.boolean_strategies import signed_distances_to_nodes, split_near_body_faces
+from tpmscad.solids.boolean_strategies import signed_distances_to_nodes
 from tpmscad.trimming.operands.polyhedra import box
 from tpmscad.trimming.trim_pipeline import trim
 
@@ -133,29 +132,24 @@ def counted(patches: Brep, body: RandomBody) -> float:
 
 
 def by_kernel(block: Callable[[], Any], patches: Brep, shape: bd.Part, note: str, begun: float) -> Outcome:
-    """What the kernel makes of the patches near the body's faces; where that fails, of the whole lattice and the body."""
+    """What the kernel makes of the whole lattice and the body."""
     body = read_body(shape)
-    ways: dict[str, Callable[[], list[tuple[Any, ...]]]] = {
-        "split": lambda: [split_near_body_faces(p, body).solids for p in (patches, turned(patches))],
-        "kernel": lambda: [
+    try:
+        cut = (
             boolean_operations.intersect_solids(block(), body.shape),
             boolean_operations.subtract_solid(body.shape, block()),
-        ],
-    }
-    for word, way in ways.items():
-        try:
-            reports = [[check_shape(s) for s in solids] for solids in way()]
-        except TpmscadError as error:
-            note = f"{note}; {word}: {error}"
-            continue
-        volumes = [sum(r.volume for r in own) for own in reports]
-        seconds, off = time.process_time() - begun, sum(volumes) - body.volume
-        if not all(r.valid and r.closed for own in reports for r in own):
-            note = f"{note}; {word}: invalid"
-        elif abs(off) > SAME * body.volume:
-            note = f"{note}; {word}: lattice and void do not add up, {volumes[0]:.6f} and {volumes[1]:.6f}"
-        else:
-            return Outcome(word, note, volumes[0], off, seconds)
+        )
+        reports = [[check_shape(solid) for solid in solids] for solids in cut]
+    except TpmscadError as error:
+        return Outcome("error", f"{note}; kernel: {error}", np.nan, np.nan, time.process_time() - begun)
+    volumes = [sum(r.volume for r in own) for own in reports]
+    seconds, off = time.process_time() - begun, sum(volumes) - body.volume
+    if not all(r.valid and r.closed for own in reports for r in own):
+        note = f"{note}; kernel: invalid"
+    elif abs(off) > SAME * body.volume:
+        note = f"{note}; kernel: lattice and void do not add up, {volumes[0]:.6f} and {volumes[1]:.6f}"
+    else:
+        return Outcome("kernel", note, volumes[0], off, seconds)
     return Outcome("error", note, np.nan, np.nan, time.process_time() - begun)
 
 

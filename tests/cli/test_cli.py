@@ -412,6 +412,7 @@ def test_an_example_in_readme_guide_or_help_is_good_usage(
         "exchanger.step",
         "density.npy",
         "rho.npy",
+        "rho.vtu",
         "labels.nii",
         "designs.csv",
     ):

@@ -144,18 +144,36 @@ class TestArrays:
         density = np.zeros((24, 12, 8))
         density[:, :6] = 1
         np.save(folder / "density.npy", density)
+        np.savez(folder / "density.npz", rho=density, smooth=np.arange(5.0) * np.ones((7, 6, 5)))
 
     def made(self) -> list[str]:
-        return [name for name in made() if not name.endswith(".npy")]
+        return [name for name in made() if not name.endswith((".npy", ".npz"))]
 
     @pytest.mark.parametrize(
         ("line", "message"),
         [
             ("organs.npy --level 0.5", "organs.npy holds the labels 0, 1, 2, .*: --label makes the surface of one"),
             ("organs.npy --label 3", "organs.npy holds no label 3: its values are 0, 1, 2"),
-            ("organs.npy --label 1 --level 0.5", "give either --level, for grey values, or --label"),
+            (
+                "organs.npy --label 1 --level 0.5",
+                "give either --level or --volume-fraction, for grey values, or --label",
+            ),
             ("organs.npy --label 1 --point-data", "leave --point-data out"),
             ("density.npy", "grey values: it needs --level.*; of a segmentation give --label"),
+            ("density.npy --level 0.5 --volume 1", "volume 1: density.npy holds one volume: leave --volume out"),
+            ("density.npy --level 7", "reach from 0 to 1; Otsu's threshold of their histogram is 0.5"),
+            ("density.npy --smoothing 1", "grey values: it needs --level"),
+            ("density.npy --as gyroid", "a lattice needs --cell, the edge of its cell"),
+            ("density.npy --as gyroid --cell 6 --level 0.5", "--level: a lattice is graded by all of the densities"),
+            ("density.npy --cell 6 --level 0.5", "--cell is that of a lattice: give --as too"),
+            ("organs.npy --as gyroid --cell 6", "organs.npy holds values that are no densities from 0 to 1, 0 to 2"),
+            ("density.npy --as giroid --cell 6", "gyroid"),
+            ("organs.npy --label 0 --among 1,2", "label 0 is none of those in --among, 1, 2"),
+            ("organs.npy --among 1,2", "give one --label of those in --among, 1, 2"),
+            ("organs.npy --label 1,2 --among 1,2", "give one --label of those in --among, 1, 2"),
+            ("organs.npy --among 1,2 --level 0.5", "--among is for labels: leave it out, or --level"),
+            ("organs.npy --smoothing 1", "leave --smoothing out, it is for grey values"),
+            ("density.npz --level 0.5", "holds 2 arrays, 'rho', 'smooth': name one of them, --array-name rho"),
             ("density.npy --level 0.5 --frame RAS", "states no frame.*leave --frame out"),
             (
                 "graded.toml --label 1 --cell-data --frame file",
@@ -180,11 +198,37 @@ class TestArrays:
         assert "box (-0.5, -0.5, -0.5) to (23.5, 11.5, 7.5)" in out
         assert "taken at points" not in out
 
+    def test_an_array_of_an_archive_its_smoothing_and_the_volume_that_it_fills(
+        self, capsys: pytest.CaptureFixture[str]
+    ) -> None:
+        line = "solidify density.npz --array-name smooth --volume-fraction 0.4 --smoothing 0.5 --cell-data --dry-run"
+        assert run(line) == 0
+        out = capsys.readouterr().out
+        assert "about 40.0 % of it solid" in out
+        assert "density.npz: smoothed by a Gaussian of 0.5 samples" in out
+
+    def test_a_density_is_a_lattice_of_as_much_volume(self, capsys: pytest.CaptureFixture[str]) -> None:
+        """Half of the plate is full and half is empty: .6 and .15 of it, as a lattice."""
+        line = "solidify density.npy --as gyroid --cell 4 --cell-data --dry-run"
+        assert run(f"{line} --report out.json") == 0
+        assert json.loads(Path("out.json").read_text())["volume_fraction"] == pytest.approx(0.375, abs=0.01)
+        assert (
+            "a gyroid sheet with the densities as volume fractions, 2304 of 2304 of which were"
+            in capsys.readouterr().out
+        )
+
     def test_integers_are_all_labels_unless_one_is_named(self, capsys: pytest.CaptureFixture[str]) -> None:
         assert run("solidify organs.npy --dry-run") == 0
         assert "labels 1, 2 of 0, 1, 2 as one solid; --label takes one of them" in capsys.readouterr().out
         assert run("solidify organs.npy --label 2 --dry-run") == 0
         assert "label 2 of 0, 1, 2" in capsys.readouterr().out
+
+    def test_a_label_among_others_fills_what_they_leave(self, capsys: pytest.CaptureFixture[str]) -> None:
+        for number in (1, 2):
+            assert run(f"solidify organs.npy --label {number} --among 1,2 --dry-run --report {number}.json") == 0
+            assert "labels 1, 2 of 0, 1, 2, divided by smooth surfaces" in capsys.readouterr().out
+        shares = [json.loads(Path(f"{number}.json").read_text())["volume_fraction"] for number in (1, 2)]
+        assert shares == pytest.approx([1 / 3, 1 / 3], rel=0.01)
 
     @pytest.mark.kernel
     def test_elements_reach_to_their_ends(self) -> None:

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import pickle
+import re
 from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
 import pytest
+from scipy.ndimage import gaussian_filter
 
 from tpmscad import fields
 from tpmscad.errors import InvalidRequest
@@ -78,7 +80,7 @@ class TestSampledField:
         [
             (np.zeros((5, 5)), {}, r"shape \(5, 5\)"),
             (np.zeros((5, 3, 5)), {}, "at least 4 samples"),
-            (np.full((4, 4, 4), np.nan), {}, r"64 of 64 entries, the first at index \(0, 0, 0\)"),
+            (np.full((4, 4, 4), np.inf), {}, r"64 of 64 entries, the first at index \(0, 0, 0\)"),
             (np.zeros((4, 4, 4)), {"spacing": 0}, "spacing 0 must"),
             (np.zeros((4, 4, 4)), {"spacing": (1, 2)}, "spacing"),
             (np.zeros((4, 4, 4)), {"origin": (1, np.inf, 0)}, "origin"),
@@ -91,6 +93,46 @@ class TestSampledField:
     def test_refuses_what_is_no_volume(self, values: object, keywords: dict[str, object], message: str) -> None:
         with pytest.raises(InvalidRequest, match=message):
             fields.sampled(values, **keywords)  # type: ignore[arg-type]
+
+
+class TestVolumeFraction:
+    """The level follows from the part of the domain that is to be solid."""
+
+    @pytest.mark.parametrize("centred", [False, True])
+    def test_the_solid_fills_the_part_of_the_domain(self, centred: bool) -> None:
+        density = gaussian_filter(RNG.normal(size=(12, 9, 10)), 1.2)
+        field = fields.sampled(density, SPACING, ORIGIN, volume_fraction=0.3, centred=centred)
+        low, high = np.array(field.domain)
+        inside = field(low + (high - low) * RNG.random((200_000, 3))) < 0
+        assert inside.mean() == pytest.approx(0.3, abs=0.005)  # five standard deviations
+        level = float(re.search("level (.*) for a volume fraction of 0.3", " ".join(field.notes))[1])  # type: ignore[index]
+        points = RNG.uniform(low, high, (50, 3))
+        same = fields.sampled(density, SPACING, ORIGIN, level=level, centred=centred)
+        np.testing.assert_allclose(field(points), same(points), atol=1e-5)
+
+    def test_is_refused_beside_a_level_and_for_missing_values(self) -> None:
+        with pytest.raises(InvalidRequest, match="either `level` or `volume_fraction`"):
+            fields.sampled(VALUES, level=0, volume_fraction=0.5)
+        with pytest.raises(InvalidRequest, match=r"without a value .* which have no volume: give `level`"):
+            fields.sampled(np.where(VALUES > 1, np.nan, VALUES), volume_fraction=0.5)
+
+
+class TestSmoothing:
+    def test_a_wave_keeps_its_place_and_loses_what_a_gaussian_takes(self) -> None:
+        x = np.arange(64.0)
+        wave = np.sin(2 * np.pi * x / 16)[:, None, None] * np.ones((1, 8, 9))
+        field = fields.sampled(wave, smoothing=2.0)
+        kept = np.exp(-2 * (np.pi * 2.0 / 16) ** 2)
+        np.testing.assert_allclose(
+            field(np.stack([x, 3 + 0 * x, 4 + 0 * x], 1))[12:-12], kept * wave[12:-12, 0, 0], atol=3e-3
+        )
+        assert any("smoothed by a Gaussian of 2 samples" in note for note in field.notes)
+
+    def test_missing_values_are_left_out(self) -> None:
+        values = np.where(np.indices((10, 9, 8))[0] < 5, -3.0, np.nan)
+        field = fields.sampled(values, smoothing=1.5)
+        np.testing.assert_allclose(field([[0, 4, 4], [4, 4, 4], [3, 0, 7]]), -3.0, rtol=1e-12)
+        assert field((5, 4, 4)) > 0
 
 
 class TestSamplesOfCells:

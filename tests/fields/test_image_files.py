@@ -87,7 +87,7 @@ def test_nifti(tmp_path: Path, suffix: str, flipped: bool) -> None:
 
 def test_a_nifti_file_of_one_volume_in_time_is_a_volume_and_one_of_several_is_refused(tmp_path: Path) -> None:
     check(write_nifti(tmp_path / "one.nii", values=VALUES[..., None]))
-    with pytest.raises(InvalidRequest, match=r"shape \(4, 5, 6, 2\)"):
+    with pytest.raises(InvalidRequest, match=r"holds 2 volumes"):
         read_image(write_nifti(tmp_path / "two.nii", values=np.stack([VALUES] * 2, axis=-1)))
 
 

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from tpmscad import fields
 from tpmscad.errors import InvalidRequest
-from tpmscad.fields.analysis.volume_fraction_thresholds import FRACTION_ACCURACY
+from tpmscad.fields.kinds.volume_fraction_thresholds import FRACTION_ACCURACY
 
 RNG = np.random.default_rng(11)
 POINTS = RNG.uniform(-5, 5, (3000, 3))

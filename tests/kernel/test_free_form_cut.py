@@ -16,12 +16,11 @@ from tpmscad.brep.boundary_representation import Brep, reverse_faces
 from tpmscad.brep.moments import integral_properties
 from tpmscad.errors import NotQuadric
 from tpmscad.kernel.body_import.body_brep import FreeFormBody, brep_from_shape, read_free_form_body
-from tpmscad.kernel.boolean.local_intersection import intersect_locally
+from tpmscad.kernel.boolean.boolean_operations import intersect_solids
 from tpmscad.kernel.build.solids import build_solids
 from tpmscad.kernel.measure.mass_properties import face_moments
 from tpmscad.kernel.measure.validity import is_brep_valid
 from tpmscad.kernel.occt.exploration import faces_of, unwrap
-from tpmscad.solids.boolean_strategies import signed_distances_to_nodes
 from tpmscad.trimming.trim_pipeline import trim
 
 pytestmark = [pytest.mark.kernel, pytest.mark.slow]
@@ -78,8 +77,9 @@ def test_it_is_what_the_kernel_cuts(case, cover: Cover) -> None:
     body, read = case
     lattice = cover("P", (1, 1, 1), (0.07, 0.11, 0.19), (-0.04, 0.04))
     own = volume(trim(lattice, read.brep, free_form=read.free_form).brep)
-    split = intersect_locally(lattice, unwrap(body), lambda points: signed_distances_to_nodes(lattice, points))
-    faces = [f for solid in split.solids for f in faces_of(solid)]
+    box = brep_from_shape(unwrap(bd.Pos(5, 5, 5) * bd.Box(9.9, 9.9, 9.9)))
+    block = build_solids(trim(lattice, box).brep)
+    faces = [face for solid in intersect_solids(block.shape, unwrap(body)) for face in faces_of(solid)]
     assert own == pytest.approx(face_moments(faces)[:, 1].sum(), rel=1e-6)
 
 

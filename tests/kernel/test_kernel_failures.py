@@ -75,16 +75,15 @@ def test_an_exception_of_the_kernel_is_translated_and_others_are_not() -> None:
         _ = 1 / 0
 
 
-def test_the_kernels_split_is_checked_and_its_volume_compared_with_a_sample(monkeypatch: pytest.MonkeyPatch) -> None:
-    found = SimpleNamespace(solids=(BODY,), volume=60.0, candidate_count=3)
+def test_the_kernels_boolean_is_checked_and_its_volume_compared_with_a_sample(monkeypatch: pytest.MonkeyPatch) -> None:
     body = SimpleNamespace(shape=BODY, volume=100.0, name="the body")
-    monkeypatch.setattr(boolean_strategies, "intersect_locally", lambda *_: found)
-    monkeypatch.setattr(boolean_strategies, "sample_lattice_fraction", lambda *_: (0.6, 0.01))
-    made = boolean_strategies.split_near_body_faces(None, body)  # type: ignore[arg-type]
-    assert "3 patches" in made.notes[0]
-    monkeypatch.setattr(boolean_strategies, "sample_lattice_fraction", lambda *_: (0.5, 0.01))
-    with pytest.raises(KernelError, match=r"fills 0\.6 of the body, but 0\.5 \+- 0\.01 of a sample"):
-        boolean_strategies.split_near_body_faces(None, body)  # type: ignore[arg-type]
+    fraction = boolean_strategies.estimate_volume(BODY) / 100
+    monkeypatch.setattr(boolean_strategies, "sample_lattice_fraction", lambda *_: (fraction, 0.01))
+    made = boolean_strategies.intersect_in_kernel(None, body, lambda: (BODY,))  # type: ignore[arg-type]
+    assert made.solids == (BODY,)
+    monkeypatch.setattr(boolean_strategies, "sample_lattice_fraction", lambda *_: (fraction + 0.1, 0.01))
+    with pytest.raises(KernelError, match=r"of the body, but 0\.\d+ \+- 0\.01 of a sample"):
+        boolean_strategies.intersect_in_kernel(None, body, lambda: (BODY,))  # type: ignore[arg-type]
     monkeypatch.setattr(boolean_strategies, "is_valid", lambda _: False)
-    with pytest.raises(KernelError, match="check rejects what it split itself"):
-        boolean_strategies.split_near_body_faces(None, body)  # type: ignore[arg-type]
+    with pytest.raises(KernelError, match="check rejects what its own boolean made"):
+        boolean_strategies.intersect_in_kernel(None, body, lambda: (BODY,))  # type: ignore[arg-type]

@@ -17,7 +17,7 @@ from tpmscad.kernel.boolean.boolean_operations import OcctSolids
 from tpmscad.kernel.measure.shape_report import check_shape, is_valid
 from tpmscad.results.model import Model
 from tpmscad.solids.combined_models import combine_models
-from tpmscad.trimming.network_boolean import KEPT_INSIDE
+from tpmscad.trimming.network_boolean import KEPT_PARTS
 
 pytestmark = [pytest.mark.kernel, pytest.mark.slow]
 
@@ -31,7 +31,7 @@ def operands() -> tuple[Model, Model]:
 
 def test_a_lattice_and_a_field_solid_combine_to_valid_solids(operands: tuple[Model, Model], tmp_path: Path) -> None:
     first, second = operands
-    made = {operation: combine_models(first, second, operation) for operation in KEPT_INSIDE}
+    made = {operation: combine_models(first, second, operation) for operation in KEPT_PARTS}
     for operation, model in made.items():
         assert model.certificate.met, (operation, model.certificate.shortfalls)
         assert is_valid(model.wrapped)

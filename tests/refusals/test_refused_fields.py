@@ -13,9 +13,9 @@ from tests.refusals.refused import Row, check_refusal
 from tpmscad import fields, surfaces, topology
 from tpmscad.errors import InvalidRequest, NoFoot
 from tpmscad.fields.analysis.isometries import find_isometries
-from tpmscad.fields.analysis.volume_fraction_thresholds import volume_fractions
 from tpmscad.fields.data.image_files import read_image
 from tpmscad.fields.data.sample_grid import SampleGrid, sample_field
+from tpmscad.fields.kinds.volume_fraction_thresholds import volume_fractions
 from tpmscad.studies._thickest_wall import thickest_wall
 from tpmscad.surfaces.plane_waves import NODAL_WAVES
 from tpmscad.surfaces.reflection_group import mirror_symmetry
@@ -157,7 +157,10 @@ DATA: dict[str, Row] = {
         r"the field gave values of shape \(6, 5, 5\) on a grid of \(4, 5, 6\)",
     ),
     "flat array": (lambda: fields.sampled(np.zeros((4, 4))), "three dimensions"),
-    "NaN sample": (lambda: fields.sampled(np.where(np.arange(64).reshape(4, 4, 4) == 7, NAN, 1.0)), "1 of 64 entries"),
+    "endless sample": (
+        lambda: fields.sampled(np.where(np.arange(64).reshape(4, 4, 4) == 7, INF, 1.0)),
+        "1 of 64 entries",
+    ),
     "text for samples": (lambda: fields.sampled([[["a"]]]), "no array of numbers"),
     "negative smoothing": (lambda: fields.scattered(CLOUD, CLOUD[:, 0], smoothing=-1.0), "smoothing -1"),
     "values for other points": (lambda: fields.scattered(CLOUD, CLOUD[:5, 0]), r"give \(n, 3\) and \(n,\)"),
@@ -280,7 +283,7 @@ def test_what_cannot_be_a_field_is_refused(table: str, name: str) -> None:
 
 
 FILES: dict[str, tuple[str, Any, str]] = {
-    "suffix": ("a.tif", b"", "choose one of"),
+    "suffix": ("a.xyz", b"", "choose one of"),
     "missing": ("missing.npy", None, "there is no file"),
     "broken": ("a.npy", b"no array", "cannot be read as"),
     "flat": ("a.npy", np.zeros((3, 3)), "three dimensions of one number"),

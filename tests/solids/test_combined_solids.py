@@ -56,6 +56,9 @@ def test_a_sheet_within_a_ball_keeps_its_deviation_and_ends_in_edges() -> None:
     assert set(model.named_solids()[0].labels) == {"surface"}
     assert any("on the parameters of their patches" in note for note in model.certificate.notes)
     figures = model.certificate.figures
+    # the ball is exact: the deviation is that of the sheet alone
+    assert figures["deviation of operand 1"] == model.certificate.max_deviation
+    assert "deviation of operand 2" not in figures
     assert figures["creases within the box"] == figures["creases of the field"] > 0
     assert figures["length of the creases within the box"] == pytest.approx(
         figures["length of the field's creases"], rel=1e-3

@@ -81,8 +81,6 @@ def test_the_methods_of_trimming_agree_on_the_groups(
         raise tpmscad.KernelError("trim", "not today")
 
     monkeypatch.setattr("tpmscad.solids.boolean_strategies.trim_on_parameters", refuse)
-    if quick.trimmed_by == "kernel":
-        monkeypatch.setattr("tpmscad.solids.boolean_strategies.intersect_locally", refuse)
     slow = tpmscad.infill(body, **asked)
     assert slow.certificate.notes != quick.certificate.notes
     one, other = areas_of_groups(quick), areas_of_groups(slow)

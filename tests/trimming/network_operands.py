@@ -11,7 +11,7 @@ from tpmscad.brep import connectivity
 from tpmscad.brep.boundary_representation import Brep
 from tpmscad.brep.moments import integral_properties
 from tpmscad.levelset.field_solid import fit_field
-from tpmscad.trimming.network_boolean import KEPT_INSIDE, NetworkResult, Operation, combine_networks
+from tpmscad.trimming.network_boolean import KEPT_PARTS, NetworkResult, Operation, combine_networks
 
 
 @lru_cache
@@ -26,7 +26,7 @@ def volume(brep: Brep) -> float:
 
 def combine(first: Brep, second: Brep) -> dict[Operation, NetworkResult]:
     """All operations, each result closed with connected loops."""
-    found = {operation: combine_networks(first, second, operation) for operation in KEPT_INSIDE}
+    found = {operation: combine_networks(first, second, operation) for operation in KEPT_PARTS}
     for result in found.values():
         assert connectivity.is_closed(result.brep)
         assert not len(connectivity.find_broken_loops(result.brep))

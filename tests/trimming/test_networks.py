@@ -20,7 +20,7 @@ from tpmscad.splines.bspline import BSplineSurface, line_segment
 from tpmscad.trimming.classify.network_edges import points_in_network
 from tpmscad.trimming.intersect.edge_face import intersect_edges_with_faces
 from tpmscad.trimming.intersect.network_hits import prepare_network
-from tpmscad.trimming.network_boolean import KEPT_INSIDE, NetworkResult, Operation, combine_networks
+from tpmscad.trimming.network_boolean import KEPT_PARTS, NetworkResult, Operation, combine_networks
 from tpmscad.trimming.operands.network_tables import (
     evaluate_face,
     find_overlapping_boxes,
@@ -69,7 +69,7 @@ def measure_edges(brep: Brep) -> float:
     return worst
 
 
-@pytest.mark.parametrize("operation", sorted(KEPT_INSIDE))
+@pytest.mark.parametrize("operation", sorted(KEPT_PARTS))
 def test_boxes_combine_as_their_volumes_say(operation: Operation) -> None:
     first, second = box((0, 0, 0), (2, 3, 4)), box((1.2, 0.7, -1), (3, 4, 3.5))
     common = 0.8 * 2.3 * 3.5

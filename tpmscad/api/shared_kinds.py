@@ -51,6 +51,7 @@ FLAG = instance_of("True or False", "True", bool)
 TEXT = instance_of("text", '"gyroid"', str)
 PATH = ArgumentKind("the path of a file", '"part.step"', read_path)
 SHAPE = ArgumentKind("a build123d or CadQuery shape, or the path of a CAD file", '"part.step"', read_shape)
+MESH = ArgumentKind("the path of a triangle mesh, or an object that holds one", '"part.stl"', read_shape)
 ANYTHING = ArgumentKind("anything", "", lambda value: value)
 POINTS = ArgumentKind("an array of points (..., 3)", "(0.0, 0.0, 0.0)", read_array)
 GRID_AXIS = ArgumentKind("a one-dimensional array of coordinates", "np.linspace(0, 10, 50)", read_array)
@@ -122,6 +123,9 @@ LABEL = ArgumentKind("a whole number", "1", read_whole).or_else(
     sequence_of(read_whole, "several", "").or_else(choice_of("all")).described_as('several, or "all"')
 )
 WHOLE_NUMBER = ArgumentKind("a whole number", "60", read_whole)
+INDEX = ArgumentKind(
+    "a whole number of at least 0", "0", restrict(read_whole, lambda number: number >= 0, "must be at least 0")
+)
 REFINEMENT = ArgumentKind("a whole number of at least 0, or two of them", "1", _read_refinement)
 AXIS_NUMBER = ArgumentKind(
     "0, 1 or 2", "2", restrict(read_whole, lambda number: number in (0, 1, 2), "is none of 0, 1 and 2")
@@ -144,18 +148,21 @@ POINT_TABLE = PATH.or_else(POINT_ROWS).described_as(
 
 
 def _read_samples(value: object) -> object:
-    """An array of VALUES, or of bools, in its own type: integers may be labels."""
+    """An array of VALUES, or of bools, in its own type: integers may be labels. NaN is a value that is missing."""
     import numpy as np
 
     try:
         array = np.asarray(value)
     except (TypeError, ValueError):
         raise InvalidValue("is no array of numbers of one shape") from None
-    VALUES.read(array.view(np.uint8) if array.dtype == bool else array)
+    if array.dtype.kind == "f":
+        VALUES.read(np.where(np.isnan(array), 0.0, array))
+    else:
+        VALUES.read(array.view(np.uint8) if array.dtype == bool else array)
     return array
 
 
-SAMPLES = ArgumentKind(VALUES.text, VALUES.example, _read_samples)
+SAMPLES = ArgumentKind("samples in an array of three dimensions", VALUES.example, _read_samples)
 ARRAY_OR_PATH = PATH.or_else(SAMPLES).described_as(
     "the path of an image, or an array of samples in three dimensions", VALUES.example
 )

@@ -133,8 +133,8 @@ WRITTEN: Mapping[Any, tuple[Any, dict[str, Any]]] = {
 }
 """How a command line writes a kind of argument: the type of the option, its placeholder, and how its text is read."""
 
-NOT_OPTIONS = ("map", "progress", "executor", "path", "picture", "source")
-"""Arguments that take functions only, and those that commands declare as operands of their own."""
+NOT_OPTIONS = ("map", "box", "progress", "executor", "path", "picture", "source")
+"""Arguments that take functions only or belong to fields, and those that commands declare as operands of their own."""
 
 
 def make_option(argument: Argument, panel: str | None) -> Parameter:

@@ -35,6 +35,9 @@ LIBRARIES = (
     "scikit-fem",
     "pynrrd",
     "nibabel",
+    "simpleitk",
+    "tifffile",
+    "mrcfile",
     "vtk",
     "trimesh",
 )

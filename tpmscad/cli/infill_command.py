@@ -2,17 +2,66 @@
 
 from __future__ import annotations
 
+from typing import Annotated
+
+import typer
+
 import tpmscad
 from tpmscad.cli.derived_options import Request, take_options_of, take_output
 from tpmscad.cli.options import DomainsOutputOption
-from tpmscad.cli.output import DOMAIN_SUFFIXES, OutputRequest, make_and_write
+from tpmscad.cli.output import (
+    DOMAIN_SUFFIXES,
+    LAYER_SUFFIXES,
+    MODEL_SUFFIXES,
+    OutputRequest,
+    make_and_write,
+    progress_bar,
+    write_layers,
+)
+from tpmscad.errors import InvalidRequest
 from tpmscad.requests.lattice_options import FluidDomainsOptions, InfillOptions
+
+LAYER_PANEL = "Layers instead of a solid"
+LayerOption = Annotated[
+    float | None,
+    typer.Option(
+        "--layer",
+        metavar="MM",
+        help="Height of a layer: write .cli, .svg or .3mf layers without making the solid, for tens of thousands of cells.",
+        rich_help_panel=LAYER_PANEL,
+    ),
+]
+ChordErrorOption = Annotated[
+    float | None,
+    typer.Option(
+        "--chord-error",
+        metavar="MM",
+        help="Greatest distance of a chord from the exact contour of a layer; by default a quarter of the height.",
+        rich_help_panel=LAYER_PANEL,
+    ),
+]
 
 
 @take_options_of(InfillOptions)
-@take_output()
-def infill(request: Request, *, writing: OutputRequest) -> None:
-    """Fill the solid in a STEP file with a lattice that is anchored at the origin of the file's coordinates."""
+@take_output(suffixes=tuple(dict.fromkeys((*MODEL_SUFFIXES, *LAYER_SUFFIXES))))
+def infill(
+    request: Request, layer: LayerOption = None, chord_error: ChordErrorOption = None, *, writing: OutputRequest
+) -> None:
+    """Fill the solid of a CAD file or a closed mesh with a lattice that is anchored at the origin of the file's coordinates."""
+    assert writing.output is not None
+    suffix = writing.output.suffix.lower()
+    if layer is not None:
+        if suffix not in LAYER_SUFFIXES:
+            raise InvalidRequest(f"`layer` writes {', '.join(LAYER_SUFFIXES)}, not {suffix}: leave it out for a solid")
+        body, surface = request.pop("body"), request.pop("surface")
+        with progress_bar(f"{surface} layers", writing.quiet) as progress:
+            found = tpmscad.infill_layers(
+                body, surface, height=layer, chord_error=chord_error, progress=progress, **request
+            )
+        write_layers(found, body, writing)
+        return
+    if chord_error is not None or suffix not in MODEL_SUFFIXES:
+        raise InvalidRequest(f"a {suffix} file of layers, and `chord_error`, need `layer`, the height of a layer in mm")
     make_and_write(
         f"{request['surface']} infill",
         lambda progress: tpmscad.infill(request.pop("body"), request.pop("surface"), progress=progress, **request),
@@ -23,7 +72,7 @@ def infill(request: Request, *, writing: OutputRequest) -> None:
 @take_options_of(FluidDomainsOptions)
 @take_output(DomainsOutputOption, suffixes=DOMAIN_SUFFIXES, leave_out=("verify",))
 def domains(request: Request, *, writing: OutputRequest) -> None:
-    """Divide the solid in a STEP file into the wall of a sheet lattice and the two channels beside it, for heat exchangers."""
+    """Divide a solid into the wall of a sheet lattice and the two channels beside it, for heat exchangers."""
     make_and_write(
         f"{request['surface']} exchanger",
         lambda progress: tpmscad.fluid_domains(

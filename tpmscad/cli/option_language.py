@@ -83,7 +83,11 @@ def options_of(command: Callable[..., Any]) -> dict[str, str]:
         info = next((extra for extra in get_args(annotation)[1:] if hasattr(extra, "param_decls")), None)
         if info is None:
             continue
-        long = [text for text in info.param_decls or () if text.startswith("--")]
+        declared = (
+            info.default,
+            *(info.param_decls or ()),
+        )  # of an annotation typer takes the first name for the default
+        long = [text.split("/")[0] for text in declared if isinstance(text, str) and text.startswith("--")]
         is_option = type(info).__name__ == "OptionInfo"
         written = (long or [f"--{name.replace('_', '-')}"])[0] if is_option else (info.metavar or name.upper())
         options.setdefault(name, written)

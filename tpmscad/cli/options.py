@@ -58,9 +58,9 @@ def output_option(help: str, metavar: str = "FILE") -> Any:
     return result_option("--output", "-o", metavar=metavar, help=help)
 
 
-def input_file(metavar: str, help: str) -> Any:
-    """The operand for a file that exists."""
-    return typer.Argument(metavar=metavar, exists=True, dir_okay=False, help=help)
+def input_file(metavar: str, help: str, *, dir_okay: bool = False) -> Any:
+    """The operand for a file that exists, or a folder where that is one."""
+    return typer.Argument(metavar=metavar, exists=True, dir_okay=dir_okay, help=help)
 
 
 def array_option(*names: str, **settings: Any) -> Any:
@@ -122,7 +122,11 @@ VerboseOption = Annotated[
 ]
 StepFileArgument = Annotated[Path, input_file("FILE.step", "A STEP, IGES or BREP file.")]
 BodyArgument = Annotated[
-    Path, input_file("BODY.step", "A STEP, IGES or BREP file; --solid chooses one of several solids.")
+    Path,
+    input_file(
+        "BODY.step",
+        "A STEP, IGES or BREP file, of which --solid chooses one of several solids, or a closed mesh: .stl, .obj, .ply or .3mf.",
+    ),
 ]
 MetricsOption = Annotated[
     bool,
@@ -145,7 +149,9 @@ FieldFileArgument = Annotated[
     Path,
     input_file(
         "FILE",
-        "A recipe (.toml; `tpmscad template solidify` prints one), or an array (.npy, .vti, .vtk, .nrrd, .nii).",
+        "A recipe (.toml; `tpmscad template solidify` prints one), or an image: .npy, .npz, .nii, .nrrd, .mha, .mhd, .tif, .mrc, "
+        ".map, .vti, .vtu, .vtk, .raw; or a folder of slices, DICOM or .tif.",
+        dir_okay=True,
     ),
 ]
 DryRunOption = Annotated[bool, result_option("--dry-run", help="Check the recipe and all it names; make no solid.")]
@@ -155,6 +161,33 @@ AllowErrorsOption = Annotated[
 LevelOption = Annotated[
     float | None, array_option(metavar="VALUE", help="Solid where the grey values of the array exceed this.")
 ]
+ArrayFractionOption = Annotated[
+    float | None,
+    array_option(
+        "--volume-fraction",
+        metavar="0..1",
+        help="Instead of --level: the part of the volume that is to be solid, from which the level follows.",
+    ),
+]
+AsSurfaceOption = Annotated[
+    str | None,
+    array_option(
+        "--as",
+        metavar="SURFACE",
+        help="Make a lattice of this surface whose volume fraction is the density in the array; needs --cell.",
+    ),
+]
+ArrayCellOption = Annotated[
+    Any, array_option("--cell", parser=parse_numbers, metavar="MM|X,Y,Z", help="Edge of the lattice's cell, with --as.")
+]
+SmoothingOption = Annotated[
+    float | None,
+    array_option(
+        metavar="SAMPLES",
+        help="Width of a Gaussian that takes noise from grey values, in samples.",
+        show_default="none",
+    ),
+]
 LabelOption = Annotated[
     Any,
     array_option(
@@ -162,6 +195,14 @@ LabelOption = Annotated[
         metavar="N|N,N|all",
         help="Solid where the array has this label, or one of these, with a smooth surface within half a voxel.",
         show_default="all but 0, of an array of integers",
+    ),
+]
+AmongOption = Annotated[
+    Any,
+    array_option(
+        parser=parse_labels,
+        metavar="N,N|all",
+        help="With --label: the labels with which it shares its faces; their solids, made one by one, touch exactly.",
     ),
 ]
 CentredOption = Annotated[
@@ -179,6 +220,14 @@ FrameOption = Annotated[
         "the file.",
         show_default="RAS",
     ),
+]
+VolumeOption = Annotated[
+    int | None,
+    array_option(metavar="N", help="Which of the volumes of a file, or of the DICOM series of a folder, from 0 on."),
+]
+ArrayNameOption = Annotated[
+    str | None,
+    array_option(metavar="NAME", help="Which of the arrays of a VTK or .npz file.", show_default="the active one"),
 ]
 SpacingOption = Annotated[
     Any,

@@ -25,6 +25,7 @@ BAR_DELAY_SECONDS = 1.0
 STEP_SUFFIXES = (".step", ".stp")
 MESH_SUFFIXES = (".stl", ".3mf", ".glb")
 MODEL_SUFFIXES = (*STEP_SUFFIXES, *MESH_SUFFIXES, ".brep")
+LAYER_SUFFIXES = (".svg", ".cli", ".3mf")
 DOMAIN_SUFFIXES = tuple(suffix for suffix in MODEL_SUFFIXES if suffix != ".stl")
 """Suffixes of files of several named solids; an STL file holds one body."""
 
@@ -123,6 +124,26 @@ def write_model(model: Any, writing: OutputRequest, progress: Progress) -> None:
         raise NotMet(f"{writing.output} not written, it misses the request: {missed}", certificate)
     progress("write", 0.0)
     model.export(writing.output, **writing.format_options)
+
+
+def write_layers(slices: Any, source: Path, writing: OutputRequest) -> None:
+    """Write layers to the output, and their figures to the report, and print a line."""
+    slices.write(writing.output)
+    write_report(
+        writing.report,
+        {
+            "file": str(source),
+            "slices": str(writing.output),
+            "layers": len(slices),
+            "contours": slices.n_contours,
+            "points": slices.n_points,
+            "volume": slices.volume,
+            "chord_error": slices.chord_error,
+            "unresolved": slices.unresolved,
+        },
+    )
+    if not writing.quiet:
+        print(slices)
 
 
 def describe_file(path: Path | None, begun: float) -> str:

@@ -10,7 +10,12 @@ from tpmscad.cli.derived_options import take_output
 from tpmscad.cli.option_language import RENAMED_KEYWORDS, speak_in_options
 from tpmscad.cli.options import (
     AllowErrorsOption,
+    AmongOption,
+    ArrayCellOption,
+    ArrayFractionOption,
+    ArrayNameOption,
     ArrayTolOption,
+    AsSurfaceOption,
     CentredOption,
     DryRunOption,
     FieldFileArgument,
@@ -21,7 +26,9 @@ from tpmscad.cli.options import (
     OptionalOutputOption,
     OriginOption,
     RecipeArgument,
+    SmoothingOption,
     SpacingOption,
+    VolumeOption,
 )
 from tpmscad.cli.output import (
     OutputRequest,
@@ -73,11 +80,18 @@ def solidify(
     file: FieldFileArgument,
     *,
     level: LevelOption = None,
+    volume_fraction: ArrayFractionOption = None,
+    as_surface: AsSurfaceOption = None,
+    cell: ArrayCellOption = None,
+    smoothing: SmoothingOption = None,
     label: LabelOption = None,
+    among: AmongOption = None,
     spacing: SpacingOption = None,
     origin: OriginOption = None,
     centred: CentredOption = None,
     frame: FrameOption = None,
+    volume: VolumeOption = None,
+    array_name: ArrayNameOption = None,
     tol: ArrayTolOption = None,
     dry_run: DryRunOption = False,
     keep_loose: KeepLooseOption = False,
@@ -85,7 +99,8 @@ def solidify(
 ) -> None:
     """Make the solid of a field: one that a TOML file describes (graded, thresholded, mixed, mapped), or an array.
 
-    Of an array of grey values it is the part above a level, of one of integers that of a label.
+    Of an array of grey values it is the part above a level, or the densest part of a volume fraction; of one of integers that
+    of a label.
     """
 
     def read(progress: Progress) -> RecipeRun:
@@ -93,11 +108,18 @@ def solidify(
 
         given = {
             "level": level,
+            "volume_fraction": volume_fraction,
+            "as_surface": as_surface,
+            "cell": cell,
+            "smoothing": smoothing,
             "label": label,
+            "among": among,
             "spacing": spacing,
             "origin": origin,
             "centred": centred,
             "frame": frame,
+            "volume": volume,
+            "array_name": array_name,
         }
         if file.suffix.lower() == ".toml":
             extra = [f"`{name}`" for name, value in {**given, "tol": tol}.items() if value is not None]

@@ -20,7 +20,15 @@ from tpmscad.cli.options import (
     output_option,
     result_option,
 )
-from tpmscad.cli.output import check_report, progress_bar, report_unmet_request, write_report
+from tpmscad.cli.output import (
+    LAYER_SUFFIXES,
+    OutputRequest,
+    check_report,
+    progress_bar,
+    report_unmet_request,
+    write_layers,
+    write_report,
+)
 from tpmscad.errors import TpmscadError
 from tpmscad.requests.study_options import PrintOptions, RenderStepOptions, SliceStepOptions
 
@@ -118,25 +126,9 @@ def slice_file(
     quiet: QuietOption = False,
 ) -> None:
     """Slice a STEP file for layered manufacturing: closed contours of every layer, straight from the exact faces."""
-    validate_output_path(output, (".svg", ".cli", ".3mf"))
-    with report_unmet_request(report):
-        with progress_bar(f"slicing {file.name}", quiet):
-            from tpmscad.studies._slice_step import slice_step  # loads the kernel
+    writing = OutputRequest(output, report, quiet, suffixes=LAYER_SUFFIXES)
+    with progress_bar(f"slicing {file.name}", quiet):
+        from tpmscad.studies._slice_step import slice_step  # loads the kernel
 
-            found = slice_step(file, **request)
-            found.write(output)
-        write_report(
-            report,
-            {
-                "file": str(file),
-                "slices": str(output),
-                "layers": len(found),
-                "contours": found.n_contours,
-                "points": found.n_points,
-                "volume": found.volume,
-                "chord_error": found.chord_error,
-                "unresolved": found.unresolved,
-            },
-        )
-    if not quiet:
-        print(found)
+        found = slice_step(file, **request)
+    write_layers(found, file, writing)

@@ -1,9 +1,6 @@
 from tpmscad.catalogue import CATALOGUE as TPMS  # noqa: F401
 from tpmscad.catalogue import SurfaceRecord as SurfaceRecord
 from tpmscad.catalogue import find_surface as find_surface
-from tpmscad.fields.analysis.volume_fraction_thresholds import graded_threshold as graded_threshold
-from tpmscad.fields.analysis.volume_fraction_thresholds import threshold_for as threshold_for
-from tpmscad.fields.analysis.volume_fraction_thresholds import volume_fraction as volume_fraction
 from tpmscad.fields.field import Field as Field
 from tpmscad.fields.field import as_field as as_field
 from tpmscad.fields.field import constant as constant
@@ -23,6 +20,8 @@ from tpmscad.fields.kinds.coordinate_transforms import warp as warp
 from tpmscad.fields.kinds.expressions import expression as expression
 from tpmscad.fields.kinds.image_regions import image_region as image_region
 from tpmscad.fields.kinds.implicit_bspline import bspline_unit as bspline_unit
+from tpmscad.fields.kinds.label_partitions import LabelPartition as LabelPartition
+from tpmscad.fields.kinds.label_partitions import label_partition as label_partition
 from tpmscad.fields.kinds.nodal_field import tpms as tpms
 from tpmscad.fields.kinds.normal_distance import normal_distance as normal_distance
 from tpmscad.fields.kinds.normal_distance import wall as wall
@@ -39,3 +38,7 @@ from tpmscad.fields.kinds.segmentation_labels import labels as labels
 from tpmscad.fields.kinds.thresholds import pore as pore
 from tpmscad.fields.kinds.thresholds import rod as rod
 from tpmscad.fields.kinds.thresholds import sheet as sheet
+from tpmscad.fields.kinds.triangle_meshes import mesh as mesh
+from tpmscad.fields.kinds.volume_fraction_thresholds import graded_threshold as graded_threshold
+from tpmscad.fields.kinds.volume_fraction_thresholds import threshold_for as threshold_for
+from tpmscad.fields.kinds.volume_fraction_thresholds import volume_fraction as volume_fraction

@@ -27,7 +27,6 @@ from tpmscad.api.argument_kinds import (
     read_number,
     read_part,
     read_positive,
-    read_whole,
     restrict,
     sequence_of,
     tuple_of,
@@ -37,6 +36,7 @@ from tpmscad.api.shared_kinds import (
     FIELD,
     FIELDS,
     FRACTION,
+    INDEX,
     LENGTHS,
     NUMBER,
     PAIR_OR_TRIPLE,
@@ -74,9 +74,6 @@ SOME_FIELDS = ArgumentKind(
 )
 TWO_FIELDS = tuple_of(read_field, 2, "two fields", "")
 TWO_LEVELS = tuple_of(read_field, 2, "two levels, the lower one first", "")
-SEED = ArgumentKind(
-    "a whole number of at least 0", "0", restrict(read_whole, lambda seed: seed >= 0, "must be at least 0")
-)
 AXIS_SIZES = ArgumentKind("a table { at = [...], sizes = [...] }", "", _read_axis_sizes)
 FRACTION_OR_FIELD = FRACTION.or_else(ArgumentKind("a field", "", read_callable))
 
@@ -215,7 +212,7 @@ def make_bspline(
         Any, VALUES, "Coefficients (nx, ny, nz) as nested arrays, or else give file or seed."
     ] = None,
     file: Annotated[Path | None, PATH, "Coefficients (nx, ny, nz) in a .npy file."] = None,
-    seed: Annotated[int | None, SEED, "Seed of random coefficients."] = None,
+    seed: Annotated[int | None, INDEX, "Seed of random coefficients."] = None,
     count: Annotated[Any, COUNTS, "Numbers of random coefficients along x, y and z, with `seed`."] = None,
     period: Annotated[Any, LENGTHS, "Edge of the cell, mm, one for all axes or one for each; 10 by default."] = None,
 ) -> Field:

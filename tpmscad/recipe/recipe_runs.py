@@ -12,21 +12,18 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from tpmscad import fields
 from tpmscad._typing import Progress
 from tpmscad.blending import BlendResult
-from tpmscad.errors import InvalidRequest, NotMet
+from tpmscad.errors import NotMet
 from tpmscad.fields import Field
 from tpmscad.fields.data.field_notes import collect_notes
+from tpmscad.recipe.array_fields import make_array_field
 from tpmscad.recipe.blend_recipe import BlendRecipe, read_blend_recipe
 from tpmscad.recipe.solid_recipe import SolidDomain, SolidRecipe, read_solid_recipe
 from tpmscad.recipe.toml_entry import read_document
 
 if TYPE_CHECKING:
     from tpmscad.results.model import Model
-
-DEFAULT_TOL_SPACINGS = 0.1
-"""In spacings of an array: the tolerance of its solid if none is given."""
 
 
 def read_recipe(path: Path, changes: Mapping[str, Any]) -> BlendRecipe | SolidRecipe:
@@ -91,34 +88,10 @@ class SolidRun:
         return cls(recipe.field, recipe.domain, recipe.tol, recipe, keep_loose)
 
     @classmethod
-    def sample(
-        cls,
-        path: Path,
-        *,
-        level: float | None = None,
-        label: Any = None,
-        spacing: Any = None,
-        origin: Any = None,
-        centred: bool | None = None,
-        frame: str | None = None,
-        tol: float | None = None,
-        keep_loose: bool = False,
-    ) -> SolidRun:
-        """The part of an array that exceeds a level or has a label, in its domain; by default within a tenth of the spacing.
-
-        Without either it is the part of all labels but 0.
-        """
-        if level is None:
-            if centred is False:
-                raise InvalidRequest("labels belong to voxels: leave centred=False out")
-            field = fields.labels(path, spacing, origin, "all" if label is None else label, frame=frame)
-        elif label is None:
-            field = fields.sampled(path, spacing, origin, level=level, centred=centred, frame=frame)
-        else:
-            raise InvalidRequest("give either `level`, for grey values, or `label`, for a segmentation")
-        (x0, y0, z0), (x1, y1, z1) = field.domain
-        least = DEFAULT_TOL_SPACINGS * min(field.spacing)
-        return cls(field, ((x0, y0, z0), (x1, y1, z1)), least if tol is None else tol, None, keep_loose)
+    def sample(cls, path: Path, *, tol: float | None = None, keep_loose: bool = False, **given: Any) -> SolidRun:
+        """The field of an image or array, with what is `given` to `make_array_field`, in its domain."""
+        field, domain, default_tol = make_array_field(path, **given)
+        return cls(field, domain, default_tol if tol is None else tol, None, keep_loose)
 
     def describe(self) -> tuple[str, dict[str, Any]]:
         """The domain, the tolerance and the volume fraction; an error that making the solid would end in before its fits."""

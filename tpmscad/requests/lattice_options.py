@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 from tpmscad.api.argument_kinds import POINT, choice_of
 from tpmscad.api.shared_arguments import LoosePieces, StageProgress
 from tpmscad.api.shared_kinds import (
+    BOX,
     CELL_COUNTS,
     FACES,
     FRACTION,
@@ -142,15 +143,21 @@ class BodyOptions(WallOptions):
     body: Annotated[
         Any,
         SHAPE,
-        "One closed solid: a build123d, CadQuery or TopoDS shape, the path of a STEP, IGES or BREP file, what `read_body` "
-        "returns, or ``fields.box``, ``fields.sphere`` or ``fields.cylinder`` with a height. What is repaired of a file is told "
-        "in the notes of the certificate.",
+        "One closed solid: a build123d, CadQuery or TopoDS shape, the path of a STEP, IGES or BREP file, or what `read_body` "
+        "returns; a closed triangle mesh: the path of an STL, OBJ, PLY or 3MF file, or `fields.mesh`; or any field of "
+        "`tpmscad.fields` with a finite solid. What is repaired of a file is told in the notes of the certificate.",
     ]
     _: KW_ONLY
     solid: Annotated[
         int | str | None,
         ONE_SOLID,
         "Which solid, if the body or its file has several: its number from 1, as ``tpmscad check`` lists them, or 'largest'.",
+    ] = None
+    box: Annotated[
+        Sequence[Sequence[float]] | None,
+        BOX,
+        "Box in which the solid of a field given as `body` is made, model units; planes close the solid at its sides. By default "
+        "that of the field's data, or bounds that are found from its formula.",
     ] = None
     rotation: Annotated[
         Sequence[float],

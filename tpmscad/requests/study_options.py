@@ -29,6 +29,7 @@ from tpmscad.api.shared_kinds import (
     TEXTS,
     VIEW,
 )
+from tpmscad.requests.lattice_options import InfillOptions
 
 if TYPE_CHECKING:
     from concurrent.futures import Executor
@@ -167,20 +168,24 @@ class RenderStepOptions(PiecesPictureOptions, StepFileOptions):
     picture: Annotated[str | Path, PATH.described_as(example='"part.png"'), "The PNG file to write."]
 
 
+LayerHeight = Annotated[
+    float,
+    POSITIVE,
+    "Height of a layer, mm; layers begin at the lowest point of the part and are cut in their middle.",
+]
+ChordError = Annotated[
+    float | None,
+    POSITIVE.described_as(example="0.01"),
+    "Greatest distance of a chord from the exact contour, mm; by default a quarter of the height.",
+]
+
+
 @dataclass(frozen=True)
 class SliceOptions:
     """How layers are cut."""
 
-    height: Annotated[
-        float,
-        POSITIVE,
-        "Height of a layer, mm; layers begin at the lowest point of the part and are cut in their middle.",
-    ]
-    chord_error: Annotated[
-        float | None,
-        POSITIVE.described_as(example="0.01"),
-        "Greatest distance of a chord from the exact contour, mm; by default a quarter of the height.",
-    ] = None
+    height: LayerHeight
+    chord_error: ChordError = None
 
 
 @dataclass(frozen=True)
@@ -196,6 +201,20 @@ class ModelSliceOptions(SliceOptions):
         Executor | None,
         EXECUTOR,
         "Cuts batches of 125 layers; by default a process for each core from eight batches on. The result is the same.",
+    ] = None
+
+
+@dataclass(frozen=True)
+class InfillLayersOptions(InfillOptions):
+    """The arguments of `infill_layers`."""
+
+    _: KW_ONLY
+    height: LayerHeight
+    chord_error: ChordError = None
+    executor: Annotated[
+        Executor | None,
+        EXECUTOR,
+        "Joins and clips batches of layers; by default a process for each core from eight batches on. The result is the same.",
     ] = None
 
 

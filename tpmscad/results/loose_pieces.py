@@ -1,7 +1,8 @@
 """Loose pieces of a result: the chips that the faces of a box or a body cut off a lattice.
 
 A piece is loose if its volume is below 1 % of the largest one's. Loose pieces are left out unless they are asked for, and the
-certificate says how many there were. Where the solid has a boundary representation, it loses their faces too, so that arrays,
+certificate says how many there were. Those of sampled data are removed before the fit, as far as the samples tell them; their
+volumes are those of their samples. Where the solid has a boundary representation, it loses their faces too, so that arrays,
 kernel and files agree.
 """
 
@@ -11,7 +12,11 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
+from tpmscad._typing import Array
 from tpmscad.brep.boundary_representation import Brep
+from tpmscad.fields.field import Field
+from tpmscad.fields.kinds.sample_specks import remove_specks
+from tpmscad.fields.kinds.sampled_data import SampledField
 from tpmscad.kernel.boolean.boolean_operations import estimate_volume
 from tpmscad.kernel.build.solids import BrepSolids, select_solids
 from tpmscad.results.certificate import CHIP_VOLUME_FRACTION
@@ -24,6 +29,9 @@ class DroppedPieces:
     """The volumes of the pieces that were left out, model units cubed, largest first."""
 
     volumes: tuple[float, ...] = ()
+
+    def __or__(self, other: DroppedPieces) -> DroppedPieces:
+        return DroppedPieces(tuple(sorted((*self.volumes, *other.volumes), reverse=True)))
 
     @property
     def notes(self) -> tuple[str, ...]:
@@ -40,6 +48,14 @@ class DroppedPieces:
 
 
 NOTHING_DROPPED = DroppedPieces()
+
+
+def drop_specks(field: Field, lo: Array, hi: Array, loose: str) -> tuple[Field, DroppedPieces]:
+    """A field of samples without the specks of its solid in a box, and what was left out; other fields as they are."""
+    if loose == KEEP or not isinstance(field, SampledField):
+        return field, NOTHING_DROPPED
+    cleaned, volumes = remove_specks(field, lo, hi, CHIP_VOLUME_FRACTION)
+    return cleaned, DroppedPieces(volumes)
 
 
 def drop_loose_pieces(brep: Brep, built: BrepSolids, loose: str) -> tuple[Brep, BrepSolids, DroppedPieces]:

@@ -41,6 +41,16 @@ from tpmscad.solids.boolean_strategies import (
     numerical_failures,
     read_trimming_body,
 )
+from tpmscad.solids.field_bodies import (
+    FieldBody,
+    fit_field_body,
+    join_body_measures,
+    reject_box,
+    reject_solid,
+    resolve_field,
+)
+from tpmscad.solids.field_body_domains import body_areas, divide_field_body
+from tpmscad.solids.field_body_infill import reject_empty
 from tpmscad.solids.lattice_block import LatticeBlock, build_lattice_block
 from tpmscad.stage_timer import StageTimer
 from tpmscad.trimming.rebuild.trimmed_brep import LatticeDomain
@@ -75,17 +85,27 @@ def fluid_domains(options: FluidDomainsOptions) -> FluidDomains:
     >>> parts.export_step("exchanger.step")  # doctest: +SKIP
     """
     stages = StageTimer(options.progress)
-    with stages("read"):
-        read = read_body(options.body, options.solid)
     request = resolve_lattice_request(lattice_in_body(options))
+    with stages("read"):
+        field = resolve_field(options.body)
+    body = None if field is None else fit_field_body(field, options.box, request.tol, stages)
+    with stages("read"):
+        if field is None:
+            reject_box(options.box)
+        else:
+            reject_solid(options.solid)
+        read = body.cad if isinstance(body, FieldBody) else read_body(body or options.body, options.solid)
     block = build_lattice_block(request, rotation_matrix(options.rotation), read, stages)
     with stages("trim"):
-        found = _compute_domains(block, read)
+        found = _divide_field_body(body, block) if isinstance(body, FieldBody) else _compute_domains(block, read)
+    if isinstance(body, FieldBody):
+        block = replace(block, measures=join_body_measures(block.measures, body))
+    labels = body.used_tags if isinstance(body, FieldBody) else dict(enumerate(read.face_labels))
     touches = tuple(
         FaceContact(
             face, label, {name: domain.areas[face] for name, domain in found.items() if domain.areas.get(face, 0.0) > 0}
         )
-        for face, label in enumerate(read.face_labels)
+        for face, label in labels.items()
     )
     with stages("check"):
         certificates, volume = _certify_domains(found, touches, block, read)
@@ -126,6 +146,20 @@ def _find_openings(channel: DomainSolids, block: LatticeBlock) -> frozenset[str]
     built = channel.built
     labels = chain(*built.labels) if isinstance(built, OcctSolids) else label_faces(built.brep)
     return frozenset(labels) - {LABEL_OF_TAG.get(tag, tag) for tag in block.patches.tags}
+
+
+def _divide_field_body(body: FieldBody, block: LatticeBlock) -> dict[str, DomainSolids]:
+    """The three domains of a field's solid, divided by the lattice as networks of patches."""
+    try:
+        parts, moved, notes = divide_field_body(body, block)
+    except TrimmingError as error:
+        raise reject_empty(error, body) from error
+    found = {}
+    for name in (WALL, PLUS, MINUS):
+        if not len(parts[name].brep.faces):
+            raise _missing_domain(body.cad, name)
+        found[name] = DomainSolids(parts[name], parts[name].brep, body_areas(parts[name].brep, body), notes, moved)
+    return found
 
 
 def _compute_domains(block: LatticeBlock, body: CadBody) -> dict[str, DomainSolids]:

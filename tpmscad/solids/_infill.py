@@ -13,7 +13,7 @@ import numpy as np
 
 from tpmscad.api.public_calls import validate_options
 from tpmscad.brep.boundary_representation import translate_brep
-from tpmscad.errors import CrossingSurfaces, InvalidRequest
+from tpmscad.errors import CrossingSurfaces, InvalidRequest, TrimmingError
 from tpmscad.fields.analysis.crease_network import describe_creases, trace_creases
 from tpmscad.fields.field import Field, as_field
 from tpmscad.kernel.body_import.cad_body import CadBody, read_bodies
@@ -37,12 +37,14 @@ from tpmscad.solids.boolean_strategies import (
     intersect_body_with_lattice,
 )
 from tpmscad.solids.combined_solids import SURFACE, combine_field_solids
+from tpmscad.solids.field_bodies import FieldBody, fit_field_body, reject_box, reject_solid, resolve_field
+from tpmscad.solids.field_body_infill import infill_field_body, reject_empty
 from tpmscad.solids.lattice_block import build_field_block, build_lattice_block, expand_body_box
 from tpmscad.solids.reference_distance import field_distance, lattice_distance
 from tpmscad.solids.skin import fill_within_skin
 from tpmscad.stage_timer import StageTimer
 
-OPTIONS_OF_FIELDS = ("body", "surface", "solid", "skin", "open_faces", "loose", "tol", "progress")
+OPTIONS_OF_FIELDS = ("body", "box", "surface", "solid", "skin", "open_faces", "loose", "tol", "progress")
 """Arguments that the solid of a field takes."""
 
 MIN_WALL_THICKNESS = 1e-5
@@ -76,6 +78,15 @@ def infill(options: InfillOptions) -> Model:
     >>> model.export_step("filled.step")  # doctest: +SKIP
     """
     stages = StageTimer(options.progress)
+    with stages("read"):
+        field = resolve_field(options.body)
+    if field is not None:
+        reject_solid(options.solid)
+        body = fit_field_body(field, options.box, _find_tolerance(options), stages)
+        return (
+            _infill_field_body(body, options, stages) if isinstance(body, FieldBody) else _fill(options, body, stages)
+        )
+    reject_box(options.box)
     with stages("read"):
         bodies = read_bodies(options.body, options.solid)
     if len(bodies) == 1:
@@ -142,6 +153,38 @@ def _fill(options: InfillOptions, read: CadBody, stages: StageTimer) -> Model:
         distance_to_reference=distance,
         envelope=Envelope(read.name, read.volume, read.shape),
     )
+
+
+def _find_tolerance(options: InfillOptions) -> float:
+    """The tolerance of the body's patches and the lattice's."""
+    if isinstance(options.surface, str):
+        return resolve_lattice_request(lattice_in_body(options)).tol
+    if options.tol is None:
+        raise InvalidRequest("the solid of a field needs tol=, its greatest deviation from the field")
+    return options.tol
+
+
+def _infill_field_body(body: FieldBody, options: InfillOptions, stages: StageTimer) -> Model:
+    """The solid of a field filled with a lattice or with the solid of another field."""
+    surface = options.surface
+    if list(options.open_faces):
+        raise InvalidRequest(
+            f"open_faces are plane faces of a CAD body; {body.name} has none: leave open_faces out, and bore through the skin"
+        )
+    if isinstance(surface, str):
+        request = resolve_lattice_request(lattice_in_body(options))
+        _check_wall_thickness(request)
+        turn = rotation_matrix(options.rotation)
+        block, name = build_lattice_block(request, turn, body.cad, stages), f"{request.surface} infill"
+        distance = lattice_distance(request, None, turn)
+    else:
+        _reject_lattice_options(options)
+        block, name = build_field_block(surface, body.cad, options.tol, stages), "field infill"
+        distance = field_distance(surface)
+    try:
+        return infill_field_body(body, block, options.skin, options.loose, stages, name, distance)
+    except TrimmingError as error:
+        raise reject_empty(error, body) from error
 
 
 def _has_meeting_quadrics(field: Field, body: CadBody, tol: float) -> bool:

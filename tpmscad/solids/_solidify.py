@@ -31,7 +31,7 @@ from tpmscad.lattices.spline_maps import SplineMap
 from tpmscad.levelset.crossing_operands import has_meeting_quadrics
 from tpmscad.levelset.field_solid import validate_box
 from tpmscad.results.certificate import certify_built_solids, certify_kernel_solids
-from tpmscad.results.loose_pieces import drop_loose_pieces, drop_loose_solids
+from tpmscad.results.loose_pieces import drop_loose_pieces, drop_loose_solids, drop_specks
 from tpmscad.results.model import Model
 from tpmscad.solids._infill import infill
 from tpmscad.solids.boolean_strategies import KERNEL_BOOLEAN, TRIMMED_PATCHES
@@ -114,6 +114,7 @@ def solidify(
     stages = StageTimer(progress)
     if has_meeting_quadrics(as_field(field), *validate_box(*parse_corners(domain), tol), tol):
         return _solidify_crossing(as_field(field), domain, tol, loose, stages)
+    field, specks = drop_specks(as_field(field), *parse_corners(domain), loose)
     try:
         found = fit_field_patches(field, *parse_corners(domain), tol, stages, executor=executor)
     except CrossingSurfaces:
@@ -130,7 +131,8 @@ def solidify(
         }
         measures = measure_field_patches(found)
         measures = replace(measures, figures={**measures.figures, **volumes})
-        certificate = certify_built_solids(built, measures, notes=dropped.notes, dropped=dropped.volumes)
+        left_out = specks | dropped
+        certificate = certify_built_solids(built, measures, notes=left_out.notes, dropped=left_out.volumes)
     return Model(
         "field solid",
         brep,

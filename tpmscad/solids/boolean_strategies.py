@@ -1,10 +1,8 @@
 """Booleans of a lattice and a CAD body, by the most exact method that succeeds.
 
-The first method trims the patches on their own parameter domains (`tpmscad.trimming`): it is exact and takes bodies whose
-faces are planes and quadrics, and those with free-form faces that meet exactly. The second cuts only the patches near the body's
-faces with the kernel's boolean and keeps the others whole. The last is the kernel's boolean of the two solids. Whatever the
-method, the volume of the result is compared with the fraction of an even sample of points in the body that lie in the lattice,
-which no boolean takes part in.
+The first method trims the patches on their own parameter domains (`tpmscad.trimming`). Where it fails, the kernel's boolean
+of the two solids follows. Whatever the method, the volume of the result is compared with the fraction of an even sample of
+points in the body that lie in the lattice, which no boolean takes part in.
 """
 
 from __future__ import annotations
@@ -25,7 +23,6 @@ from tpmscad.fallbacks import Fallback, Fallbacks
 from tpmscad.kernel.body_import.body_brep import FreeFormBody, brep_from_shape, read_free_form_body
 from tpmscad.kernel.body_import.cad_body import CadBody
 from tpmscad.kernel.boolean.boolean_operations import OcctSolids, estimate_volume, intersect_solids, subtract_solid
-from tpmscad.kernel.boolean.local_intersection import intersect_locally
 from tpmscad.kernel.build.solids import BrepSolids, build_solids
 from tpmscad.kernel.measure.shape_report import is_valid
 from tpmscad.kernel.measure.shape_sampling import sample_solid
@@ -207,19 +204,11 @@ def _build_valid_solids(brep: Brep) -> BrepSolids | None:
     return built
 
 
-def split_near_body_faces(patches: Brep, body: CadBody) -> BooleanResult:
-    """The patches near the body's faces cut by the kernel, with all others whole; KernelError if that fails."""
-    found = intersect_locally(patches, body.shape, lambda points: signed_distances_to_nodes(patches, points))
-    if not is_valid(make_compound(found.solids)):
-        raise KernelError("trim", "the kernel's check rejects what it split itself")
-    _check_volume_by_sampling(found.volume, patches, body)
-    note = f"the {found.candidate_count} patches near the body's faces were split by the kernel"
-    return BooleanResult(OcctSolids(found.solids), None, KERNEL_BOOLEAN, (note,))
-
-
-def _intersect_in_kernel(patches: Brep, body: CadBody, kernel_boolean: KernelBoolean) -> BooleanResult:
-    """The kernel's boolean of the two solids; KernelError if that fails."""
+def intersect_in_kernel(patches: Brep, body: CadBody, kernel_boolean: KernelBoolean) -> BooleanResult:
+    """The kernel's boolean of the two solids; KernelError if that fails, or makes what the kernel's own check rejects."""
     built = OcctSolids(kernel_boolean())
+    if built.solids and not is_valid(make_compound(built.solids)):
+        raise KernelError("trim", "the kernel's check rejects what its own boolean made")
     _check_volume_by_sampling(sum(map(estimate_volume, built.solids)), patches, body)
     return BooleanResult(built, None, KERNEL_BOOLEAN, ("trimmed by the kernel's boolean",))
 
@@ -232,13 +221,8 @@ BOOLEAN_METHODS: Fallbacks[[Brep, CadBody, float, KernelBoolean], BooleanResult]
             "a second for a few cells; several with free-form faces, which must meet within 1e-10",
         ),
         Fallback(
-            "splitting near the body's faces",
-            lambda patches, body, tol, _: split_near_body_faces(patches, body),
-            "three to five times as long",
-        ),
-        Fallback(
             "the kernel's boolean",
-            lambda patches, body, tol, kernel_boolean: _intersect_in_kernel(patches, body, kernel_boolean),
+            lambda patches, body, _, kernel_boolean: intersect_in_kernel(patches, body, kernel_boolean),
             "ten times as long for a few cells, and more than in proportion for many",
         ),
     )

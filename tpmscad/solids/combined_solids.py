@@ -138,7 +138,8 @@ def combine_field_solids(
         raise InvalidRequest("nothing of the field's solid lies in the domain: check its sign and the domain")
     with stages("check"):
         reasons = f": {outcome.reasons}" if outcome.failures else ""
-        measures = _measure(field, tol, fitted, f"surfaces that cross were cut by each other, {outcome.name}{reasons}")
+        how = f"surfaces that cross were cut by each other, {outcome.name}{reasons}"
+        measures = _measure(field, tol, operands, how)
         betti, volume = _measure_built(built)
         if body is None:
             measures = _compare_with_field(measures, field, lo, hi, volume, betti)
@@ -272,9 +273,9 @@ def _fit_operand(field: Field, lo: Array, hi: Array, tol: float, stages: StageTi
         return fit_field_patches(extend_level_sets_linearly(field, lo, hi), *wide, tol, stages)
 
 
-def _measure(field: Field, tol: float, fitted: list[FieldPatches], how: str) -> PatchMeasures:
-    """The worst measures of the operands; exact ones deviate by nothing."""
-    each = [found.fitted for found in fitted]
+def _measure(field: Field, tol: float, operands: Sequence[Operand], how: str) -> PatchMeasures:
+    """The worst measures of the operands, and the deviation of each; exact ones deviate by nothing."""
+    each = [operand.fitted for operand in operands if isinstance(operand, FieldPatches)]
     deviation = combine_deviations([f.deviation for f in each]) if each else Deviation(0.0, 0.0, 0.0, 0.0)
     continuity = EdgeContinuity(
         max((f.continuity.gap for f in each), default=0.0),
@@ -288,10 +289,19 @@ def _measure(field: Field, tol: float, fitted: list[FieldPatches], how: str) -> 
         deviation,
         "field",
         continuity,
-        figures={TO_FIELD: deviation.to_reference, FROM_FIELD: deviation.from_reference},
+        figures={TO_FIELD: deviation.to_reference, FROM_FIELD: deviation.from_reference, **_list_deviations(operands)},
         checks=(check_field_tangent_jump(continuity.tangent_jump_deg),),
         notes=(*collect_notes(field), *notes, how),
     )
+
+
+def _list_deviations(operands: Sequence[Operand]) -> dict[str, float]:
+    """The greatest deviation of each fitted operand, by its place in the tree: of all its patches, of which parts are kept."""
+    return {
+        f"deviation of operand {number}": operand.fitted.deviation.max
+        for number, operand in enumerate(operands, 1)
+        if isinstance(operand, FieldPatches)
+    }
 
 
 def _compare_with_field(

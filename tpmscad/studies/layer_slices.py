@@ -16,7 +16,7 @@ from tpmscad.api.shared_kinds import PATH
 from tpmscad.atomic_file import validate_output_path
 from tpmscad.errors import InvalidRequest
 from tpmscad.kernel.export.layer_files import LAYER_WRITERS, Layer
-from tpmscad.kernel.slicing.contours import LayerContours, slice_solids, triangulate_for_slices
+from tpmscad.kernel.slicing.contours import LayerContours, slice_solids, split_layers, triangulate_for_slices
 
 MAX_LAYERS = 100_000
 """Layers of one part: 3 m at 0.03 mm. More are taken for a mistake of units."""
@@ -125,6 +125,18 @@ def slice_shape(
     The last layer is thinner where the height does not divide that of the part. Raises InvalidRequest if there would be too
     many layers, and KernelError if OCCT cannot triangulate the shape.
     """
+    edges = divide_into_layers(height, bounds)
+    error = choose_chord_error(height, chord_error)
+    solids = triangulate_for_slices(shape, error)
+
+    def cut(levels: Array) -> LayerContours:
+        return slice_solids(solids, levels, error, executor)
+
+    return cut_layers(name, edges, error, cut, lambda levels: cut(levels).areas)
+
+
+def divide_into_layers(height: float, bounds: Sequence[float]) -> Array:
+    """Heights (n + 1,) between the layers of a part; the last layer may be thinner. InvalidRequest if there are too many."""
     digits = HEIGHT_DIGITS - int(np.ceil(np.log10(bounds[1] - bounds[0])))
     bottom, top = (np.round(np.asarray(bounds, float), digits) + 0.0).tolist()  # 0 is never negative
     count = max(1, int(np.ceil((top - bottom) / height - 1e-9)))
@@ -133,22 +145,35 @@ def slice_shape(
             f"height = {height:g} makes {count} layers of a part {top - bottom:g} mm high; {MAX_LAYERS} is the limit: heights "
             "are in mm"
         )
-    chord_error = DEFAULT_CHORD_ERROR_FRACTION * height if chord_error is None else chord_error
-    edges = np.append(bottom + height * np.arange(count), top)
-    solids = triangulate_for_slices(shape, chord_error)
+    return np.append(bottom + height * np.arange(count), top)
 
-    def cut(levels: Array) -> LayerContours:
-        return slice_solids(solids, levels, chord_error, executor)
 
+def choose_chord_error(height: float, chord_error: float | None) -> float:
+    """The chord error asked for, or the default for layers of a height."""
+    return DEFAULT_CHORD_ERROR_FRACTION * height if chord_error is None else chord_error
+
+
+def cut_layers(
+    name: str,
+    edges: Array,
+    chord_error: float,
+    cut: Callable[[Array], LayerContours],
+    measure_areas: Callable[[Array], Array],
+    volume_rtol: float = VOLUME_RTOL,
+) -> Slices:
+    """The layers between consecutive heights (n + 1,), from contours and areas at ascending heights (m,).
+
+    Layers in which the area has a kink are integrated from more sections, until the volume is known within `volume_rtol`.
+    """
+    count = len(edges) - 1
     found = cut(0.5 * (edges[:-1] + edges[1:]))
-    volumes = _integrate_layers(edges, found.areas, lambda levels: cut(levels).areas)
-    contours = np.split(found.points, found.starts[1:-1])
-    first = np.searchsorted(found.layer, np.arange(count + 1))
+    volumes = _integrate_layers(edges, found.areas, measure_areas, volume_rtol)
+    contours = split_layers(found, count)
     layers = tuple(
         Layer(
             float(edges[i]),
             float(edges[i + 1]),
-            tuple(contours[first[i] : first[i + 1]]),
+            tuple(contours[i]),
             float(found.areas[i]),
             float(found.perimeters[i]),
             float(volumes[i]),
@@ -158,7 +183,7 @@ def slice_shape(
     return Slices(name, layers, chord_error, found.unresolved)
 
 
-def _integrate_layers(edges: Array, areas: Array, measure_areas: Callable[[Array], Array]) -> Array:
+def _integrate_layers(edges: Array, areas: Array, measure_areas: Callable[[Array], Array], volume_rtol: float) -> Array:
     """Volumes (n,) between consecutive heights (n + 1,) from the areas in the middles (n,), and others that are measured.
 
     Where the area is smooth, the midpoint rule with the second difference of the areas is of fourth order. Where planes touch a
@@ -171,7 +196,7 @@ def _integrate_layers(edges: Array, areas: Array, measure_areas: Callable[[Array
     rough[2:-3] = np.abs(np.diff(areas[:-1], 4)) * heights[2:-3] * 17.0 / 5760.0
     order = np.argsort(rough, kind="stable")
     smooth = np.zeros(len(areas), bool)
-    smooth[order[np.cumsum(rough[order]) <= VOLUME_RTOL * float(heights @ areas)]] = True
+    smooth[order[np.cumsum(rough[order]) <= volume_rtol * float(heights @ areas)]] = True
     volumes = heights * (areas + np.where(smooth, second, 0.0) / 24.0)
     if not smooth.all():
         nodes, weights = np.polynomial.legendre.leggauss(SECTIONS_OF_ROUGH_LAYER)

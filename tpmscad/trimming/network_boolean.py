@@ -11,7 +11,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import partial
-from typing import Any, Literal
+from typing import Any, Literal, TypeVar
 
 import numpy as np
 
@@ -20,9 +20,9 @@ from tpmscad.brep.boundary_representation import Brep, translate_brep
 from tpmscad.errors import InvalidRequest, TrimmingError, UntracedCurve
 from tpmscad.fallbacks import Fallback, Fallbacks
 from tpmscad.trimming.classify.network_edges import classify_pieces, split_network_edges
-from tpmscad.trimming.intersect.common_curves import trace_common_curves
+from tpmscad.trimming.intersect.common_curves import CommonCurves, trace_common_curves
 from tpmscad.trimming.intersect.network_hits import collect_curve_ends, find_hits, prepare_network
-from tpmscad.trimming.rebuild.network_result import CutNetwork, rebuild_networks
+from tpmscad.trimming.rebuild.network_result import CutNetwork, KeptPart, rebuild_networks, rebuild_parts
 from tpmscad.trimming.trim_pipeline import DEFAULT_TOL
 
 SHIFT_TOLS = (0.0, 25.0, 60.0)
@@ -34,12 +34,12 @@ is nearer to it than 11 degrees."""
 
 Operation = Literal["union", "intersection", "difference"]
 
-KEPT_INSIDE: dict[Operation, tuple[bool, bool]] = {
-    "union": (False, False),
-    "intersection": (True, True),
-    "difference": (False, True),
+KEPT_PARTS: dict[Operation, tuple[KeptPart, KeptPart]] = {
+    "union": (KeptPart(0, False), KeptPart(1, False)),
+    "intersection": (KeptPart(0, True), KeptPart(1, True)),
+    "difference": (KeptPart(0, False), KeptPart(1, True, reverse=True)),
 }
-"""Whether the parts of the first and the second network inside the other solid are kept, or those outside."""
+"""What an operation keeps of both networks."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -101,17 +101,76 @@ def combine_networks(
     """
     if not (np.isfinite(tol) and tol > 0):
         raise InvalidRequest(f"tol must be positive and finite, not {tol}")
-    if operation not in KEPT_INSIDE:
-        raise InvalidRequest(f"the operation {operation!r} is none of {', '.join(KEPT_INSIDE)}")
-    outcome = PLACEMENTS.run(first, second, operation, tol, build)
+    if operation not in KEPT_PARTS:
+        raise InvalidRequest(f"the operation {operation!r} is none of {', '.join(KEPT_PARTS)}")
+
+    def finish(cut: CutNetworks) -> NetworkResult:
+        brep = rebuild_networks(cut.operands, KEPT_PARTS[operation], cut.arcs, cut.vertices)
+        return NetworkResult(brep, cut.report, build(brep) if build else None)
+
+    return _cut_networks(first, second, tol, finish)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class DividedNetwork:
+    """A solid divided by another one into what lies in the other and what does not.
+
+    `shared` holds all faces, common ones once, with the sense of the first region. `within`, `beyond`: faces of `shared` that
+    bound each region; those of `reversed_beyond` (a part of `beyond`) bound it with the opposite sense. `built` as in
+    `NetworkResult`.
+    """
+
+    shared: Brep
+    within: IntArray
+    beyond: IntArray
+    reversed_beyond: IntArray
+    report: NetworkReport
+    built: Any = None
+
+
+def divide_network(
+    first: Brep, second: Brep, tol: float = DEFAULT_TOL, *, build: Callable[[DividedNetwork], Any] | None = None
+) -> DividedNetwork:
+    """The first solid divided by the second: arguments and errors as in `combine_networks`, both regions at once."""
+    parts = KeptPart(0, True), KeptPart(0, False), KeptPart(1, True)
+
+    def finish(cut: CutNetworks) -> DividedNetwork:
+        shared, part = rebuild_parts(cut.operands, parts, cut.arcs, cut.vertices)
+        faces = [np.flatnonzero(part == k) for k in range(3)]
+        found = DividedNetwork(
+            shared,
+            np.concatenate([faces[0], faces[2]]),
+            np.concatenate([faces[1], faces[2]]),
+            faces[2],
+            cut.report,
+        )
+        return replace(found, built=build(found)) if build else found
+
+    return _cut_networks(first, second, tol, finish)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class CutNetworks:
+    """Both networks with their edges cut and classified, their common curves, and the vertices of all."""
+
+    operands: tuple[CutNetwork, CutNetwork]
+    arcs: CommonCurves
+    vertices: Array
+    report: NetworkReport
+
+
+R = TypeVar("R", NetworkResult, DividedNetwork)
+
+
+def _cut_networks(first: Brep, second: Brep, tol: float, finish: Callable[[CutNetworks], R]) -> R:
+    """What is made of two networks that are cut by each other, at the first placement at which that succeeds."""
+    outcome = PLACEMENTS.run(first, second, tol, finish)
     reason = str(outcome.failures[0]) if outcome.failures else ""
     return replace(outcome.value, report=replace(outcome.value.report, reason=reason))
 
 
-def _combine_translated(
-    shift_tols: float, first: Brep, second: Brep, operation: Operation, tol: float, build: Callable[[Brep], Any] | None
-) -> NetworkResult:
-    """The result with the second network translated by a number of tolerances."""
+def _cut_translated(shift_tols: float, first: Brep, second: Brep, tol: float, finish: Callable[[CutNetworks], R]) -> R:
+    """What is made of two networks, the second translated by a number of tolerances."""
     shift = shift_tols * tol * SHIFT_DIRECTION
     networks = prepare_network(first), prepare_network(translate_brep(second, shift) if shift_tols else second)
     hits = find_hits(*networks, tol), find_hits(*networks[::-1], tol)
@@ -123,7 +182,6 @@ def _combine_translated(
     # The vertices are those of the first network, those of the second, the hits, and the points of closed curves. Each network's
     # pieces are classified with its own vertices first, and numbered over all afterwards.
     vertices = np.concatenate([breps[0].vertices, breps[1].vertices, hits[0].point, hits[1].point, arcs.points])
-    keep = KEPT_INSIDE[operation]
     operands = []
     for side in (0, 1):
         own, other = networks[side], networks[1 - side]
@@ -132,23 +190,16 @@ def _combine_translated(
         inside = classify_pieces(own, other, hits[side], pieces)
         first_hit = n_first + n_second + (counts[0] if side else 0)
         offset = n_first if side else 0
-
-        def renumber(v: IntArray, n_own: int = n_own, first_hit: int = first_hit, offset: int = offset) -> IntArray:
-            return np.where(v < n_own, v + offset, v - n_own + first_hit)
-
-        pieces = replace(pieces, start=renumber(pieces.start), end=renumber(pieces.end))
-        reverse = operation == "difference" and side == 1
-        operands.append(CutNetwork(own, pieces, inside, keep[side], reverse))
+        start, end = (np.where(v < n_own, v + offset, v - n_own + first_hit) for v in (pieces.start, pieces.end))
+        pieces = replace(pieces, start=start, end=end)
+        operands.append(CutNetwork(own, pieces, inside))
     arcs = replace(arcs, start=arcs.start + n_first + n_second, end=arcs.end + n_first + n_second)
-    brep = rebuild_networks((operands[0], operands[1]), arcs, vertices)
     report = NetworkReport(sum(counts), len(arcs.curves), float(arcs.deviation.max(initial=0.0)), shift, "")
-    return NetworkResult(brep, report, build(brep) if build else None)
+    return finish(CutNetworks((operands[0], operands[1]), arcs, vertices, report))
 
 
-PLACEMENTS: Fallbacks[..., NetworkResult] = Fallbacks(
-    tuple(
-        Fallback(f"the second network moved by {m:g} tolerances", partial(_combine_translated, m)) for m in SHIFT_TOLS
-    ),
+PLACEMENTS: Fallbacks[..., Any] = Fallbacks(
+    tuple(Fallback(f"the second network moved by {m:g} tolerances", partial(_cut_translated, m)) for m in SHIFT_TOLS),
     retry_on=(TrimmingError,),
     final=(UntracedCurve,),
 )

@@ -14,6 +14,7 @@ import numpy as np
 from tpmscad._typing import Array
 from tpmscad.api.argument_kinds import choice_of
 from tpmscad.errors import InvalidRequest
+from tpmscad.fields.data.stored_images import StoredImage
 from tpmscad.fields.tape.evaluation import Triple
 
 FRAME_SIGNS = {"RAS": (1.0, 1.0, 1.0), "LAS": (-1.0, 1.0, 1.0), "LPS": (-1.0, -1.0, 1.0)}
@@ -46,22 +47,6 @@ class Image:
     values: Array
     spacing: Triple | None = None
     origin: Triple | None = None
-    centred: bool | None = None
-    notes: tuple[str, ...] = ()
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class StoredImage:
-    """Samples as a file holds them, and what it states.
-
-    `affine` (4, 4) takes indices to positions, None without positions; `frame` is the name of a frame of the patient, or what
-    else the file calls its coordinates, or empty; `unit` the unit of length or empty.
-    """
-
-    values: Array
-    affine: Array | None = None
-    frame: str = ""
-    unit: str = ""
     centred: bool | None = None
     notes: tuple[str, ...] = ()
 

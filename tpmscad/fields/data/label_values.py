@@ -41,7 +41,8 @@ def describe_whole_numbers(name: str, values: Array) -> list[str]:
     """Notes on whole numbers that are taken as grey values: integers, and floating-point numbers that may be labels."""
     if values.dtype.kind in "iu":
         return [f"{name}: its integers, from {values.min()} to {values.max()}, are taken as grey values, not as labels"]
-    found = _list_few(values) if (values == np.rint(values)).all() else None
+    known = values[~np.isnan(values)]
+    found = _list_few(known) if known.size and (known == np.rint(known)).all() else None
     if found is None or found in ("0", "1", "0, 1"):
         return []
     return [f"{name}: the whole numbers {found} are taken as grey values; fields.labels if they are labels"]

@@ -7,7 +7,6 @@ even if f and g are.
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Annotated
@@ -48,7 +47,9 @@ class CubicMinMaxField(RoundedMinMaxField):
 
     def profile(self, separation: Node) -> Node:
         """Cubic height."""
-        overlap = clamp(1.0 - separation, 0.0, math.inf)
+        overlap = clamp(
+            1.0 - separation, 0.0, 2.0
+        )  # at most 1; the limit bounds it over boxes where f and g are not told apart
         return overlap * overlap * overlap / 6.0
 
 

@@ -73,7 +73,9 @@ def image_region(
 
     Notes
     -----
-    Exact Euclidean distance transform between pixel centers (scipy.ndimage.distance_transform_edt), shifted by half a pixel.
+    Exact Euclidean distance transform between pixel centers (scipy.ndimage.distance_transform_edt), shifted by half a pixel. It
+    follows the steps of the pixels, for regions and bands. For a solid with smooth sides take the mask as a label, of one layer:
+    ``fields.labels(mask[:, :, None], (dx, dy, height), (dx / 2, dy / 2, height / 2))``.
 
     Examples
     --------

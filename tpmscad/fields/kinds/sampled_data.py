@@ -19,18 +19,21 @@ from typing import Annotated
 
 import numpy as np
 from numpy.typing import ArrayLike
+from scipy.ndimage import gaussian_filter
 from scipy.sparse import csc_array
 from scipy.sparse.linalg import splu
 
 from tpmscad._typing import Array, BoxCorners
 from tpmscad.api.argument_kinds import POINT
 from tpmscad.api.public_calls import read_value, validate_call
-from tpmscad.api.shared_kinds import ARRAY_OR_PATH, FLAG, LENGTHS, NUMBER, SAMPLES
+from tpmscad.api.shared_kinds import ARRAY_OR_PATH, FLAG, FRACTION, INDEX, LENGTHS, NOT_NEGATIVE, NUMBER, SAMPLES, TEXT
 from tpmscad.errors import InvalidRequest
+from tpmscad.fields.data.grey_levels import describe_levels, fill_missing
 from tpmscad.fields.data.image_files import read_image
 from tpmscad.fields.data.image_frames import FRAME, FRAME_MEANING, Image
 from tpmscad.fields.data.label_values import describe_whole_numbers, list_labels
 from tpmscad.fields.field import Field
+from tpmscad.fields.kinds.volume_fraction_thresholds import SAMPLES_PER_AXIS, threshold_for
 from tpmscad.fields.periods_and_directions import as_periods
 from tpmscad.fields.tape.evaluation import Triple
 from tpmscad.fields.tape.tape_nodes import Node, clamp, root, tensor_spline
@@ -41,11 +44,15 @@ MIN_SAMPLES = 4
 SATURATION_SPACINGS = 0.5
 """Spacings beyond the domain at which the continued coordinate saturates."""
 
+CELLS_PER_SAMPLE = 2
+"""Cells per sample along the longest axis, with which the volume above a level is measured."""
+
 DataSource = Annotated[
     ArrayLike | str | os.PathLike[str],
     ARRAY_OR_PATH,
-    "Sample (i, j, k) lies at origin + spacing * (i, j, k). Or the path of an image: ``.npy``, ``.vti``, ``.vtk``, "
-    "``.nrrd``, ``.nii`` or ``.nii.gz``; all but the first need the extra ``tpmscad[images]``.",
+    "Sample (i, j, k) lies at origin + spacing * (i, j, k). Or the path of an image: ``.npy``, ``.npz``, ``.raw``, and with "
+    "the extra ``tpmscad[images]`` NIfTI (``.nii``), ``.nrrd``, ``.mha``, ``.mhd``, DICOM, ``.tif``, ``.mrc``, ``.map``, "
+    "and ``.vti``, ``.vtr``, ``.vts``, ``.vtu`` or ``.vtk``; or a folder of slices, DICOM or ``.tif``. NaN is outside the solid.",
 ]
 DataSpacing = Annotated[
     float | Sequence[float] | None,
@@ -58,6 +65,16 @@ DataOrigin = Annotated[
     "Position of the first sample, which of a cell is its centre, model units. By default that of the file, or the origin.",
 ]
 DataFrame = Annotated[str | None, FRAME, FRAME_MEANING]
+DataVolume = Annotated[
+    int | None,
+    INDEX,
+    "Which of the volumes of a file, times or channels, or of the DICOM series of a folder, from 0 on.",
+]
+DataArrayName = Annotated[
+    str | None,
+    TEXT.described_as(example='"density"'),
+    "Which of the arrays of an ``.npz`` or VTK file; by default the only one, or the active one.",
+]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -118,6 +135,17 @@ def sampled(
         "If given, the field is `level` minus the data: the part whose data exceed the level is solid, as is usual "
         "for densities. Otherwise the field is the data, and negative data are solid.",
     ] = None,
+    volume_fraction: Annotated[
+        float | None,
+        FRACTION,
+        "Instead of `level`: the part of the domain's volume that is to be solid, from which the level follows.",
+    ] = None,
+    smoothing: Annotated[
+        float,
+        NOT_NEGATIVE.described_as(example="1.0"),
+        "Standard deviation, in samples, of a Gaussian that takes noise away before the samples are interpolated: 1 makes "
+        "a noisy scan a solid of a fifth of the faces.",
+    ] = 0.0,
     centred: Annotated[
         bool | None,
         FLAG,
@@ -126,6 +154,8 @@ def sampled(
         "False: the values belong to points.",
     ] = None,
     frame: DataFrame = None,
+    volume: DataVolume = None,
+    array_name: DataArrayName = None,
 ) -> SampledField:
     """Return the smooth field through samples on a uniform grid.
 
@@ -137,14 +167,13 @@ def sampled(
     Raises
     ------
     InvalidRequest
-        If the array does not have three dimensions, or less than four samples of points along one, a value is not finite, a
+        If the array does not have three dimensions, or less than four samples of points along one, a value is infinite, a
         spacing is not positive, the values are labels, or the file cannot be read.
 
     Notes
     -----
-    A cubic spline follows the samples exactly, noise included. Smooth measured data first, for example with
-    ``scipy.ndimage.gaussian_filter(values, 1)``. Integers of a few different values, none negative, are labels and refused: see
-    `fields.labels`. If they are numbers, convert them: ``values.astype(float)``.
+    A cubic spline follows the samples exactly, noise included, unless they are smoothed. Integers of a few different values, none
+    negative, are labels and refused: see `fields.labels`. If they are numbers, convert them: ``values.astype(float)``.
 
     Examples
     --------
@@ -157,7 +186,7 @@ def sampled(
     >>> fields.sampled(np.ones((24, 12, 8)), origin=(0.5, 0.5, 0.5), centred=True).domain
     ((0.0, 0.0, 0.0), (24.0, 12.0, 8.0))
     """
-    name, image = read_data(values, frame, centred)
+    name, image = read_data(values, frame, centred, volume, array_name)
     found = list_labels(image.values)
     if found is not None:
         raise InvalidRequest(
@@ -172,25 +201,70 @@ def sampled(
         )
     of_cells = image.centred if centred is None else centred
     array = np.array(image.values, dtype=float)
+    if np.isnan(array).all():
+        raise InvalidRequest(f"{name} holds no values but NaN")
+    if smoothing:
+        array = _smooth_samples(array, smoothing)
+        notes.append(
+            f"{name}: smoothed by a Gaussian of {smoothing:g} samples; the deviation is that from the smoothed data"
+        )
+    placed = place_data(image, spacing, origin)
+    if volume_fraction is not None:
+        if level is not None:
+            raise InvalidRequest("give either `level` or `volume_fraction`, from which the level follows")
+        level = _find_level(name, array, placed, bool(of_cells), volume_fraction)
+        notes.append(f"{name}: level {level:.6g} for a volume fraction of {volume_fraction:g}")
     if level is not None:
-        least, most = array.min(), array.max()
-        if not least < level < most:
+        has_outside = np.nanmin(array) < level or np.isnan(array).any()
+        if not (has_outside and level < np.nanmax(array)):
             raise InvalidRequest(
-                f"level {level:g} lies outside the data, which reach from {least:g} to {most:g}: give a level between these"
+                f"level {level:g} lies outside the data, which reach {describe_levels(array)}: give a level between these"
             )
         array = level - array
-    return interpolate_samples(array, *place_data(image, spacing, origin), centred=bool(of_cells), notes=tuple(notes))
+    array, filled = fill_missing(name, array)
+    notes += filled
+    return interpolate_samples(array, *placed, centred=bool(of_cells), notes=tuple(notes))
 
 
-def read_data(values: ArrayLike | str | os.PathLike[str], frame: str | None, centred: bool | None) -> tuple[str, Image]:
-    """The name of a file or array for messages, and its samples in their own type; InvalidRequest if they are not finite."""
+def _smooth_samples(array: Array, width: float) -> Array:
+    """The samples weighted by a Gaussian, those that are missing left out; data are reflected at the ends of the array."""
+    known = np.isfinite(array)
+    if known.all():
+        return np.asarray(gaussian_filter(array, width))
+    weight = gaussian_filter(known.astype(float), width)
+    total = gaussian_filter(np.where(known, array, 0.0), width)
+    return np.where(known, total / np.where(known, weight, 1.0), np.nan)
+
+
+def _find_level(name: str, array: Array, placed: tuple[Triple, Triple], centred: bool, fraction: float) -> float:
+    """The level whose excess fills a part of the domain's volume."""
+    if np.isnan(array).any():
+        raise InvalidRequest(f"{name} has samples without a value (NaN), which have no volume: give `level`")
+    field = interpolate_samples(array, *placed, centred=centred)
+    cells = max(SAMPLES_PER_AXIS, CELLS_PER_SAMPLE * max(array.shape))
+    level = threshold_for(field, fraction, "pore", domain=field.domain, samples=cells)
+    assert isinstance(level, float)
+    return level
+
+
+def read_data(
+    values: ArrayLike | str | os.PathLike[str],
+    frame: str | None,
+    centred: bool | None,
+    volume: int | None,
+    array_name: str | None,
+) -> tuple[str, Image]:
+    """The name of a file or array for messages, and its samples in their own type; InvalidRequest if some are infinite."""
     if not isinstance(values, str | os.PathLike):
-        if frame not in (None, "file"):
-            raise InvalidRequest(f"frame {frame!r} is for image files: an array states none; leave `frame` out")
+        given = {"frame": frame if frame != "file" else None, "volume": volume, "array_name": array_name}
+        for name, value in given.items():
+            if value is not None:
+                raise InvalidRequest(f"{name} {value!r} is for image files: an array states none; leave `{name}` out")
         return "the array", Image(np.asarray(values))
-    image = read_image(values, frame=frame, centred=centred)
-    read_value("values", SAMPLES, image.values)
-    return os.path.basename(values), image
+    image = read_image(values, frame=frame, centred=centred, volume=volume, array_name=array_name)
+    name = os.path.basename(os.path.normpath(values))
+    read_value(name, SAMPLES, image.values)
+    return name, image
 
 
 def place_data(image: Image, spacing: float | Sequence[float] | None, origin: Triple | None) -> tuple[Triple, Triple]:
@@ -205,7 +279,8 @@ def interpolate_samples(
     """The spline through samples (nx, ny, nz) of points, or of cells; InvalidRequest for less than four points along an axis."""
     if not centred and min(samples.shape) < MIN_SAMPLES:
         raise InvalidRequest(
-            f"values of shape {samples.shape}: give an array of three dimensions with at least {MIN_SAMPLES} samples along each"
+            f"values of shape {samples.shape}: give an array of three dimensions with at least {MIN_SAMPLES} samples along each, "
+            "or centred=True if the values belong to cells (voxels), of which one is enough"
         )
     for axis in range(3):
         samples = _reflected_coefficients(samples, axis) if centred else _spline_coefficients(samples, axis)

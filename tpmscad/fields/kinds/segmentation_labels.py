@@ -3,35 +3,42 @@
 The boundary of the voxels of a label is a staircase, and any surface that separates the centres inside from those outside
 explains the voxels as well. The signed distance to the staircase, in voxels, is smoothed by a Gaussian, which takes the steps
 away and shrinks what is convex. Van Cittert's iteration gives back what a smooth shape has lost: the residual, limited to a
-voxel, is added before the Gaussian is applied again. In the end each value keeps the sign of its voxel, so that the surface
-crosses between every centre inside and its neighbours outside, and thin parts do not vanish.
+voxel, is added before the Gaussian is applied again. The surface is then shifted until its volume is that of the voxels. In the
+end each value keeps the sign of its voxel, so that the surface crosses between every centre inside and its neighbours outside,
+and thin parts do not vanish.
 
 Sources: distance field and a fit of bounded deviation, arXiv:2402.12076; P. H. van Cittert, Z. Phys. 69 (1931) 298.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from itertools import product
 from typing import Annotated
 
 import numpy as np
-from scipy.ndimage import distance_transform_edt, gaussian_filter
+from scipy.ndimage import binary_dilation, distance_transform_edt, gaussian_filter
+from scipy.optimize import brentq
 
-from tpmscad._typing import Array, BoolArray
+from tpmscad._typing import Array, BoolArray, IntArray
 from tpmscad.api.public_calls import validate_call
 from tpmscad.api.shared_kinds import LABEL
 from tpmscad.errors import InvalidRequest
+from tpmscad.fields.data.grey_levels import describe_levels
 from tpmscad.fields.data.label_values import format_labels, list_labels
 from tpmscad.fields.kinds.sampled_data import (
+    DataArrayName,
     DataFrame,
     DataOrigin,
     DataSource,
     DataSpacing,
+    DataVolume,
     SampledField,
     interpolate_samples,
     place_data,
     read_data,
 )
+from tpmscad.fields.kinds.volume_fraction_thresholds import cube_volumes_below
 
 SMOOTHING_VOXELS = 1.3
 """Standard deviation of the Gaussian: balls of 2 to 6 voxels' radius come out smoother than with 1, and as large."""
@@ -44,6 +51,15 @@ MAX_DISTANCE_VOXELS = 3.0
 
 MAX_RESIDUAL_VOXELS = 1.0
 """Part of the residual that is added back: ridges of the distance inside thin parts have more."""
+
+MAX_SHIFT_VOXELS, MAX_SHIFTS = 0.4, 4
+"""Greatest shift of the smoothed surface along its normal at once, and times that one is tried, to keep the volume."""
+
+VOLUME_RTOL, MAX_VOLUME_ERROR = 1e-3, 1e-2
+"""Relative differences of the volume from that of the voxels: aimed at, and told if it is exceeded."""
+
+EXTRAPOLATED_VOXELS = 20_000
+"""Voxels at the surface, at most about as many, from which the error of the volume by linear voxels is extrapolated."""
 
 LEAST_VALUE_VOXELS = 0.1
 """Least magnitude of the field at a voxel's centre: the surface does not pass through it."""
@@ -61,6 +77,8 @@ def labels(
     ] = 1,
     *,
     frame: DataFrame = None,
+    volume: DataVolume = None,
+    array_name: DataArrayName = None,
 ) -> SampledField:
     """Return the region of a label of a segmentation, with a smooth surface within half a voxel.
 
@@ -77,7 +95,8 @@ def labels(
     Notes
     -----
     The field is negative at the centre of every voxel with the label and positive at that of every other one. Between two centres
-    the surface lies up to half a voxel from the face between their voxels. Voxels are cells: a label that reaches the end of the
+    the surface lies up to half a voxel from the face between their voxels. The volume is that of the voxels to a per cent, unless
+    parts are too thin for that, which a note tells. Voxels are cells: a label that reaches the end of the
     array is solid up to there.
 
     Examples
@@ -90,27 +109,34 @@ def labels(
     >>> bool(((ball(np.argwhere(organs == 2) * 0.5) < 0)).all())
     True
     """
-    name, image = read_data(array, frame, True)
+    name, image = read_data(array, frame, True, volume, array_name)
     inside, told = select_labels(name, image.values, label)
+    if inside.all():
+        raise InvalidRequest(f"{name} holds nothing but {told}: it has no surface")
     steps, first = place_data(image, spacing, origin)
     size = float(np.cbrt(np.prod(steps)))
     reference = (
         f"{name}: {told}; the deviation is that from its smoothed surface, which separates the centres of voxels inside and "
         "outside, within half a voxel of the faces between them"
     )
-    return interpolate_samples(
-        size * separate_voxels(inside), steps, first, centred=True, notes=(*image.notes, reference)
-    )
+    values, share = separate_voxels(inside)
+    if abs(share - 1) > MAX_VOLUME_ERROR:
+        reference += (
+            f"; its volume is {100 * share:.1f} % of that of the voxels, some of which make parts too thin for less"
+        )
+    return interpolate_samples(size * values, steps, first, centred=True, notes=(*image.notes, reference))
 
 
 def select_labels(name: str, values: Array, label: int | Sequence[int] | str) -> tuple[BoolArray, str]:
     """The voxels (nx, ny, nz) of some labels, and which these are, in words."""
+    missing = np.isnan(values)
+    values = np.where(missing, 0, values) if missing.any() else values
     known = list_labels(values)
     if label == "all" and known is None:
         kind = "integers of too many values, or below zero," if values.dtype.kind in "iu" else "floating-point numbers,"
         raise InvalidRequest(
-            f"{name} holds {kind} which are grey values: it needs `level`, solid is where the values exceed it, such as 0.5 of a "
-            "density; of a segmentation give `label`"
+            f"{name} holds {kind} which are grey values: it needs `level`, solid is where the values exceed it (they reach "
+            f"{describe_levels(values)}); of a segmentation give `label`"
         )
     if known is None and not (values == np.rint(values)).all():
         odd = values[values != np.rint(values)].flat[0]
@@ -123,17 +149,20 @@ def select_labels(name: str, values: Array, label: int | Sequence[int] | str) ->
             f"{name} holds no label {format_labels(absent) or 'but 0'}: its values are {format_labels(found)}"
         )
     inside = np.isin(values, wanted)
-    if inside.all():
-        raise InvalidRequest(f"the label {format_labels(wanted)} fills all of {name}: it has no surface")
     several = len(wanted) > 1
     told = f"label{'s' if several else ''} {format_labels(wanted)} of {format_labels(found)}"
     if several:
         told += " as one solid" + ("; `label` takes one of them" if label == "all" else "")
+    if missing.any():
+        told += f"; {missing.sum()} voxels without a value (NaN) are taken as 0"
     return inside, told
 
 
-def separate_voxels(inside: BoolArray) -> Array:
-    """Values at the centres of voxels (nx, ny, nz), about distances in voxels, of a smooth field that is negative inside."""
+def separate_voxels(inside: BoolArray) -> tuple[Array, float]:
+    """Values at the centres of voxels (nx, ny, nz), about distances in voxels, of a smooth field that is negative inside.
+
+    The second result is the volume of that field's solid as a multiple of that of the voxels.
+    """
     sign = np.where(inside, -1.0, 1.0)
     distance = np.where(inside, distance_transform_edt(inside), distance_transform_edt(~inside)) - 0.5
     target = sign * np.minimum(distance, MAX_DISTANCE_VOXELS)
@@ -141,7 +170,42 @@ def separate_voxels(inside: BoolArray) -> Array:
     for _ in range(RESTORATIONS):
         residual = _limit(target) - _limit(_smooth(source))
         source = source + residual
-    return sign * np.maximum(sign * _smooth(source), LEAST_VALUE_VOXELS)
+    smooth, count, shift = _smooth(source), float(inside.sum()), 0.0
+    for _ in range(MAX_SHIFTS):
+        values = sign * np.maximum(sign * (smooth + shift), LEAST_VALUE_VOXELS)
+        excess = _measure_excess(values, inside)
+        if abs(excess(0.0)) <= VOLUME_RTOL * count:
+            break
+        ends = sorted((MAX_SHIFT_VOXELS * np.sign(excess(0.0)), 0.0))
+        step = brentq(excess, *ends, xtol=1e-4) if excess(ends[0]) * excess(ends[1]) < 0 else sum(ends)
+        shift += step
+    return values, 1.0 + excess(0.0) / count
+
+
+def _measure_excess(values: Array, inside: BoolArray) -> Callable[[float], float]:
+    """The volume in voxels, more than that of the voxels inside, of the solid whose surface is moved inwards by c voxels.
+
+    The field is linear in the voxels with neighbours of both kinds, and in eighths of some of them; the volume is extrapolated
+    from both.
+    """
+    field = interpolate_samples(values, (1.0, 1.0, 1.0), (0.0, 0.0, 0.0), centred=True)
+    neighbours = np.ones((3, 3, 3), bool)
+    near = np.argwhere(binary_dilation(inside, neighbours) & binary_dilation(~inside, neighbours))
+    counted = float(inside[tuple(near.T)].sum())
+    stride = len(near) // EXTRAPOLATED_VOXELS + 1
+
+    def linearise(voxels: IntArray, n: int) -> Callable[[float], Array]:
+        centres = np.array(list(product((np.arange(n) + 0.5) / n - 0.5, repeat=3)))
+        height, slope = field.value_and_gradient((voxels[:, None] + centres).reshape(-1, 3))
+        return lambda c: cube_volumes_below(-c - height, np.abs(slope) / n)
+
+    coarse, fine = linearise(near, 1), linearise(near[::stride], 2)
+
+    def excess(c: float) -> float:
+        parts = coarse(c)
+        return float(parts.mean() + (fine(c).mean() - parts[::stride].mean()) * 4 / 3) * len(near) - counted
+
+    return excess
 
 
 def _smooth(values: Array) -> Array:

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from tpmscad._typing import Array, IntArray
 from tpmscad.brep import connectivity
-from tpmscad.brep.boundary_representation import Brep
+from tpmscad.brep.boundary_representation import Brep, spline_faces
 from tpmscad.brep.carriers import Plane, Quadric, SphericalSurface, ToroidalSurface
 from tpmscad.brep.moments import integral_properties
 from tpmscad.errors import KernelError
@@ -44,8 +44,8 @@ def nest_shells(
 ) -> ShellNesting:
     """Group the shells of a closed boundary representation into solids.
 
-    A void belongs to the smallest outer shell around it. Bounding boxes decide if only one box contains the void's box;
-    otherwise, and for shells with quadric faces, whose boxes are too large, `inside(shell, point)` decides. `moments` are
+    A void belongs to the smallest outer shell around it. The boxes of edges decide if only one contains the void's; otherwise,
+    for shells with quadric faces, and where spline faces bulge beyond their edges, `inside(shell, point)` decides. `moments` are
     those of the faces, if known already. Raises KernelError if no shell contains a void: a solid is inside out.
     """
     count, shell = connectivity.label_shells(brep)
@@ -57,11 +57,12 @@ def nest_shells(
     voids = np.flatnonzero(volume <= 0)
     if len(voids):
         low, high, point = _edge_boxes(brep, shell, count)
-        least, most, round_shell = _enlarge_by_quadrics(brep, shell, low, high)
+        least, most, round_shell = _enlarge_by_surfaces(brep, shell, low, high)
         for void in voids:
             reach = low[void], high[void]
             around = [int(s) for s in outer if (least[s] < reach[0]).all() and (most[s] > reach[1]).all()]
-            if len(around) > 1 or any(round_shell[s] for s in around):
+            bulges = any((low[s] >= reach[0]).any() or (high[s] <= reach[1]).any() for s in around)
+            if len(around) > 1 or bulges or any(round_shell[s] for s in around):
                 around = [s for s in around if inside(s, point[void])]
             if not around:
                 raise KernelError(
@@ -91,12 +92,16 @@ def _edge_boxes(brep: Brep, shell: IntArray, count: int) -> tuple[Array, Array, 
     return lowest, highest, points[first]
 
 
-def _enlarge_by_quadrics(
+def _enlarge_by_surfaces(
     brep: Brep, shell: IntArray, low: Array, high: Array
 ) -> tuple[Array, Array, NDArray[np.bool_]]:
-    """The boxes enlarged to contain the quadric faces of each shell, and a mask of the shells that have such faces."""
+    """The boxes enlarged to contain the curved faces of each shell, and a mask of the shells that have quadric ones."""
     low, high, has = low.copy(), high.copy(), np.zeros(len(low), bool)
     faces, uses, face = brep.faces, brep.uses, brep.face_of_use
+    for own, spline in spline_faces(brep):
+        poles = faces.motion[own][:, None].apply(spline.poles.reshape(-1, 3))
+        np.minimum.at(low, shell[own], poles.min(axis=1))
+        np.maximum.at(high, shell[own], poles.max(axis=1))
     for i, index in enumerate(faces.carrier.tolist()):
         carrier = brep.carriers[index]
         if isinstance(carrier, BSplineSurface | Plane):

@@ -21,6 +21,9 @@ from tpmscad.kernel.export.threemf_file import CORE_NAMESPACE, escape_text, writ
 DIGITS = 6
 """Decimals of a coordinate in mm: a nanometre."""
 
+NUMBER_LIST = f"%.{DIGITS}f,"
+"""A number and a comma. Numbers of a whole contour are formatted at once, which takes 0.6 of the time of one by one."""
+
 SLICE_NAMESPACE = "http://schemas.microsoft.com/3dmanufacturing/slice/2015/07"
 
 
@@ -90,8 +93,8 @@ def write_cli(layers: Sequence[Layer], path: Path, title: str) -> None:
             file.write(f"$$LAYER/{layer.top:.{DIGITS}f}\n")
             for contour in layer.contours:
                 closed = np.concatenate([contour, contour[:1]])
-                values = ",".join(f"{x:.{DIGITS}f}" for x in closed.ravel().tolist())
-                file.write(f"$$POLYLINE/1,{int(signed_area(contour) > 0)},{len(closed)},{values}\n")
+                values = NUMBER_LIST * closed.size % tuple(closed.ravel().tolist())
+                file.write(f"$$POLYLINE/1,{int(signed_area(contour) > 0)},{len(closed)},{values[:-1]}\n")
         file.write("$$GEOMETRYEND\n")
 
 

@@ -65,6 +65,13 @@ class LayerContours:
     unresolved: int
 
 
+def split_layers(found: LayerContours, count: int) -> list[list[Array]]:
+    """The contours of each of `count` layers."""
+    contours = np.split(found.points, found.starts[1:-1]) if len(found.layer) else []
+    first = np.searchsorted(found.layer, np.arange(count + 1))
+    return [contours[a:b] for a, b in zip(first[:-1].tolist(), first[1:].tolist(), strict=True)]
+
+
 def triangulate_for_slices(shape: Any, chord_error: float) -> list[SurfaceTriangulation]:
     """A triangulation of each solid of a shape that contours within the chord error start from.
 

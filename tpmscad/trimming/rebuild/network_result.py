@@ -6,6 +6,7 @@ this side is on their left. The directed edges are chained into loops by their v
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -33,23 +34,47 @@ VERTEX_MARGIN = 1.05
 
 @dataclass(frozen=True, slots=True, eq=False)
 class CutNetwork:
-    """One operand after the cut: the pieces of its edges, which of them are inside the other solid, and what is kept.
-
-    `keep_inside`: whether the parts inside the other solid are kept, or those outside. `reverse`: whether the faces are reversed.
-    """
+    """One operand after the cut: the pieces of its edges, and which of them are inside the other solid."""
 
     network: Network
     pieces: SubSegments
     inside: BoolArray
-    keep_inside: bool
-    reverse: bool
 
 
-def rebuild_networks(operands: tuple[CutNetwork, CutNetwork], arcs: CommonCurves, vertices: Array) -> Brep:
-    """The result of the operation; `vertices` (V, 3) are those that the pieces and arcs refer to, those of arcs in its numbering.
+@dataclass(frozen=True, slots=True)
+class KeptPart:
+    """The part of an operand, 0 or 1, inside the other solid or outside it, with its faces reversed or not."""
 
-    TrimmingError if a face or the whole does not close.
+    operand: int
+    inside: bool
+    reverse: bool = False
+
+
+def rebuild_networks(
+    operands: tuple[CutNetwork, CutNetwork], parts: Sequence[KeptPart], arcs: CommonCurves, vertices: Array
+) -> Brep:
+    """The closed boundary representation of parts of both operands, given in the order of the operands.
+
+    `vertices` (V, 3) are those that the pieces and arcs refer to, those of arcs in its numbering. TrimmingError if a face or the
+    whole does not close.
     """
+    result, _ = rebuild_parts(operands, parts, arcs, vertices)
+    check_closed(result)
+    return drop_unused_geometry(result)
+
+
+def check_closed(brep: Brep) -> None:
+    """TrimmingError if the faces do not close."""
+    unmatched = connectivity.find_unmatched_edges(brep)
+    if len(unmatched):
+        at = format_point(brep.vertices[brep.edges.start[unmatched[0]]])
+        raise TrimmingError(f"{len(unmatched)} edges of the result are not used twice, the first at {at}")
+
+
+def rebuild_parts(
+    operands: tuple[CutNetwork, CutNetwork], parts: Sequence[KeptPart], arcs: CommonCurves, vertices: Array
+) -> tuple[Brep, IntArray]:
+    """The faces of all parts on common edges, and the part that each belongs to (F,); arguments as in `rebuild_networks`."""
     edges = _join_edges(operands, arcs, vertices)
     breps = tuple(o.network.brep for o in operands)
     first_pcurve = (0, len(breps[0].pcurves))
@@ -58,14 +83,16 @@ def rebuild_networks(operands: tuple[CutNetwork, CutNetwork], arcs: CommonCurves
     n_arcs, first_arc = len(arcs.curves), sum(len(o.pieces.segment) for o in operands)
     rows: list[IntArray] = []
     loop_counts, use_counts, face_rows = [], [], []
-    first_piece = 0
-    for side, own in enumerate(operands):
+    first_pieces = (0, len(operands[0].pieces.segment))
+    for number, part in enumerate(parts):
+        side = part.operand
+        own, first_piece = operands[side], first_pieces[side]
         brep, offset = own.network.brep, first_pcurve[side]
         arcs_of_face: dict[int, list[int]] = {}
         for i, f in enumerate(arcs.faces[:, side].tolist()):
             arcs_of_face.setdefault(f, []).append(i)
-        direction = (1 if side == 0 else -1) * (1 if own.keep_inside else -1)
-        kept = own.inside == own.keep_inside
+        direction = (1 if side == 0 else -1) * (1 if part.inside else -1)
+        kept = own.inside == part.inside
         for f in range(len(brep.faces)):
             uses = _collect_uses(own, kept, f, first_piece, offset)
             across = np.array(arcs_of_face.get(f, []), np.int64)
@@ -81,22 +108,17 @@ def rebuild_networks(operands: tuple[CutNetwork, CutNetwork], arcs: CommonCurves
             else:
                 made = [_original_loops(brep, f, uses)]
             for loops in made:
-                face_rows.append((side, f))
+                face_rows.append((number, f))
                 loop_counts.append(len(loops))
                 for loop in loops:
                     use_counts.append(len(loop))
                     rows.append(loop)
-        first_piece += len(own.pieces.segment)
     if not face_rows:
         raise TrimmingError("nothing is left of the two solids")
-    result = _assemble(
-        operands, arcs, edges, vertices, np.concatenate(rows), face_rows, loop_counts, use_counts, pcurves
-    )
-    unmatched = connectivity.find_unmatched_edges(result)
-    if len(unmatched):
-        at = format_point(result.vertices[result.edges.start[unmatched[0]]])
-        raise TrimmingError(f"{len(unmatched)} edges of the result are not used twice, the first at {at}")
-    return drop_unused_geometry(result)
+    table = np.array(face_rows, np.int64)
+    uses = np.concatenate(rows)
+    result = _assemble(operands, parts, arcs, edges, vertices, uses, table, loop_counts, use_counts, pcurves)
+    return result, table[:, 0]
 
 
 def _collect_uses(own: CutNetwork, kept: BoolArray, face: int, first_piece: int, first_pcurve: int) -> IntArray:
@@ -207,30 +229,31 @@ def _join_edges(operands: tuple[CutNetwork, CutNetwork], arcs: CommonCurves, ver
 
 def _assemble(
     operands: tuple[CutNetwork, CutNetwork],
+    parts: Sequence[KeptPart],
     arcs: CommonCurves,
     edges: Edges,
     vertices: Array,
     uses: IntArray,
-    face_rows: list[tuple[int, int]],
+    face_rows: IntArray,
     loop_counts: list[int],
     use_counts: list[int],
     pcurves: tuple[BSplineCurve, ...],
 ) -> Brep:
-    """The boundary representation of all faces, on the edges and vertices that they use."""
+    """The boundary representation of all faces, rows (part, face), on the edges and vertices that they use."""
     breps = [o.network.brep for o in operands]
     used, edge = np.unique(uses[:, 0], return_inverse=True)
     kept, ends = np.unique(np.concatenate([edges.start[used], edges.end[used]]), return_inverse=True)
     start, end = np.split(ends.ravel(), 2)
-    side, face = np.array(face_rows, np.int64).T
+    part_of, face = face_rows.T
     columns = []
-    for s, (own, brep) in enumerate(zip(operands, breps, strict=True)):
-        of = face[side == s]
-        faces = brep.faces
+    for number, part in enumerate(parts):
+        s, of = part.operand, face[part_of == number]
+        faces = breps[s].faces
         columns.append(
             (
                 faces.carrier[of] + (len(breps[0].carriers) if s else 0),
                 faces.motion[of],
-                faces.sense[of] * (-1 if own.reverse else 1),
+                faces.sense[of] * (-1 if part.reverse else 1),
                 faces.tag[of] + (len(breps[0].tags) if s else 0),
             )
         )

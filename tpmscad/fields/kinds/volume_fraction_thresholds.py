@@ -231,12 +231,12 @@ def _fraction_below(cells: _CellSamples, c: float) -> float:
     full = cells.upper_bounds <= c
     cut = np.flatnonzero((cells.lower_bounds < c) & ~full)
     return float(
-        (np.count_nonzero(full) + _cube_volumes_below(c - cells.center_values[cut], cells.edge_changes[cut]).sum())
+        (np.count_nonzero(full) + cube_volumes_below(c - cells.center_values[cut], cells.edge_changes[cut]).sum())
         / full.size
     )
 
 
-def _cube_volumes_below(height: Array, changes: Array) -> Array:
+def cube_volumes_below(height: Array, changes: Array) -> Array:
     """Volume of {changes . u <= height} in the unit cube |u| <= 1/2, by inclusion-exclusion over its corners."""
     total = np.maximum(changes.sum(axis=1), np.finfo(float).tiny)
     a, b, c = np.maximum(changes / total[:, None], MIN_SLOPE_SHARE).T

@@ -1,0 +1,193 @@
+"""Triangle meshes as fields: distances, signs, files, and what is mended or refused."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from tpmscad import fields
+from tpmscad.brep.winding_numbers import winding_numbers
+from tpmscad.errors import InvalidRequest
+from tpmscad.fields.analysis.solid_bounds import bound_solid
+from tpmscad.fields.data.triangle_distance import build_triangle_tree, grid_winding_numbers
+from tpmscad.fields.data.triangle_mesh import close_mesh
+
+trimesh = pytest.importorskip("trimesh")
+RNG = np.random.default_rng(3)
+
+
+def ball(radius: float = 5.0, subdivisions: int = 3, at: tuple[float, ...] = (1.0, -2.0, 0.5)) -> trimesh.Trimesh:
+    made = trimesh.creation.icosphere(subdivisions, radius)
+    made.apply_translation(at)
+    return made
+
+
+def holed(mesh: trimesh.Trimesh, kept: np.ndarray) -> SimpleNamespace:
+    return SimpleNamespace(vertices=mesh.vertices, faces=mesh.faces[kept])
+
+
+def test_the_nearest_point_is_that_of_all_triangles() -> None:
+    corners = RNG.normal(size=(60, 3, 3))
+    tree = build_triangle_tree(corners.reshape(-1, 3), np.arange(180).reshape(60, 3))
+    points = 2 * RNG.normal(size=(200, 3))
+    distance, feet, found = tree.nearest(points)
+    for p, d, foot, t in zip(points, distance, feet, found, strict=True):
+        each = trimesh.triangles.closest_point(corners, np.repeat(p[None], 60, axis=0))
+        expected = np.linalg.norm(each - p, axis=1)
+        assert np.isclose(d, expected.min(), atol=1e-12)
+        assert np.allclose(foot, each[t], atol=1e-9)
+
+
+def test_winding_numbers_of_a_grid_are_those_of_its_points() -> None:
+    parts = [ball(), ball(2.0), ball(2.0, at=(5.0, 0.0, 0.0)), trimesh.creation.torus(8.0, 1.0)]
+    parts[1].invert()  # a cavity
+    both = trimesh.util.concatenate(parts)
+    axes = tuple(np.arange(n) * s - 9.3 for n, s in ((19, 1.03), (17, 1.1), (23, 0.8)))
+    points = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1)
+    found = grid_winding_numbers(both.vertices, both.faces, *axes)
+    assert {0, 1, 2} <= set(np.unique(found))
+    assert (found.ravel() == winding_numbers(both.vertices, both.faces, points.reshape(-1, 3))).all()
+
+
+def test_the_field_of_a_ball_is_its_distance() -> None:
+    field = fields.mesh(ball(subdivisions=4))
+    centre = np.array([1.0, -2.0, 0.5])
+    points = centre + RNG.uniform(-7, 7, (500, 3))
+    radius = np.linalg.norm(points - centre, axis=1)
+    near = (radius > 1) & (radius < 5.5)  # the centre is a ridge
+    assert np.abs(field(points[near]) - (radius[near] - 5)).max() < 0.02  # the triangles lie .008 below the ball
+    assert np.abs(np.linalg.norm(field.gradient(points[near]), axis=1) - 1).max() < 0.05
+    low, high = field.domain
+    assert (np.array(low) < (-4.0, -7.0, -4.5)).all()
+    assert (np.array(high) > (6.0, 3.0, 5.5)).all()
+
+
+def test_the_deviation_stated_is_that_of_the_triangles() -> None:
+    cube = trimesh.creation.box((10, 8, 6))
+    fine, coarse = fields.mesh(cube, spacing=0.25), fields.mesh(cube, spacing=1.0)
+    points = trimesh.sample.sample_surface(cube, 4000, seed=1)[0]
+    for field in (fine, coarse):
+        measured = field(points) / np.linalg.norm(field.gradient(points), axis=1)
+        assert np.isclose(field.rms_deviation, np.sqrt(np.mean(measured**2)), rtol=0.2)
+    assert fine.max_deviation < 0.5 * coarse.max_deviation < 0.5
+    assert "12 triangles" in coarse.notes[0]
+
+
+def test_the_spacing_is_refined_until_a_thin_part_is_kept() -> None:
+    plates = trimesh.util.concatenate([trimesh.creation.box((20, 20, 4)), trimesh.creation.box((0.25, 4, 30))])
+    thin = trimesh.creation.box((20, 20, 0.1))
+    assert (fields.mesh(thin)((0.1, 0.2, 0.0)) < 0).all()
+    assert fields.mesh(thin).spacing[0] < 20 / 64
+    assert any("overlap" in note for note in fields.mesh(plates).notes)
+
+
+@pytest.mark.parametrize("suffix", ["stl", "obj", "ply", "3mf"])
+def test_every_format_holds_the_same_mesh(tmp_path: Path, suffix: str) -> None:
+    source = ball(subdivisions=1)
+    source.export(tmp_path / f"ball.{suffix}")
+    read, given = fields.mesh(tmp_path / f"ball.{suffix}", spacing=0.5), fields.mesh(source, spacing=0.5)
+    assert np.allclose(read.coefficients, given.coefficients, atol=1e-5)
+    assert read.mesh.euler_characteristic == 2
+
+
+def test_inches_become_millimetres(tmp_path: Path) -> None:
+    scene = trimesh.Scene([ball(subdivisions=1)])
+    scene.units = "inch"
+    path = tmp_path / "ball.3mf"
+    scene.export(path)
+    if trimesh.load_scene(path).units != "inch":
+        pytest.skip("this trimesh writes no unit")
+    field = fields.mesh(path)
+    assert np.isclose(field.mesh.volume, ball(subdivisions=1).volume * 25.4**3, rtol=1e-4)
+    assert any("inch" in note for note in field.notes)
+
+
+def test_what_is_mended_is_told() -> None:
+    whole = ball(subdivisions=4)
+    small = holed(whole, np.arange(len(whole.faces)) != 7)
+    closed = fields.mesh(small, spacing=0.4)
+    assert np.isclose(closed.mesh.volume, whole.volume, rtol=1e-3)
+    assert any("1 hole closed" in note for note in closed.notes)
+
+    turned = SimpleNamespace(
+        vertices=whole.vertices, faces=np.where(np.arange(5120)[:, None] < 9, whole.faces[:, ::-1], whole.faces)
+    )
+    fixed = fields.mesh(turned, spacing=0.4)
+    assert np.isclose(fixed.mesh.volume, whole.volume)
+    assert any("9 of 5120 triangles faced the wrong way" in note for note in fixed.notes)
+
+    inverted = SimpleNamespace(vertices=whole.vertices, faces=whole.faces[:, ::-1])
+    assert any("inside out" in note for note in fields.mesh(inverted, spacing=0.4).notes)
+
+    apart = whole.vertices[whole.faces].reshape(-1, 3) + RNG.normal(scale=1e-7, size=(15360, 3))
+    soup = close_mesh("soup", apart, np.arange(15360).reshape(-1, 3))
+    assert soup.euler_characteristic == 2
+    assert any("made one" in note for note in soup.notes)
+
+
+@pytest.mark.parametrize(
+    ("source", "spacing", "words"),
+    [
+        (holed(ball(), np.arange(1280) > 300), None, "open: .* edges bound one triangle only, the first near"),
+        ("part.stp", None, "choose one of .stl"),
+        ("nowhere.stl", None, "no file"),
+        (3.5, None, "no body"),
+        (SimpleNamespace(vertices=np.zeros((3, 3)), faces=np.array([[0, 1, 5]])), None, "has the vertex 5 of 3"),
+        (SimpleNamespace(vertices=np.eye(3), faces=np.array([[0, 1, 2], [2, 1, 0]])), None, "encloses no volume"),
+        (ball(), 0.01, "more than 2e.07: give at least 0.037"),
+        (ball(), 30.0, "no sample lies within"),
+    ],
+)
+def test_what_is_no_closed_mesh_is_refused(source: object, spacing: float | None, words: str) -> None:
+    with pytest.raises(InvalidRequest, match=words):
+        fields.mesh(source, spacing=spacing)
+
+
+def test_a_file_that_is_cut_short_is_refused(tmp_path: Path) -> None:
+    path = tmp_path / "part.stl"
+    path.write_bytes(ball().export(file_type="stl")[:2000])
+    with pytest.raises(InvalidRequest, match=r"part\.stl"):
+        fields.mesh(path)
+
+
+BOUNDED = {
+    "ball": fields.sphere((5, 0, 0), 3.0),
+    "far apart": fields.sphere((5, 0, 0), 3.0) | fields.sphere((-60, 20, 0), 6.0),
+    "torus": fields.expression("(x^2 + y^2 + z^2 + 12)^2 - 64*(x^2 + y^2)"),
+    "smooth union": fields.smooth_union(fields.sphere((0, 0, 0), 3.0), fields.sphere((4, 0, 0), 2.0), 1.0),
+    "turned gyroid in a ball": fields.rotate(fields.tpms("gyroid", 4.0) & fields.sphere((9, 1, 0), 6.0), (1, 2, 3), 40),
+    "small": fields.sphere((0, 0, 0), 1e-3),
+}
+
+
+@pytest.mark.parametrize("name", BOUNDED)
+def test_the_bounds_contain_the_solid_and_are_not_much_larger(name: str) -> None:
+    field = BOUNDED[name]
+    found = bound_solid(field)
+    assert found is not None
+    low, high = found
+    grid = np.stack(np.meshgrid(*np.linspace(low, high, 60).T, indexing="ij"), axis=-1)
+    inside = grid[field(grid) < 0]
+    assert (
+        (inside.min(axis=0) - low < 0.2 * (high - low).max()) & (high - inside.max(axis=0) < 0.2 * (high - low).max())
+    ).all()
+    beyond = RNG.uniform(low - 2 * (high - low), high + 2 * (high - low), (20_000, 3))
+    outside = ((beyond < low) | (beyond > high)).any(axis=1)
+    assert (field(beyond[outside]) > 0).all()
+
+
+@pytest.mark.parametrize(
+    "field",
+    [
+        fields.tpms("gyroid", 5.0),
+        fields.cylinder((0, 0, 0), 2.0),
+        fields.complement(fields.sphere((0, 0, 0), 2.0)),
+        fields.from_function(lambda x, y, z: x**2 + y**2 + z**2 - 4),
+        fields.constant(1.0),
+    ],
+)
+def test_no_bounds_are_found_where_there_are_none_or_the_formula_is_foreign(field: fields.Field) -> None:
+    assert bound_solid(field) is None

@@ -1,0 +1,144 @@
+"""Fields and triangle meshes as bodies: filled, within a skin, and divided into the domains of an exchanger."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import build123d as bd
+import numpy as np
+import pytest
+
+import tpmscad
+from tpmscad import fields
+from tpmscad.errors import InvalidRequest
+from tpmscad.results.model import Model
+
+trimesh = pytest.importorskip("trimesh")
+pytestmark = [pytest.mark.kernel, pytest.mark.slow]
+
+ELLIPSOID = fields.expression("x^2/1.69 + y^2 + z^2 - 36")
+VOLUME = 4 / 3 * np.pi * 1.3 * 216
+GYROID: dict[str, Any] = {"surface": "gyroid", "cell": 6, "thickness": 0.7, "tol": 0.03}
+
+
+def fraction_in_lattice(points: np.ndarray) -> float:
+    """The part of points in the wall of GYROID, by the normal distance of the nodal surface, .001 of the cell off."""
+    distance = fields.normal_distance(fields.tpms("gyroid", 6.0))
+    return float((np.abs(distance(points)) < 0.35).mean())
+
+
+def sample_box(field: Any, count: int = 40_000) -> np.ndarray:
+    points = np.random.default_rng(1).uniform((-8, -6.2, -6.2), (8, 6.2, 6.2), (count, 3))
+    return points[field(points) < 0]
+
+
+@pytest.fixture(scope="module")
+def filled() -> Model:
+    return tpmscad.infill(ELLIPSOID, **GYROID)
+
+
+def test_the_solid_of_a_formula_is_filled(filled: Model, tmp_path: Path) -> None:
+    certificate = filled.certificate
+    assert certificate.met, certificate.shortfalls
+    expected = fraction_in_lattice(sample_box(ELLIPSOID))
+    assert certificate.volume / VOLUME == pytest.approx(expected, abs=0.01)
+    assert certificate.figures["deviation of the body from its field"] <= 0.03
+    assert "as body" in certificate.reference
+    filled.export(tmp_path / "filled.step")
+    report = tpmscad.check_step(tmp_path / "filled.step")
+    assert report.ok
+    assert report.shape.volume == pytest.approx(certificate.volume, rel=1e-6)
+
+
+def test_a_skin_keeps_its_thickness_and_the_lattice_within() -> None:
+    model = tpmscad.infill(ELLIPSOID, skin=1.0, **GYROID)
+    certificate = model.certificate
+    assert certificate.met, certificate.shortfalls
+    note = next(note for note in certificate.notes if note.startswith("skin of 1 "))
+    least, greatest = (float(word) for word in note.split(": ")[1].split(" thick")[0].split(" to "))
+    assert 0.98 <= least <= greatest < 1.05
+    points = sample_box(ELLIPSOID)
+    depth = -fields.normal_distance(ELLIPSOID)(points)
+    deep = points[depth > 1]
+    expected = 1 - len(deep) / len(points) * (1 - fraction_in_lattice(deep))
+    assert certificate.volume / VOLUME == pytest.approx(expected, abs=0.01)
+    assert certificate.betti[2] == 2  # both channels are closed off
+    assert model.bounding_box[1][0] == pytest.approx(7.8, abs=0.03)
+
+
+def test_the_domains_of_an_exchanger_share_faces_and_fill_the_body(filled: Model, tmp_path: Path) -> None:
+    domains = tpmscad.fluid_domains(ELLIPSOID, **GYROID, phase=(0, 0, 0))
+    assert domains.certificate.met, domains.certificate.shortfalls
+    assert domains.volume == pytest.approx(VOLUME, rel=2e-3)
+    assert domains.wall.volume == pytest.approx(filled.volume, rel=1e-6)
+    faces = [
+        {hash(face.wrapped) for face in model.solid.faces()} for model in (domains.wall, domains.plus, domains.minus)
+    ]
+    assert faces[0] & faces[1]
+    assert faces[0] & faces[2]
+    assert not faces[1] & faces[2]
+    assert [contact.label for contact in domains.touches] == ["body"]
+    assert domains.plus.openings == {"opening"}
+
+
+def test_samples_that_end_at_their_box_are_closed_by_planes() -> None:
+    axes = [np.linspace(-7, 7, 15), np.linspace(-7, 7, 15), np.linspace(0, 9, 10)]
+    x, y, z = np.meshgrid(*axes, indexing="ij")
+    half = fields.sampled(np.sqrt(x**2 + y**2 + z**2) - 6.1, spacing=1.0, origin=(-7, -7, 0))
+    model = tpmscad.infill(half, skin=1.0, **GYROID)
+    assert model.certificate.met, model.certificate.shortfalls
+    flat = [face for face in model.solid.faces() if face.geom_type == bd.GeomType.PLANE]
+    assert len(flat) == 1
+    assert flat[0].area == pytest.approx(np.pi * 6.1**2, rel=5e-3)
+
+
+def test_a_mesh_is_filled_and_its_distance_stated(tmp_path: Path) -> None:
+    source = trimesh.creation.icosphere(3, 6.0)
+    source.apply_scale((1.3, 1.0, 1.0))
+    source.export(tmp_path / "part.stl")
+    model = tpmscad.infill(tmp_path / "part.stl", **GYROID)
+    certificate = model.certificate
+    assert certificate.met, certificate.shortfalls
+    expected = fraction_in_lattice(sample_box(ELLIPSOID))
+    assert certificate.volume / source.volume == pytest.approx(expected, abs=0.012)
+    # the triangles lie up to .03 below the ellipsoid, and the patches between both
+    there, back = (
+        certificate.figures[f"distance of the {a} from the {b}"]
+        for a, b in (("body", "triangles"), ("triangles", "body"))
+    )
+    assert 0.005 < there < 0.05
+    assert 0.005 < back < 0.05
+    on_body = [tuple(v) for face in model.solid.faces() for v in face.vertices()]
+    points = np.array(on_body)
+    outside = points[ELLIPSOID(points) > -0.5]
+    assert len(outside)
+    nearest = trimesh.proximity.closest_point_naive(source, outside)[1]
+    assert nearest.max() < 1.2 * there + 1e-3
+    assert any("part.stl" in note for note in certificate.notes)
+
+
+def test_a_field_of_planes_and_spheres_is_an_exact_body() -> None:
+    dome = fields.sphere((0, 0, 0), 6.0) & fields.halfspace((0, 0, 2), "z")
+    model = tpmscad.infill(dome, **GYROID)
+    assert model.certificate.met
+    kinds = {face.geom_type for face in model.solid.faces()}
+    assert {bd.GeomType.PLANE, bd.GeomType.SPHERE} <= kinds
+
+
+@pytest.mark.parametrize(
+    ("body", "changed", "words"),
+    [
+        (fields.tpms("gyroid", 9.0), {}, "no bounds of the field"),
+        (fields.from_function(lambda x, y, z: x**2 + y**2 + z**2 - 30), {}, "give box="),
+        (ELLIPSOID, {"skin": 1.0, "open_faces": [">Z"]}, "open_faces are plane faces of a CAD body"),
+        (ELLIPSOID, {"skin": 7.0}, "a skin of 7 leaves nothing"),
+        (ELLIPSOID, {"cell": 40}, "less than a cell"),
+        (ELLIPSOID, {"box": ((20, 20, 20), (30, 30, 30))}, "no part of the surface of the field lies in its box"),
+        (bd.Box(9, 9, 9), {"box": ((0, 0, 0), (5, 5, 5))}, "a CAD body has bounds of its own"),
+        ("nowhere.stl", {}, "no file"),
+    ],
+)
+def test_what_is_no_body_is_refused(body: Any, changed: dict[str, Any], words: str) -> None:
+    with pytest.raises(InvalidRequest, match=words):
+        tpmscad.infill(body, **{**GYROID, **changed})

@@ -1,0 +1,91 @@
+"""Layers of a filled body without its solid are those of the solid."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import build123d as bd
+import numpy as np
+import pytest
+
+import tpmscad
+from tpmscad import cli
+
+pytest.importorskip("pyclipper")
+pytestmark = pytest.mark.kernel
+
+CHORD_ERROR = 0.005
+
+
+def signed_area(contours: Any) -> float:
+    return float(sum(0.5 * (x @ np.roll(y, -1) - y @ np.roll(x, -1)) for x, y in (c.T for c in contours)))
+
+
+CASES: dict[str, tuple[bd.Shape, str, dict[str, Any]]] = {
+    "cone": (bd.Cone(2.4, 1.3, 2), "gyroid", {"cell": 2, "thickness": 0.3}),
+    "turned": (bd.Cylinder(2.1, 1.7), "P", {"cell": 2, "thickness": 0.3, "rotation": (0, 0, 25)}),
+    "rods": (bd.Box(3.1, 2.7, 2.2), "diamond", {"cell": 2, "kind": "skeletal", "volume_fraction": 0.3}),
+    "skin": (bd.Cylinder(2.4, 2) - bd.Cylinder(0.5, 2), "gyroid", {"cell": 2, "thickness": 0.3, "skin": 0.2}),
+    "open": (bd.Box(3, 3.4, 2.3), "gyroid", {"cell": 2, "thickness": 0.3, "skin": 0.2, "open_faces": "<X"}),
+}
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", CASES)
+def test_layers_are_those_of_the_solid(name: str) -> None:
+    body, surface, asked = CASES[name]
+    layers = tpmscad.infill_layers(body, surface, height=0.1, chord_error=CHORD_ERROR, **asked)
+    solid = tpmscad.infill(body, surface, loose="keep", **asked)
+    expected = solid.slices(0.1, CHORD_ERROR)
+    assert len(layers) == len(expected)
+    assert layers.n_points < expected.n_points
+    for own, other in zip(layers, expected, strict=True):
+        assert (own.bottom, own.top) == pytest.approx((other.bottom, other.top), abs=1e-7)
+        # exact areas on both sides; the share of chords along the outline is that of the mean cell
+        assert own.area == pytest.approx(other.area, abs=0.1 * CHORD_ERROR * other.perimeter)
+        assert own.perimeter == pytest.approx(other.perimeter, rel=0.01)
+        assert signed_area(own.contours) == pytest.approx(own.area, abs=CHORD_ERROR * own.perimeter)
+    assert layers.volume == pytest.approx(expected.volume, rel=1e-3)
+
+
+def test_a_box_of_many_cells_has_the_volume_of_its_cells() -> None:
+    """8 x 8 x 2 whole cells: the volume fraction is that of one cell, which the certificate of a lattice states."""
+    layers = tpmscad.infill_layers(
+        bd.Pos(8, 8, 1) * bd.Box(16, 16, 2), "P", cell=2, thickness=0.3, height=0.05, chord_error=0.01
+    )
+    cell = tpmscad.lattice("P", cell=2, thickness=0.3, phase=(0, 0, 0))
+    assert layers.volume == pytest.approx(64 * cell.volume, rel=1e-4)
+    assert len(layers) == 40
+
+
+def test_what_has_no_equal_cells_in_its_layers_is_refused() -> None:
+    box = bd.Box(3, 3, 3)
+    asked: dict[str, Any] = {"cell": 2, "thickness": 0.3, "height": 0.1}
+    with pytest.raises(tpmscad.InvalidRequest, match="rotate about z only"):
+        tpmscad.infill_layers(box, "P", rotation=(10, 0, 0), **asked)
+    with pytest.raises(tpmscad.InvalidRequest, match="slice the solid of the field"):
+        tpmscad.infill_layers(box, tpmscad.fields.sphere((0, 0, 0), 1), tol=0.01, height=0.1)
+    with pytest.raises(tpmscad.InvalidRequest, match="give skin="):
+        tpmscad.infill_layers(box, "P", open_faces=">Z", **asked)
+    with pytest.raises(tpmscad.InvalidRequest, match="heights are in mm"):
+        tpmscad.infill_layers(box, "P", **(asked | {"height": 1e-6}))
+
+
+def run_command(line: str) -> int:
+    with pytest.raises(SystemExit) as stop:
+        cli.main(line.split())
+    return int(stop.value.code or 0)
+
+
+def test_the_command_writes_layers(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    part, layers, report = (tmp_path / name for name in ("part.step", "part.cli", "part.json"))
+    bd.export_step(bd.Box(4, 4, 1), part)
+    line = f"infill {part} P --cell 2 --thickness 0.3"
+    assert run_command(f"{line} --layer 0.25 -o {layers} --report {report}") == 0
+    assert "4 layers" in capsys.readouterr().out
+    assert json.loads(report.read_text())["layers"] == layers.read_text().count("$$LAYER/") == 4
+    assert run_command(f"{line} -o {layers}") == 2
+    assert "--layer" in capsys.readouterr().err
+    assert run_command(f"{line} --layer 0.25 -o {tmp_path / 'part.step'}") == 2

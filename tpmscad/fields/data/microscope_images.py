@@ -1,0 +1,113 @@
+"""Images of microscopes and tomographs: stacks of TIFF pages by tifffile, density maps (MRC, CCP4) by mrcfile."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+from xml.etree import ElementTree
+
+import numpy as np
+
+from tpmscad._typing import Array
+from tpmscad.errors import InvalidRequest
+from tpmscad.fields.data.stored_images import ImageChoice, StoredImage, load_reader
+
+PICTURE_SUFFIXES = (".tif", ".tiff")
+"""Pictures that make a stack in a folder."""
+
+DEFAULT_OME_UNIT = "µm"
+"""Unit of length of OME-XML where it states none."""
+
+
+def read_tiff(file: Path, choice: ImageChoice) -> StoredImage:
+    """A stack of TIFF pages: x along the rows, y down the columns, z from page to page; spacing of ImageJ or OME-XML."""
+    tifffile = load_reader("tifffile", "tifffile")
+    with tifffile.TiffFile(file) as tif:
+        series = tif.series[0]
+        notes = (f"holds {len(tif.series)} series of pictures, the first was taken",) if len(tif.series) > 1 else ()
+        values, axes = series.asarray(), series.axes
+        spacing, unit = _read_spacing(tif, series.keyframe)
+    return StoredImage(_order_axes(file.name, values, axes), _scaling(spacing), "", unit, notes=notes)
+
+
+def _order_axes(name: str, values: Array, axes: str) -> Array:
+    """Samples with the axes x, y, z, and volumes last if there are more; `axes` are their letters in the file."""
+    if values.ndim < 3:  # one picture
+        return values
+    if "S" in axes:
+        raise InvalidRequest(f"{name} holds {values.shape[axes.index('S')]} colours for each pixel: save it in grey")
+    others = [i for i, letter in enumerate(axes) if letter not in "XY"]
+    heights = [i for i in others if axes[i] in "ZIQ"] or others[-1:]  # a stack may be saved as times or channels
+    z = heights[0]
+    others.remove(z)
+    ordered = np.transpose(values, (axes.index("X"), axes.index("Y"), z, *others))
+    return ordered.reshape(*ordered.shape[:3], -1) if others else ordered
+
+
+def _read_spacing(tif: Any, page: Any) -> tuple[Sequence[float] | None, str]:
+    """The spacing along x, y, z and its unit by OME-XML or ImageJ; resolutions of other programs are those of prints."""
+    if tif.is_ome:
+        pixels = next((e for e in ElementTree.fromstring(tif.ome_metadata).iter() if e.tag.endswith("Pixels")), None)
+        sizes = [float(pixels.get(f"PhysicalSize{axis}", 0)) for axis in "XYZ"] if pixels is not None else [0.0]
+        if pixels is None or min(sizes) <= 0:
+            return None, ""
+        return sizes, pixels.get("PhysicalSizeXUnit", DEFAULT_OME_UNIT)
+    stated = tif.imagej_metadata or {}
+    resolutions = [page.tags.get(f"{axis}Resolution") for axis in "XY"]
+    if not float(stated.get("spacing", 0)) or None in resolutions or not all(tag.value[0] for tag in resolutions):
+        return None, ""
+    x, y = (tag.value[1] / tag.value[0] for tag in resolutions)
+    unit = str(stated.get("unit", "")).replace("\\u00B5", "µ")
+    return (None, "") if unit.startswith("pixel") else ((x, y, float(stated["spacing"])), unit)
+
+
+def _scaling(spacing: Sequence[float] | None) -> Array | None:
+    return None if spacing is None else np.diag([*spacing, 1.0])
+
+
+def read_picture_folder(folder: Path, choice: ImageChoice) -> StoredImage:
+    """The TIFF pictures of a folder, one page each, stacked along z in the order of the numbers in their names."""
+    tifffile = load_reader("tifffile", "tifffile")
+    files = sorted((f for f in folder.iterdir() if f.suffix.lower() in PICTURE_SUFFIXES), key=_numbers_in_name)
+    pictures = [tifffile.imread(file) for file in files]
+    for file, picture in zip(files, pictures, strict=True):
+        if picture.ndim != 2:
+            raise InvalidRequest(
+                f"{file.name} in {folder.name} is no slice, its shape is {picture.shape}: name the file itself if it is a stack"
+            )
+        if picture.shape != pictures[0].shape:
+            raise InvalidRequest(
+                f"{file.name} in {folder.name} has the shape {picture.shape}, {files[0].name} {pictures[0].shape}: slices are "
+                "pictures of one size"
+            )
+    return StoredImage(
+        np.transpose(np.stack(pictures)), notes=(f"{len(files)} pictures, {files[0].name} to {files[-1].name}",)
+    )
+
+
+def _numbers_in_name(file: Path) -> list[Any]:
+    """A key that sorts slice2 before slice10."""
+    return [(part.isdigit(), int(part) if part.isdigit() else part) for part in re.split(r"(\d+)", file.name)]
+
+
+def read_density_map(file: Path, choice: ImageChoice) -> StoredImage:
+    """A density map of electron microscopy or crystallography; its lengths, in angstrom, are not converted."""
+    mrcfile = load_reader("mrcfile", "mrcfile")
+    with mrcfile.open(file) as found:
+        header, values = found.header, np.array(found.data)
+        voxel = np.array([float(found.voxel_size[axis]) for axis in "xyz"])
+        order = [int(header[name]) - 1 for name in ("mapc", "mapr", "maps")]
+        start = np.zeros(3)
+        start[order] = [int(header[name]) for name in ("nxstart", "nystart", "nzstart")]
+        origin = np.array([float(header.origin[axis]) for axis in "xyz"])
+    values = np.moveaxis(np.transpose(values), 3, -1) if values.ndim == 4 else np.transpose(values)
+    if sorted(order) != [0, 1, 2]:
+        raise InvalidRequest(f"{file.name} states the axes {[i + 1 for i in order]}, which must be 1, 2 and 3")
+    if not (voxel > 0).all():
+        return StoredImage(values, notes=("it states no size of a voxel",))
+    affine = np.zeros((4, 4))
+    affine[order, range(3)] = voxel[order]
+    affine[:, 3] = [*(origin if origin.any() else start * voxel), 1.0]
+    return StoredImage(values, affine, notes=("lengths in angstrom, of which 1 is taken as 1 mm: scale the result",))

@@ -1,0 +1,98 @@
+"""Regions bounded by closed polygons: boolean operations by Clipper (A. Johnson, through pyclipper), and fewer points.
+
+Polygons are arrays (n, 2) without a repeated point. A region is where their winding number is positive: outer ones run
+counter-clockwise, holes clockwise. Clipper computes with integers, nanometres here, so that its results are closed and do not
+intersect themselves.
+"""
+
+from __future__ import annotations
+
+import importlib
+from collections.abc import Sequence
+from typing import Any, Literal
+
+import numpy as np
+
+from tpmscad._typing import Array
+from tpmscad.errors import InvalidRequest
+
+UNITS_PER_MM = 1e6
+"""Integers of Clipper per model unit."""
+
+Region = list[Array]
+"""Closed polygons."""
+
+Operation = Literal["intersection", "union", "difference"]
+
+
+def load_clipper() -> Any:
+    """The module pyclipper; InvalidRequest says how to install it."""
+    try:
+        return importlib.import_module("pyclipper")
+    except ImportError:
+        raise InvalidRequest("layers without a solid need pyclipper: pip install 'tpmscad[layers]'") from None
+
+
+def combine_regions(first: Region, second: Region, operation: Operation) -> Region:
+    """The intersection, union or difference of two regions."""
+    clipper = load_clipper()
+    kinds = {
+        "intersection": clipper.CT_INTERSECTION,
+        "union": clipper.CT_UNION,
+        "difference": clipper.CT_DIFFERENCE,
+    }
+    if not first or (not second and operation == "intersection"):
+        return list(second) if operation == "union" else []
+    if not second:
+        return list(first)
+    machine = clipper.Pyclipper()
+    machine.AddPaths(_to_integers(first), clipper.PT_SUBJECT, True)
+    machine.AddPaths(_to_integers(second), clipper.PT_CLIP, True)
+    found = machine.Execute(kinds[operation], clipper.PFT_POSITIVE, clipper.PFT_POSITIVE)
+    return [np.array(path, float) / UNITS_PER_MM for path in found]
+
+
+def _to_integers(region: Region) -> list[list[list[int]]]:
+    return [np.rint(polygon * UNITS_PER_MM).astype(np.int64).tolist() for polygon in region]
+
+
+def thin_curve(points: Array, error: float) -> Array:
+    """An open curve (n, 2) with as few of its points as keep all others within `error` of it; both ends stay.
+
+    Source: D. H. Douglas, T. K. Peucker, Cartographica 10 (1973) 112.
+    """
+    kept = np.zeros(len(points), bool)
+    kept[[0, -1]] = True
+    spans = [(0, len(points) - 1)]
+    while spans:
+        a, b = spans.pop()
+        if b - a < 2:
+            continue
+        chord, arms = points[b] - points[a], points[a + 1 : b] - points[a]
+        length2 = float(chord @ chord)
+        along = np.clip(arms @ chord / length2, 0.0, 1.0) if length2 > 0.0 else np.zeros(len(arms))
+        off = np.linalg.norm(arms - along[:, None] * chord, axis=1)
+        farthest = int(np.argmax(off))
+        if off[farthest] > error:
+            kept[a + 1 + farthest] = True
+            spans += [(a, a + 1 + farthest), (a + 1 + farthest, b)]
+    return points[kept]
+
+
+def thin_polygon(polygon: Array, error: float) -> Array:
+    """A closed polygon (n, 2) with fewer points, as `thin_curve`; the first point and the one farthest from it stay."""
+    far = int(np.argmax(((polygon - polygon[0]) ** 2).sum(axis=1)))
+    if far == 0:
+        return polygon
+    halves = polygon[: far + 1], np.concatenate([polygon[far:], polygon[:1]])
+    return np.concatenate([thin_curve(half, error)[:-1] for half in halves])
+
+
+def signed_areas(region: Sequence[Array]) -> float:
+    """Area of a region: that of outer polygons without holes."""
+    return float(sum(0.5 * (p[:, 0] @ np.roll(p[:, 1], -1) - p[:, 1] @ np.roll(p[:, 0], -1)) for p in region))
+
+
+def region_length(region: Sequence[Array]) -> float:
+    """Length of the boundary of a region."""
+    return float(sum(np.linalg.norm(p - np.roll(p, -1, axis=0), axis=1).sum() for p in region))

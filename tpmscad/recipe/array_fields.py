@@ -1,0 +1,110 @@
+"""The field of an image that the command line names: of a level, a volume fraction or labels, or a graded lattice."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from tpmscad import fields
+from tpmscad._typing import BoxCorners
+from tpmscad.errors import InvalidRequest
+from tpmscad.fields import Field
+from tpmscad.fields.data.image_files import read_image
+
+DEFAULT_TOL_SPACINGS = 0.1
+"""In spacings of an array: the tolerance of its solid if none is given."""
+
+DEFAULT_TOL_CELLS = 0.01
+"""In edges of a cell: the tolerance of a graded lattice if none is given."""
+
+LEAST_FRACTION, GREATEST_FRACTION = 0.15, 0.6
+"""Volume fractions of a lattice to which densities are limited: thinner walls break, and thicker ones close the pores."""
+
+OVERSHOOT = 0.12
+"""Beyond these limits: what the spline through the densities may pass them by."""
+
+
+def make_array_field(
+    path: Path, *, as_surface: str | None = None, cell: Any = None, label: Any = None, among: Any = None, **given: Any
+) -> tuple[Field, BoxCorners, float]:
+    """The field, its domain and the tolerance of its solid if none is given, model units.
+
+    Without a level, a volume fraction or a label it is the part of all labels but 0.
+    """
+    read = {name: value for name, value in given.items() if value is not None}
+    if as_surface is not None:
+        unused = [f"`{name}`" for name in ("level", "volume_fraction") if name in read]
+        unused += ["`label`"] if label is not None else []
+        if unused:
+            raise InvalidRequest(f"{', '.join(unused)}: a lattice is graded by all of the densities; leave it out")
+        return _grade_lattice(path, as_surface, cell, read)
+    if cell is not None:
+        raise InvalidRequest("`cell` is that of a lattice: give `as_surface` too, or leave it out")
+    if among is not None and read.keys() & {"level", "volume_fraction", "smoothing"}:
+        raise InvalidRequest("`among` is for labels: leave it out, or `level`, `volume_fraction` and `smoothing`")
+    if not read.keys() & {"level", "volume_fraction"}:
+        if read.get("centred") is False:
+            raise InvalidRequest("labels belong to voxels: leave centred=False out")
+        smoothing = read.pop("smoothing", None)
+        read.pop("centred", None)
+        if among is not None:
+            return _cut_out_label(path, label, among, read)
+        field = fields.labels(path, label="all" if label is None else label, **read)
+        if smoothing is not None:
+            raise InvalidRequest(
+                "labels are smoothed within half a voxel: leave `smoothing` out, it is for grey values"
+            )
+    elif label is None:
+        field = fields.sampled(path, **read)
+    else:
+        raise InvalidRequest(
+            "give either `level` or `volume_fraction`, for grey values, or `label`, for a segmentation"
+        )
+    return field, field.domain, DEFAULT_TOL_SPACINGS * min(field.spacing)
+
+
+def _cut_out_label(path: Path, label: Any, among: Any, given: Mapping[str, Any]) -> tuple[Field, BoxCorners, float]:
+    """The region of a label that shares its faces with those of the others."""
+    parts = fields.label_partition(path, label=among, **given)
+    known = ", ".join(map(str, parts.regions))
+    if label is None or isinstance(label, str) or np.size(label) != 1:
+        raise InvalidRequest(f"give one `label` of those in `among`, {known}")
+    number = int(np.ravel(label)[0])
+    if number not in parts.regions:
+        raise InvalidRequest(f"label {number} is none of those in `among`, {known}: name one of them")
+    return parts.regions[number], parts.domain, DEFAULT_TOL_SPACINGS * min(parts.spacing)
+
+
+def _grade_lattice(path: Path, surface: str, cell: Any, given: Mapping[str, Any]) -> tuple[Field, BoxCorners, float]:
+    """The sheet of a surface whose volume fraction is the density of an image everywhere."""
+    if cell is None:
+        raise InvalidRequest("a lattice needs `cell`, the edge of its cell in mm")
+    chosen = {name: given[name] for name in ("frame", "centred", "volume", "array_name") if name in given}
+    image = read_image(path, **chosen)
+    densities = image.values.astype(float)
+    if not ((densities >= 0) & (densities <= 1)).all():  # NaN, too
+        raise InvalidRequest(
+            f"{path.name} holds values that are no densities from 0 to 1, {np.nanmin(densities):g} to {np.nanmax(densities):g}, "
+            "or places without one: a lattice would fill them"
+        )
+    limited = np.clip(densities, LEAST_FRACTION, GREATEST_FRACTION)
+    spacing, origin = given.get("spacing", image.spacing), given.get("origin", image.origin)
+    centred = given.get("centred", image.centred)
+    smoothing = given.get("smoothing", 0.0)
+    density = fields.sampled(limited, spacing, origin, centred=bool(centred), smoothing=smoothing)
+    outside = int((limited != densities).sum())
+    told = (
+        f"{path.name}: a {surface} sheet with the densities as volume fractions, {outside} of {densities.size} of which were "
+        f"limited to {LEAST_FRACTION:g} to {GREATEST_FRACTION:g}"
+    )
+    density = replace(density, notes=(*image.notes, *density.notes, told))
+    phi = fields.tpms(surface, cell)
+    span = (LEAST_FRACTION - OVERSHOOT, GREATEST_FRACTION + OVERSHOOT)
+    thresholds = fields.graded_threshold(phi, density, span, "sheet")
+    assert isinstance(thresholds, tuple)
+    lattice = fields.sheet(phi, *thresholds)
+    return lattice, density.domain, DEFAULT_TOL_CELLS * float(np.min(cell))

@@ -1,0 +1,257 @@
+"""Bodies that a field bounds: its level set as patches, fitted once, which a lattice is cut by.
+
+A triangle mesh is such a body, by the field of its distance. Its patches are fitted no closer than a
+fraction of what that field is off from the triangles, and their distance from the triangles is measured in both directions, on
+points of both surfaces. A field of exact planes, spheres and cylinders that the kernel combines becomes a CAD body.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from tpmscad._typing import Array, BoxCorners
+from tpmscad.brep.boundary_representation import Brep
+from tpmscad.brep.solid_properties import measure_solid
+from tpmscad.errors import CrossingSurfaces, InvalidRequest, KernelError, LevelSetError
+from tpmscad.fields.analysis.solid_bounds import bound_solid
+from tpmscad.fields.data.triangle_distance import build_triangle_tree
+from tpmscad.fields.data.triangle_mesh import is_mesh_object, is_mesh_path
+from tpmscad.fields.field import Field
+from tpmscad.fields.kinds.triangle_meshes import MeshField, mesh, sample_triangles
+from tpmscad.kernel.body_import.cad_body import CadBody, read_body
+from tpmscad.kernel.build.primitive_solids import PrimitiveRegion
+from tpmscad.kernel.build.solids import BrepSolids, build_solids
+from tpmscad.kernel.export.solid_mesh import SolidMesh, mesh_solids
+from tpmscad.kernel.measure.shape_report import ShapeReport
+from tpmscad.kernel.measure.validity import is_brep_valid
+from tpmscad.kernel.occt.bounding_boxes import enclosing_box
+from tpmscad.levelset.crossing_operands import has_meeting_quadrics
+from tpmscad.results.certificate import Check, PatchMeasures
+from tpmscad.solids.combined_solids import SURFACE, combine_field_solids
+from tpmscad.solids.field_patches import fit_field_patches
+from tpmscad.solids.patch_measures import FROM_FIELD, TO_FIELD, measure_field_patches
+from tpmscad.stage_timer import StageTimer
+
+BOX_MARGIN_FRACTION = 0.03
+"""Fraction of the extent by which the box of a formula reaches beyond the bounds that were found for its solid."""
+
+MESH_TOL_FRACTION = 0.25
+"""Of the greatest distance of a mesh's triangles from its field: the least tolerance of the patches. A fit deviates by a
+thirtieth of its tolerance in the root mean square: the patches of a scanned animal follow its triangles as well as with a tenth
+of this, in a tenth of the time."""
+
+MEASURED_POINTS = 20_000
+"""Points of each surface at which its distance from the other one is measured."""
+
+MESH_DEVIATION_TOLS, MESH_ANGLE = 0.1, 0.5
+"""Fineness of the triangles of a body's patches, in tolerances of the fit and radians."""
+
+BODY = "body"
+"""Tag of the faces of a body."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class FieldBody:
+    """The solid of a field in the box [low, high] as patches, with what was measured on them; `cad` is the kernel's solid."""
+
+    field: Field
+    low: Array
+    high: Array
+    built: BrepSolids
+    measures: PatchMeasures
+    cad: CadBody
+
+    @property
+    def name(self) -> str:
+        """The name in messages."""
+        return self.cad.name
+
+    @property
+    def used_tags(self) -> dict[int, str]:
+        """The tags of its faces by their numbers."""
+        brep = self.built.brep
+        return {number: brep.tags[number] for number in np.unique(brep.faces.tag).tolist()}
+
+    def mesh(self, deviation: float) -> SolidMesh:
+        """Triangles of the patches, up to a distance from them."""
+        (found,) = join_meshes(mesh_solids(self.built.shape, deviation, MESH_ANGLE))
+        return found
+
+
+def join_meshes(meshes: Any) -> tuple[SolidMesh]:
+    """The meshes of several solids as one."""
+    first = np.cumsum([0, *(len(each.points) for each in meshes)])
+    faces = np.cumsum([0, *(int(each.face.max()) + 1 for each in meshes)])
+    return (
+        SolidMesh(
+            np.concatenate([each.points for each in meshes]),
+            np.concatenate([each.triangles + k for each, k in zip(meshes, first, strict=False)]),
+            np.concatenate([each.face + k for each, k in zip(meshes, faces, strict=False)]),
+        ),
+    )
+
+
+def resolve_field(source: Any) -> Field | None:
+    """The field of a body that is a field, a mesh, or the path of one; None for CAD bodies and primitive regions."""
+    if isinstance(source, Field):
+        return None if isinstance(source, PrimitiveRegion) else source
+    return mesh(source) if is_mesh_path(source) or is_mesh_object(source) else None
+
+
+def reject_box(box: BoxCorners | None) -> None:
+    """InvalidRequest for a box together with a CAD body."""
+    if box is not None:
+        raise InvalidRequest("box= holds the solid of a field or mesh; a CAD body has bounds of its own: leave box out")
+
+
+def reject_solid(solid: int | str | None) -> None:
+    """InvalidRequest for the number of a solid together with a field or mesh."""
+    if solid is not None:
+        raise InvalidRequest(
+            f"solid={solid!r} chooses among the solids of a CAD file; a field or mesh is one body: leave it out"
+        )
+
+
+def find_field_box(field: Field, box: BoxCorners | None, name: str) -> tuple[Array, Array]:
+    """The box in which the solid of a field is fitted: as given, the domain of its data, or found; InvalidRequest without."""
+    given = box if box is not None else getattr(field, "domain", None)
+    if given is not None:
+        low, high = (np.array(corner, float) for corner in given)
+        return low, high
+    found = bound_solid(field)
+    if found is None:
+        raise InvalidRequest(
+            f"no bounds of {name} are found, within which all of it is solid: give box=((x0, y0, z0), (x1, y1, z1)), or its "
+            "intersection with fields.box or fields.sphere"
+        )
+    margin = BOX_MARGIN_FRACTION * float((found[1] - found[0]).max())
+    return found[0] - margin, found[1] + margin
+
+
+def fit_field_body(field: Field, box: BoxCorners | None, tol: float, stages: StageTimer) -> FieldBody | CadBody:
+    """The body of a field, as patches within `tol` of its level set, or of a CAD body if all of its faces are exact."""
+    name = field.mesh.name if isinstance(field, MeshField) else "the field"
+    low, high = find_field_box(field, box, name)
+    closest = max(tol, MESH_TOL_FRACTION * field.max_deviation) if isinstance(field, MeshField) else tol
+    try:
+        if has_meeting_quadrics(field, low, high, closest):
+            return _combine(field, low, high, closest, stages, name)
+        found = fit_field_patches(field, low, high, closest, stages)
+    except CrossingSurfaces:
+        return _combine(field, low, high, closest, stages, name)
+    except LevelSetError as error:
+        if "no surface inside the box" in str(error):
+            raise InvalidRequest(
+                f"no part of the surface of {name} lies in its box: check the field's sign and `box`"
+            ) from error
+        remedy = (
+            "; a larger `tol`, or another `spacing` of fields.mesh, makes it smoother"
+            if isinstance(field, MeshField)
+            else ""
+        )
+        raise LevelSetError(f"the body, {name}: {error}{remedy}") from error
+    if not len(found.fitted.brep.faces):
+        raise InvalidRequest(f"nothing of {name} is solid in its box: check the field's sign and `box`")
+    with stages("build"):
+        built = build_solids(_tag_as_body(found.fitted.brep), found.moments)
+        if not is_brep_valid(built.brep, built.known_faces):
+            raise KernelError("body", f"the kernel's check rejects the patches of {name}")
+    return _make_body(field, low, high, name, built, measure_field_patches(found))
+
+
+def _combine(field: Field, low: Array, high: Array, tol: float, stages: StageTimer, name: str) -> FieldBody | CadBody:
+    """The body of a field whose level sets cross."""
+    combined = combine_field_solids(field, low, high, tol, stages)
+    if not isinstance(combined.built, BrepSolids):
+        solids = combined.built.solids
+        if len(solids) > 1:
+            raise InvalidRequest(f"{name} is {len(solids)} solids: fill one at a time, each with a `box` around it")
+        return replace(read_body(solids[0]), name=name)
+    return _make_body(field, low, high, name, build_solids(_tag_as_body(combined.built.brep)), combined.measures)
+
+
+def _tag_as_body(brep: Brep) -> Brep:
+    """The boundary representation with the level set tagged as the body's; caps in the sides of the box stay caps."""
+    return replace(brep, tags=tuple(BODY if tag == SURFACE else tag for tag in brep.tags))
+
+
+def _make_body(field: Field, lo: Array, hi: Array, name: str, built: BrepSolids, measures: PatchMeasures) -> FieldBody:
+    """The body of patches, with the distances from the triangles of a mesh."""
+    brep, properties = built.brep, measure_solid(built.brep, built.nesting.moments)
+    low, high = enclosing_box(built.shape)
+    report = ShapeReport(
+        solids=built.n_solids,
+        shells=len(built.nesting.volume),
+        faces=len(brep.faces),
+        edges=len(brep.edges),
+        valid=True,
+        closed=properties.closed,
+        outward=True,
+        volume=properties.volume,
+        area=properties.area,
+        centroid=properties.centroid,
+        bounds=(tuple(low.tolist()), tuple(high.tolist())),
+        volumes=tuple(piece.volume for piece in properties.pieces),
+        max_tolerance=float(brep.edges.deviation.max(initial=0.0)),
+    )
+    body = FieldBody(field, lo, hi, built, measures, CadBody(built.shape, report, name))
+    return replace(body, measures=_measure_distances(body)) if isinstance(field, MeshField) else body
+
+
+def _measure_distances(body: FieldBody) -> PatchMeasures:
+    """The measures with the distances between the patches and the triangles of the mesh, both ways."""
+    assert isinstance(body.field, MeshField)
+    source, made = body.field.mesh, body.mesh(MESH_DEVIATION_TOLS * body.measures.tol)
+    pairs = (
+        (made.points[made.triangles], source.vertices, source.triangles),
+        (source.corners, made.points, made.triangles),
+    )
+    there, back = (
+        build_triangle_tree(vertices, triangles).distances(sample_triangles(corners, MEASURED_POINTS))
+        for corners, vertices, triangles in pairs
+    )
+    figures = {
+        "distance of the body from the triangles": float(there.max()),
+        "distance of the triangles from the body": float(back.max()),
+        "root mean square of both": float(np.sqrt(np.mean(np.concatenate([there, back]) ** 2))),
+    }
+    note = (
+        f"{body.name}: the body lies within {there.max():.3g} of the triangles and these within {back.max():.3g} of it, "
+        f"{figures['root mean square of both']:.2g} in the root mean square, measured at {MEASURED_POINTS} points of each"
+    )
+    return replace(body.measures, figures={**body.measures.figures, **figures}, notes=(*body.measures.notes, note))
+
+
+def join_body_measures(lattice: PatchMeasures, body: FieldBody) -> PatchMeasures:
+    """The measures of a lattice and of the body that it was cut by: each against its own tolerance."""
+    own = body.measures
+    figures = {
+        "deviation of the lattice from its surface": lattice.deviation.max,
+        "deviation of the body from its field": own.deviation.to_reference,
+        "deviation of the field from the body": own.deviation.from_reference,
+    }
+    figures |= {name: value for name, value in own.figures.items() if name not in (TO_FIELD, FROM_FIELD)}
+    largest = own.deviation if own.deviation.max > lattice.deviation.max else lattice.deviation
+    continuity = replace(
+        lattice.continuity,
+        gap=max(lattice.continuity.gap, own.continuity.gap),
+        tangent_jump_deg=max(lattice.continuity.tangent_jump_deg, own.continuity.tangent_jump_deg),
+        curvature_jump=max(lattice.continuity.curvature_jump, own.continuity.curvature_jump),
+    )
+    return replace(
+        lattice,
+        tol=max(lattice.tol, own.tol),
+        deviation=replace(largest, rms=max(lattice.deviation.rms, own.deviation.rms)),
+        reference=f"{lattice.reference}, and {body.name} as body",
+        continuity=continuity,
+        figures={**lattice.figures, **figures},
+        checks=(
+            *lattice.checks,
+            Check("deviation of the lattice", lattice.deviation.max, lattice.tol),
+            *own.checks,
+        ),
+        notes=(*lattice.notes, *own.notes),
+    )

@@ -1,0 +1,193 @@
+"""The solid of a field filled with a lattice: two networks of patches, cut by each other.
+
+Without a skin the result is the intersection of body and lattice. With one, the cavity (`field_skin`) without the lattice is
+taken from the body: these voids do not touch the body's boundary, so that their faces, reversed, are further shells of it. The
+volume is compared with that of a sample of points, classified by the field itself and by the nearest nodes of the lattice's
+patches.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from functools import partial
+from typing import Any, TypeVar
+
+import numpy as np
+
+from tpmscad._typing import Array
+from tpmscad.brep.boundary_representation import Brep, join_breps, reverse_faces, translate_brep
+from tpmscad.errors import InvalidRequest, KernelError, TrimmingError, UntracedCurve
+from tpmscad.fallbacks import Fallback, Fallbacks
+from tpmscad.kernel.boolean.cut_faces import SKIN
+from tpmscad.kernel.build.solids import BrepSolids, build_solids
+from tpmscad.kernel.measure.envelope import Envelope
+from tpmscad.kernel.measure.validity import is_brep_valid
+from tpmscad.results.certificate import Check, PatchMeasures, certify_built_solids
+from tpmscad.results.loose_pieces import drop_loose_pieces
+from tpmscad.results.model import Model
+from tpmscad.solids.boolean_strategies import TRIMMED_PATCHES, estimate_fraction, signed_distances_to_nodes
+from tpmscad.solids.field_bodies import BODY, FieldBody, join_body_measures
+from tpmscad.solids.field_skin import Cavity, erode_field_body
+from tpmscad.solids.lattice_block import LatticeBlock
+from tpmscad.solids.patch_measures import move_patch_measures
+from tpmscad.solids.reference_distance import DistanceFunction
+from tpmscad.stage_timer import StageTimer
+from tpmscad.trimming.network_boolean import DividedNetwork, NetworkReport, NetworkResult, combine_networks
+
+SAMPLE_POINTS = 20_000
+"""Points in the box of the body, at which the volume is counted."""
+
+
+MOVES = (0.0, 0.3, 0.6, 0.9)
+"""In what its tolerance leaves a lattice: lengths by which it is moved."""
+
+MOVE_DIRECTION = np.array([-0.53, 0.81, 0.25])
+"""Their direction, of unit length, far from mirror planes and from the direction in which networks are moved by themselves."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class FilledBody:
+    """Solids of a body and a lattice, their boundary representation, and how they were made."""
+
+    brep: Brep
+    built: BrepSolids
+    moved: float
+    checks: tuple[Check, ...]
+    notes: tuple[str, ...]
+
+
+def infill_field_body(
+    body: FieldBody,
+    block: LatticeBlock,
+    skin: float | None,
+    loose: str,
+    stages: StageTimer,
+    name: str,
+    distance: DistanceFunction,
+) -> Model:
+    """The model of a field's solid filled with the lattice of a block, within a skin or without."""
+    cavity = None
+    if skin is not None:
+        with stages("erode"):
+            cavity = erode_field_body(body, skin)
+    with stages("trim"):
+        filled = _intersect(body, block) if cavity is None else _fill_within_skin(body, block, cavity)
+    with stages("check"):
+        volume = float(filled.built.nesting.volume.sum())
+        checks = (*filled.checks, _check_volume(volume, body, block, cavity))
+        brep, built, dropped = drop_loose_pieces(filled.brep, filled.built, loose)
+        measures: PatchMeasures = join_body_measures(move_patch_measures(block.measures, filled.moved), body)
+        certificate = certify_built_solids(
+            built,
+            measures,
+            valid=True,
+            checks=checks,
+            notes=(*filled.notes, *dropped.notes),
+            dropped=dropped.volumes,
+        )
+    return Model(
+        name,
+        brep,
+        certificate.with_seconds(stages.seconds),
+        built,
+        trimmed_by=TRIMMED_PATCHES,
+        distance_to_reference=distance,
+        envelope=Envelope(body.name, body.cad.volume, body.cad.shape),
+    )
+
+
+def _intersect(body: FieldBody, block: LatticeBlock) -> FilledBody:
+    """The intersection of body and lattice."""
+    found, moved = cut_by_lattice(
+        block, lambda lattice: combine_networks(body.built.brep, lattice, "intersection", build=build_valid_solids)
+    )
+    return FilledBody(found.brep, found.built, moved, (), describe_cut(found.report, moved))
+
+
+def _fill_within_skin(body: FieldBody, block: LatticeBlock, cavity: Cavity) -> FilledBody:
+    """The body without what the lattice leaves of the cavity."""
+    found, moved = cut_by_lattice(
+        block, lambda lattice: combine_networks(cavity.brep, lattice, "difference", build=build_valid_solids)
+    )
+    voids = replace(found.brep, tags=tuple(SKIN if tag == BODY else tag for tag in found.brep.tags))
+    brep = join_breps([body.built.brep, reverse_faces(voids)])
+    built = build_valid_solids(brep)
+    count = len(built.nesting.volume) - built.n_solids - (len(body.built.nesting.volume) - body.built.n_solids)
+    closed = (
+        f"the skin closes off {'a channel' if count == 1 else f'{count} channels'}: bore through the skin to let powder or "
+        "fluid out"
+    )
+    notes = (*describe_cut(found.report, moved), *cavity.notes, closed)
+    return FilledBody(brep, built, moved, cavity.checks, notes)
+
+
+def build_valid_solids(brep: Brep) -> BrepSolids:
+    """The solids; TrimmingError if the kernel rejects one of their faces."""
+    built = build_solids(brep)
+    if not is_brep_valid(brep, built.known_faces):
+        raise TrimmingError("the kernel rejects a face of the result")
+    return built
+
+
+Cut = TypeVar("Cut", NetworkResult, DividedNetwork)
+
+
+def cut_by_lattice(block: LatticeBlock, cut: Callable[[Brep], Cut]) -> tuple[Cut, float]:
+    """What is made of the closed lattice of a block, moved within its tolerance where that fails, and the length moved."""
+    outcome = PLACEMENTS.run(block, cut)
+    found, length = outcome.value
+    return found, length + found.report.shifted
+
+
+def _cut_moved(fraction: float, block: LatticeBlock, cut: Callable[[Brep], Cut]) -> tuple[Cut, float]:
+    shift = fraction * block.max_shift
+    lattice = translate_brep(block.closed, shift * MOVE_DIRECTION) if shift else block.closed
+    return cut(lattice), shift
+
+
+PLACEMENTS: Fallbacks[[LatticeBlock, Any], Any] = Fallbacks(
+    tuple(Fallback(f"the lattice moved by {f:g} of its tolerance", partial(_cut_moved, f)) for f in MOVES),
+    retry_on=(TrimmingError,),
+    final=(UntracedCurve,),
+)
+"""Placements of the lattice that are tried while an intersection is not resolved, or the kernel rejects what is built."""
+
+
+def describe_cut(report: NetworkReport, moved: float) -> tuple[str, ...]:
+    """Notes on how two networks were cut, and the length by which the lattice was moved."""
+    if not moved:
+        return ("cut on the patches' parameters",)
+    reason = f": {report.reason}" if report.reason else ", where it is cut without slivers"
+    return "cut on the patches' parameters", f"the lattice was moved by {moved:.2g}{reason}"
+
+
+def _check_volume(volume: float, body: FieldBody, block: LatticeBlock, cavity: Cavity | None) -> Check:
+    """The check of the volume against a sample of points in the body."""
+    low, high = (np.array(corner) for corner in body.cad.report.bounds)
+    points = low + (high - low) * _sample_cube(SAMPLE_POINTS)
+    points = points[body.field(points) < 0]
+    solid = signed_distances_to_nodes(block.patches, points) < 0
+    if cavity is not None:
+        solid |= cavity.field(points) >= 0
+    fraction, error = estimate_fraction(solid)
+    own = volume / body.cad.volume
+    return Check(
+        "volume",
+        abs(own - fraction),
+        error,
+        f"it fills {own:.3g} of {body.name}, but {fraction:.3g} +- {error:.2g} of a sample",
+    )
+
+
+def _sample_cube(count: int) -> Array:
+    """Points (n, 3) in the unit cube, a low-discrepancy sequence of three dimensions (M. Roberts, 2018)."""
+    steps = 1.2207440846057596 ** -np.arange(1.0, 4.0)
+    return np.asarray(np.modf(0.5 + np.outer(np.arange(count), steps))[0])
+
+
+def reject_empty(error: TrimmingError, body: FieldBody) -> Exception:
+    """The error of a cut that leaves nothing, as an invalid request; others as errors of the kernel's room."""
+    if "nothing is left" in str(error):
+        return InvalidRequest(f"no lattice lies in {body.name}: shift it by phase, or make the cell smaller")
+    return KernelError("trim", f"{body.name} and the lattice cannot be cut by each other: {error}")

@@ -1,0 +1,319 @@
+"""Layers of a filled body without its solid: the section of one cell is repeated in the plane and clipped by the body's section.
+
+A lattice of equal cells has the same section in every cell, and the same one again a cell higher. One cell is cut by the kernel's
+faces at every height that occurs; in the plane of a layer its curves are joined from cell to cell by their links, and only the
+section of the body is a polygon operation. Time and memory go with the area of the layers, not with the number of cells in the
+solid.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from concurrent.futures import Executor
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+
+from tpmscad._typing import Array
+from tpmscad.api.public_calls import validate_options
+from tpmscad.errors import InvalidRequest, TrimmingError
+from tpmscad.kernel.body_import.cad_body import read_body
+from tpmscad.kernel.boolean.hollow_body import resolve_open_faces
+from tpmscad.kernel.build.solids import build_solids
+from tpmscad.kernel.measure.shape_extents import shape_bounds
+from tpmscad.kernel.slicing.contours import LayerContours, slice_solids, split_layers, triangulate_for_slices
+from tpmscad.kernel.slicing.periodic_section import PeriodicSection, find_periodic_section
+from tpmscad.kernel.slicing.polygon_regions import (
+    Region,
+    combine_regions,
+    load_clipper,
+    region_length,
+    signed_areas,
+)
+from tpmscad.kernel.slicing.surface_triangulation import SurfaceTriangulation
+from tpmscad.parallel import task_runner
+from tpmscad.requests.face_selection import resolve_face_selectors
+from tpmscad.requests.lattice_request import LatticeRequest, lattice_in_body, resolve_lattice_request, rotation_matrix
+from tpmscad.requests.study_options import InfillLayersOptions
+from tpmscad.solids.field_bodies import FieldBody, fit_field_body, reject_box, reject_solid, resolve_field
+from tpmscad.solids.lattice_block import find_trim_tolerance, fit_patches_over_box
+from tpmscad.solids.skin import erode_body
+from tpmscad.stage_timer import StageTimer
+from tpmscad.studies.layer_slices import Slices, choose_chord_error, cut_layers, divide_into_layers
+from tpmscad.trimming.operands.polyhedra import box
+from tpmscad.trimming.trim_pipeline import trim
+
+SLICING_SHARE = 0.5
+"""Share of the chord error for cutting faces; the rest is for leaving out points."""
+
+TILE_CORNERS = np.array([[0.1237, 0.0871], [0.2913, 0.3371], [0.4421, 0.1193]])
+"""In cells: lower corners of the cell that is cut, out of symmetry planes; the next one is taken where a curve touches a side."""
+
+HEIGHT_REL_TOL = 1e-6
+"""In cells: sections nearer to the lower and upper side of the cell, which are flat, are cut so far beside it."""
+
+HEIGHT_ROUND_OFF_CELLS = 1e-9
+"""In cells: difference of two heights that round-off explains."""
+
+VOLUME_RTOL = 2e-5
+"""Relative error that the rule over smooth layers may add to the volume; areas are known to some 1e-6, by the mean chords."""
+
+LAYERS_PER_TASK = 16
+"""Layers that are joined and clipped by one task."""
+
+
+@validate_options(InfillLayersOptions, 'infill_layers(body, "gyroid", cell=1, thickness=0.12, height=0.03)')
+def infill_layers(options: InfillLayersOptions) -> Slices:
+    """Cut a body filled with a lattice into layers, without making its solid.
+
+    The layers are those of `infill(...).slices(height)`, but that pieces which hang on nothing are kept. Their number of cells is
+    limited by the area of a layer only: 18,000 cells take about a minute.
+
+    Returns
+    -------
+    Slices
+        The layers, each with its closed contours, area, perimeter and volume; `write` stores them as SVG, CLI or 3MF.
+
+    Raises
+    ------
+    InvalidRequest
+        If an argument is not understood, the lattice has no equal cells in the planes of the layers (a field, or a rotation about
+        x or y), or there would be more than 100,000 layers.
+    KernelError
+        If the kernel cannot triangulate the body or a cell.
+
+    Examples
+    --------
+    >>> layers = tpmscad.infill_layers("stem.step", "gyroid", cell=1, thickness=0.12, height=0.03)  # doctest: +SKIP
+    >>> layers.write("stem.cli")  # doctest: +SKIP
+    """
+    load_clipper()
+    stages, surface, skin = StageTimer(options.progress), options.surface, options.skin
+    if not isinstance(surface, str):
+        raise InvalidRequest(
+            "layers without a solid need a lattice of equal cells: name a surface, or slice the solid of the field, "
+            "infill(...).slices(height)"
+        )
+    turn = rotation_matrix(options.rotation)
+    if turn[2, 2] != 1.0:
+        raise InvalidRequest(
+            f"rotation {options.rotation} tilts the cells, so that no two layers are alike: rotate about z only, or slice the "
+            "solid, infill(...).slices(height)"
+        )
+    with stages("read"):
+        field = resolve_field(options.body)
+    fitted = None
+    if field is not None:
+        reject_solid(options.solid)
+        fitted = fit_field_body(field, options.box, resolve_lattice_request(lattice_in_body(options)).tol, stages)
+        if isinstance(fitted, FieldBody) and skin is not None:
+            raise InvalidRequest(
+                "layers with a skin need a CAD body: leave skin out, or slice the solid, infill(...).slices(height)"
+            )
+    else:
+        reject_box(options.box)
+    with stages("read"):
+        body = fitted.cad if isinstance(fitted, FieldBody) else read_body(fitted or options.body, options.solid)
+        openings = resolve_open_faces(body, resolve_face_selectors(body, options.open_faces))
+        if openings and skin is None:
+            raise InvalidRequest("open_faces are left out of a skin: give skin=, its thickness")
+        request = resolve_lattice_request(lattice_in_body(options))
+        low, high = shape_bounds(body.shape)
+        edges = divide_into_layers(options.height, (float(low[2]), float(high[2])))
+        error = choose_chord_error(options.height, options.chord_error)
+        outer = triangulate_for_slices(body.shape, SLICING_SHARE * error)
+    inner: tuple[SurfaceTriangulation, ...] | None = None
+    if skin is not None:
+        with stages("offset"):
+            parts = erode_body(body, skin, openings).parts
+            inner = tuple(t for part in parts for t in triangulate_for_slices(part.shape, SLICING_SHARE * error))
+    with stages("cut"):
+        lattice = CellSections(request, _find_gap(0.5 * (edges[:-1] + edges[1:]), request.cell[2]), error)
+        filled = LayeredInfill(lattice, turn[:2, :2], tuple(outer), inner, bool(openings), error, options.executor)
+        return cut_layers(f"{request.surface} infill", edges, error, filled.cut, filled.measure_areas, VOLUME_RTOL)
+
+
+def _find_gap(heights: Array, period: float) -> float:
+    """The height that is, but for multiples of the period, in the middle of the widest gap between heights (n,)."""
+    rest = np.sort(np.mod(heights, period))
+    gaps = np.diff(np.append(rest, rest[0] + period))
+    widest = int(np.argmax(gaps))
+    return float(np.mod(rest[widest] + 0.5 * gaps[widest], period))
+
+
+@dataclass(frozen=True, eq=False)
+class CellSections:
+    """Sections of an endless lattice at any height, from one cell cut along the axes, with its lower side at `bottom`."""
+
+    request: LatticeRequest
+    bottom: float
+    error: float
+
+    @cached_property
+    def cell(self) -> Array:
+        """Edges of the cell (3,)."""
+        return np.array(self.request.cell)
+
+    @cached_property
+    def _tiles(self) -> dict[int, list[SurfaceTriangulation]]:
+        return {}
+
+    def at(self, heights: Array) -> list[CellSection]:
+        """The sections at heights (n,), cut once for all that are whole cells apart."""
+        rest = np.mod(heights - self.bottom, self.cell[2])
+        rest = np.clip(rest, HEIGHT_REL_TOL * self.cell[2], (1 - HEIGHT_REL_TOL) * self.cell[2])
+        rounding = HEIGHT_ROUND_OFF_CELLS * self.cell[2]
+        _, first, index = np.unique(np.rint(rest / rounding), return_index=True, return_inverse=True)
+        found: dict[int, CellSection] = {}
+        failure = TrimmingError("")
+        for corner in range(len(TILE_CORNERS)):
+            due = np.array([k for k in range(len(first)) if k not in found])
+            if len(due):
+                for k, section in zip(due.tolist(), self._cut_cell(corner, rest[first[due]]), strict=True):
+                    if isinstance(section, TrimmingError):
+                        failure = section
+                    else:
+                        found[k] = section
+        if len(found) < len(first):
+            raise failure
+        return [found[k] for k in index.ravel().tolist()]
+
+    def _cut_cell(self, corner: int, rest: Array) -> list[CellSection | TrimmingError]:
+        """The sections at ascending heights (n,) above the lower side of a cell; the failure where one is unclear."""
+        low = np.append(TILE_CORNERS[corner] * self.cell[:2], self.bottom)
+        if corner not in self._tiles:
+            cover = fit_patches_over_box(self.request, low, low + self.cell, lambda fraction: None)
+            tol = find_trim_tolerance(max(self.request.cell))
+            solids = build_solids(trim(cover.patches, box(low, low + self.cell), tol).brep)
+            self._tiles[corner] = triangulate_for_slices(solids.shape, SLICING_SHARE * self.error)
+        cut = slice_solids(self._tiles[corner], self.bottom + rest, SLICING_SHARE * self.error)
+        sections: list[CellSection | TrimmingError] = []
+        for contours, area in zip(split_layers(cut, len(rest)), cut.areas.tolist(), strict=True):
+            try:
+                exact = find_periodic_section(contours, area, low[:2], self.cell[:2])
+            except TrimmingError as error:
+                sections.append(error)
+                continue
+            thinned = exact.thinned((1 - SLICING_SHARE) * self.error)
+            sections.append(
+                CellSection(thinned, area, area - thinned.area, exact.length / thinned.length if exact.length else 1.0)
+            )
+        return sections
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class CellSection:
+    """The section of one cell: its curves, its exact area, and what this exceeds that of the polygons by (mm2).
+
+    lengthening: the length of the curves over that of the polygons.
+    """
+
+    curves: PeriodicSection
+    area: float
+    excess: float
+    lengthening: float
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class LayeredInfill:
+    """The layers of a body filled with a lattice, which is turned in its plane by `turn` (2, 2)."""
+
+    lattice: CellSections
+    turn: Array
+    body: tuple[SurfaceTriangulation, ...]
+    cavity: tuple[SurfaceTriangulation, ...] | None
+    has_openings: bool
+    error: float
+    executor: Executor | None
+
+    def cut(self, heights: Array) -> LayerContours:
+        """The contours at ascending heights (n,)."""
+        layers = self._fill(heights, with_contours=True)
+        contours = [contour for layer in layers for contour in layer.contours]
+        return LayerContours(
+            np.concatenate([np.zeros((0, 2)), *contours]),
+            np.cumsum([0, *map(len, contours)]),
+            np.repeat(np.arange(len(heights)), [len(layer.contours) for layer in layers]),
+            np.array([layer.area for layer in layers]),
+            np.array([layer.length for layer in layers]),
+            0,
+        )
+
+    def measure_areas(self, heights: Array) -> Array:
+        """The areas at ascending heights (n,)."""
+        return np.array([layer.area for layer in self._fill(heights, with_contours=False)])
+
+    def _fill(self, heights: Array, *, with_contours: bool) -> list[FilledSection]:
+        """The filled sections at ascending heights (n,), in tasks of LAYERS_PER_TASK."""
+        sections = self.lattice.at(heights)
+        body, cavity = (
+            [None] * len(heights) if solids is None else self._cut_body(solids, heights)
+            for solids in (self.body, self.cavity)
+        )
+        regions = list(zip(sections, body, cavity, strict=True))
+        tasks = [
+            (self.turn, self.has_openings, with_contours, regions[first : first + LAYERS_PER_TASK])
+            for first in range(0, len(regions), LAYERS_PER_TASK)
+        ]
+        with task_runner(self.executor, tasks[0] if tasks else None) as run_tasks:
+            return [layer for batch in run_tasks(_fill_sections, tasks) for layer in batch]
+
+    def _cut_body(self, solids: tuple[SurfaceTriangulation, ...], heights: Array) -> list[BodySection]:
+        """The sections of solids at ascending heights (n,)."""
+        found = slice_solids(solids, heights, SLICING_SHARE * self.error, self.executor)
+        outlines = split_layers(found, len(heights))
+        return [BodySection(outline, area) for outline, area in zip(outlines, found.areas.tolist(), strict=True)]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class BodySection:
+    """The section of a body in a plane: polygons, and the exact area within them (mm2)."""
+
+    outline: Region
+    area: float
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class FilledSection:
+    """The contours of a layer, with area and length of the exact ones."""
+
+    contours: Region
+    area: float
+    length: float
+
+
+def _fill_sections(
+    turn: Array,
+    has_openings: bool,
+    with_contours: bool,
+    regions: Sequence[tuple[CellSection, BodySection, BodySection | None]],
+) -> list[FilledSection]:
+    found = [_fill_section(turn, has_openings, *region) for region in regions]
+    return found if with_contours else [replace(each, contours=[]) for each in found]
+
+
+def _fill_section(
+    turn: Array, has_openings: bool, lattice: CellSection, body: BodySection, cavity: BodySection | None
+) -> FilledSection:
+    """The lattice in a section of the body or, with a skin, the section without what the lattice leaves of the cavity.
+
+    The cavity touches the outline of the body at openings only; elsewhere its polygons are holes as they are.
+
+    Polygons miss a part of the area between chords and curves. The lattice's share is that of its cell for the area that is
+    filled; the body's share counts where the lattice lies along its outline.
+    """
+    room, curves = (body, lattice.curves) if cavity is None else (cavity, lattice.curves.reversed())
+    inside = [polygon @ turn.T for polygon in curves.fill([polygon @ turn for polygon in room.outline])]
+    cell_area, polygon_area = float(np.prod(lattice.curves.cell)), signed_areas(room.outline)
+    sense, share = (1, lattice.area / cell_area) if cavity is None else (-1, 1 - lattice.area / cell_area)
+    excess = sense * lattice.excess * polygon_area / cell_area + share * (room.area - polygon_area)
+    area = signed_areas(inside) + excess
+    if cavity is None:
+        return FilledSection(inside, area, lattice.lengthening * region_length(inside))
+    contours = (
+        combine_regions(body.outline, inside, "difference")
+        if has_openings
+        else [*body.outline, *(p[::-1] for p in inside)]
+    )
+    return FilledSection(contours, body.area - area, lattice.lengthening * region_length(contours))
