@@ -17,20 +17,20 @@ import numpy as np
 
 from tpmscad._typing import Array
 from tpmscad.api.public_calls import validate_options
-from tpmscad.errors import InvalidRequest, TrimmingError
-from tpmscad.kernel.body_import.cad_body import read_body
-from tpmscad.kernel.boolean.hollow_body import resolve_open_faces
-from tpmscad.kernel.build.solids import build_solids
-from tpmscad.kernel.measure.shape_extents import shape_bounds
-from tpmscad.kernel.slicing.contours import LayerContours, slice_solids, split_layers, triangulate_for_slices
-from tpmscad.kernel.slicing.periodic_section import PeriodicSection, find_periodic_section
-from tpmscad.kernel.slicing.polygon_regions import (
+from tpmscad.brep.sections.periodic_section import PeriodicSection, find_periodic_section
+from tpmscad.brep.sections.polygon_regions import (
     Region,
     combine_regions,
     load_clipper,
     region_length,
     signed_areas,
 )
+from tpmscad.errors import InvalidRequest, TrimmingError
+from tpmscad.kernel.body_import.cad_body import read_body
+from tpmscad.kernel.boolean.hollow_body import resolve_open_faces
+from tpmscad.kernel.build.solids import build_solids
+from tpmscad.kernel.measure.shape_extents import shape_bounds
+from tpmscad.kernel.slicing.contours import LayerContours, slice_solids, split_layers, triangulate_for_slices
 from tpmscad.kernel.slicing.surface_triangulation import SurfaceTriangulation
 from tpmscad.parallel import task_runner
 from tpmscad.requests.face_selection import resolve_face_selectors

@@ -6,14 +6,12 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from skimage import measure
 
-pyclipper = pytest.importorskip("pyclipper")
-measure = pytest.importorskip("skimage.measure")
-
+from tpmscad.brep.sections.clipped_curves import clip_curves, winding_number
+from tpmscad.brep.sections.periodic_section import PeriodicSection, find_periodic_section
+from tpmscad.brep.sections.polygon_regions import combine_regions, signed_areas, thin_curve, thin_polygon
 from tpmscad.errors import TrimmingError
-from tpmscad.kernel.slicing.clipped_curves import clip_curves, winding_number
-from tpmscad.kernel.slicing.periodic_section import PeriodicSection, find_periodic_section
-from tpmscad.kernel.slicing.polygon_regions import combine_regions, signed_areas, thin_curve, thin_polygon
 
 CELL, LOW = np.array([2.0, 3.0]), np.array([0.31, -0.27])
 N = 120

@@ -33,7 +33,7 @@ class _Segments:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class _Crossings:
+class _OutlineCrossings:
     """Where curves cross outlines: segments of both, fractions along them, the place (n, 2), whether the curve enters."""
 
     on_curve: IntArray
@@ -91,7 +91,7 @@ def _list_segments(closed: Sequence[Array], through: Sequence[Array]) -> _Segmen
     return _Segments(np.concatenate([none, *tails]), np.concatenate([none, *heads]), curve)
 
 
-def _find_crossings(segments: _Segments, border: _Segments) -> _Crossings:
+def _find_crossings(segments: _Segments, border: _Segments) -> _OutlineCrossings:
     """All crossings of curves and outlines, ordered along the curves."""
     near = _find_near(segments, border)
     pairs = []
@@ -116,8 +116,8 @@ def _find_crossings(segments: _Segments, border: _Segments) -> _Crossings:
     side_p, side_q, side_a, side_b = side_p[meets], side_q[meets], side_a[meets], side_b[meets]
     along = side_p / (side_p - side_q)
     order = np.lexsort((along, i))
-    found = _Crossings(i, k, along, side_a / (side_a - side_b), p + along[:, None] * (q - p), side_q > 0)
-    return _Crossings(*(getattr(found, name)[order] for name in _Crossings.__slots__))
+    found = _OutlineCrossings(i, k, along, side_a / (side_a - side_b), p + along[:, None] * (q - p), side_q > 0)
+    return _OutlineCrossings(*(getattr(found, name)[order] for name in _OutlineCrossings.__slots__))
 
 
 def _cross(a: Array, b: Array) -> Array:
@@ -147,7 +147,7 @@ def _find_near(segments: _Segments, border: _Segments) -> IntArray:
     return np.flatnonzero(within & marked[own[:, 0], own[:, 1]])
 
 
-def _pair_up(found: _Crossings, segments: _Segments, n_closed: int) -> dict[int, int]:
+def _pair_up(found: _OutlineCrossings, segments: _Segments, n_closed: int) -> dict[int, int]:
     """For each crossing at which a curve enters, that at which it leaves next; TrimmingError if they do not alternate."""
     curve = segments.curve[found.on_curve]
     pairs: dict[int, int] = {}
@@ -159,7 +159,7 @@ def _pair_up(found: _Crossings, segments: _Segments, n_closed: int) -> dict[int,
     return pairs
 
 
-def _chain(segments: _Segments, border: _Segments, found: _Crossings, n_closed: int) -> list[Array]:
+def _chain(segments: _Segments, border: _Segments, found: _OutlineCrossings, n_closed: int) -> list[Array]:
     """The polygons of pieces of curves within the outline, and of the outline from where one leaves to where the next enters."""
     leave_of, curve = _pair_up(found, segments, n_closed), segments.curve
     first = np.searchsorted(curve, np.arange(curve[-1] + 2))

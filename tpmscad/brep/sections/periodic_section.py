@@ -14,9 +14,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from tpmscad._typing import Array, IntArray
+from tpmscad.brep.sections.clipped_curves import clip_curves, winding_number
+from tpmscad.brep.sections.polygon_regions import Region, combine_regions, signed_areas, thin_curve, thin_polygon
 from tpmscad.errors import TrimmingError
-from tpmscad.kernel.slicing.clipped_curves import clip_curves, winding_number
-from tpmscad.kernel.slicing.polygon_regions import Region, combine_regions, signed_areas, thin_curve, thin_polygon
 
 SIDE_REL_TOL = 1e-7
 """In cells: distance of a point from a side of the cell on which it lies. Sides and patches are cut to 5e-10."""
