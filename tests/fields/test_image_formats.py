@@ -175,6 +175,18 @@ class TestSlices:
                 write_slice(path, 3 * (time - 1) + k, ORIGIN + np.array([0, 0, k]), instance=10 * k + time)
         np.testing.assert_array_equal(read_image(tmp_path / "scan", volume=1, frame="LPS").values, VALUES[:, :, 3:])
 
+    def test_slices_that_make_no_volume_are_refused(self, tmp_path: Path) -> None:
+        pydicom = pytest.importorskip("pydicom")
+        write_dicom(tmp_path / "scan", skipped=[4, 5])
+        write_slice(tmp_path / "scan" / "again", 0, ORIGIN, instance=9)
+        with pytest.raises(InvalidRequest, match="5 slices in scan lie at 4 positions: as many are needed at each"):
+            read_image(tmp_path / "scan")
+        data = pydicom.dcmread(tmp_path / "scan" / "again")
+        data.PixelSpacing = [1.0, 1.0]
+        data.save_as(tmp_path / "scan" / "again")
+        with pytest.raises(InvalidRequest, match="the slices in scan differ in size, spacing or direction"):
+            read_image(tmp_path / "scan")
+
     def test_one_file_of_a_series_is_refused(self, tmp_path: Path) -> None:
         write_dicom(tmp_path / "scan")
         with pytest.raises(InvalidRequest, match="one slice: give the folder of its series"):
@@ -200,6 +212,19 @@ class TestSlices:
         tifffile.imwrite(tmp_path / "a.tif", np.zeros((4, 5, 6, 3), np.uint8), photometric="rgb")
         with pytest.raises(InvalidRequest, match=r"a\.tif holds 3 colours for each pixel"):
             read_image(tmp_path / "a.tif")
+
+
+def test_vectors_and_maps_without_three_axes_are_refused(tmp_path: Path) -> None:
+    sitk = pytest.importorskip("SimpleITK")
+    sitk.WriteImage(sitk.GetImageFromArray(np.zeros((5, 6, 7, 2)), isVector=True), str(tmp_path / "a.mha"))
+    with pytest.raises(InvalidRequest, match=r"a\.mha holds 2 numbers for each voxel"):
+        read_image(tmp_path / "a.mha")
+    mrcfile = pytest.importorskip("mrcfile")
+    with mrcfile.new(tmp_path / "a.mrc") as made:
+        made.set_data(VALUES)
+        made.header.mapr = 1
+    with pytest.raises(InvalidRequest, match=r"a\.mrc states the axes \[1, 1, 3\], which must be 1, 2 and 3"):
+        read_image(tmp_path / "a.mrc")
 
 
 class TestMeshes:
@@ -251,6 +276,51 @@ class TestMeshes:
         meshio.Mesh(corners, [("hexahedron", bricks)], cell_data={"a": [[1.0, 2.0]]}).write(tmp_path / "a.vtu")
         with pytest.raises(InvalidRequest, match=r"cells of a\.vtu differ in size: .* resample"):
             read_image(tmp_path / "a.vtu")
+
+    def test_vectors_and_places_with_two_values_are_refused(self, tmp_path: Path) -> None:
+        meshio = pytest.importorskip("meshio")
+        pytest.importorskip("vtkmodules")
+        corners, bricks = brick_mesh()
+        for rows, data, words in (
+            ([0], np.zeros((1, 3)), "holds 3 numbers at each place"),
+            ([0, 1, 1], np.zeros(3), "several values at one place"),
+        ):
+            mesh = meshio.Mesh(corners, [("hexahedron", bricks[rows])], cell_data={"a": [data]})
+            mesh.write(tmp_path / "a.vtu")
+            with pytest.raises(InvalidRequest, match=words):
+                read_image(tmp_path / "a.vtu")
+
+    @pytest.mark.parametrize("suffix", ["vtr", "vtk"])
+    def test_rectilinear_grids_are_read_where_they_are_uniform(self, tmp_path: Path, suffix: str) -> None:
+        pytest.importorskip("vtkmodules")
+        from vtkmodules.util.numpy_support import numpy_to_vtk
+        from vtkmodules.vtkCommonDataModel import vtkRectilinearGrid
+        from vtkmodules.vtkIOLegacy import vtkRectilinearGridWriter
+        from vtkmodules.vtkIOXML import vtkXMLRectilinearGridWriter
+
+        for power, is_uniform in ((1.0, True), (1.5, False)):
+            axes = [
+                f + s * (np.arange(n + 1.0) / n) ** power * n
+                for n, s, f in zip(VALUES.shape, SPACING, ORIGIN, strict=True)
+            ]
+            grid = vtkRectilinearGrid()
+            grid.SetDimensions(*(len(axis) for axis in axes))
+            for name, axis in zip("XYZ", axes, strict=True):
+                getattr(grid, f"Set{name}Coordinates")(numpy_to_vtk(axis, deep=True))
+            array = numpy_to_vtk(VALUES.ravel(order="F"), deep=True)
+            array.SetName("a")
+            grid.GetCellData().SetScalars(array)
+            writer = vtkXMLRectilinearGridWriter() if suffix == "vtr" else vtkRectilinearGridWriter()
+            writer.SetFileName(str(tmp_path / f"a.{suffix}"))
+            writer.SetInputData(grid)
+            writer.Write()
+            if is_uniform:
+                image = read_image(tmp_path / f"a.{suffix}")
+                np.testing.assert_array_equal(image.values, VALUES)
+                np.testing.assert_allclose((image.spacing, image.origin), (SPACING, ORIGIN + SPACING / 2))
+            else:
+                with pytest.raises(InvalidRequest, match="on no uniform grid"):
+                    read_image(tmp_path / f"a.{suffix}")
 
     def test_tetrahedra_are_refused(self, tmp_path: Path) -> None:
         meshio = pytest.importorskip("meshio")

