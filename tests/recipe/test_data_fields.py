@@ -114,3 +114,10 @@ surface = "gyroid"
 cell = 2
 volume_fraction = { kind = "ramp", by = "z", span = [0, 4], values = [0.4, 0.2] }"""
     assert_same(read_field(tmp_path, text), fields.sheet(phi, low, high))
+
+
+def test_the_mesh_of_a_file_is_a_field(tmp_path: Path) -> None:
+    trimesh = pytest.importorskip("trimesh")
+    trimesh.creation.icosphere(1, 5.0).export(tmp_path / "ball.stl")
+    found = read_field(tmp_path, 'kind = "mesh"\nfile = "ball.stl"\nspacing = 0.7')
+    assert_same(found, fields.mesh(tmp_path / "ball.stl", spacing=0.7))

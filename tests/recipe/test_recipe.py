@@ -223,7 +223,15 @@ def part(folder: Path, field: str) -> fields.Field:
 
 
 def test_every_kind_is_tried() -> None:
-    assert field_kinds().keys() - SAME.keys() == {"image", "body", "sampled", "labels", "scattered", "expression"}
+    assert field_kinds().keys() - SAME.keys() == {
+        "image",
+        "body",
+        "sampled",
+        "labels",
+        "scattered",
+        "expression",
+        "mesh",
+    }
 
 
 def names_of_fields(kind: type = fields.Field) -> set[str]:

@@ -28,7 +28,7 @@ from tpmscad.results.loose_pieces import drop_loose_pieces
 from tpmscad.results.model import Model
 from tpmscad.solids.boolean_strategies import TRIMMED_PATCHES, estimate_fraction, signed_distances_to_nodes
 from tpmscad.solids.field_bodies import BODY, FieldBody, join_body_measures
-from tpmscad.solids.field_skin import Cavity, erode_field_body
+from tpmscad.solids.field_skin import ErodedFieldBody, erode_field_body
 from tpmscad.solids.lattice_block import LatticeBlock
 from tpmscad.solids.patch_measures import move_patch_measures
 from tpmscad.solids.reference_distance import DistanceFunction
@@ -105,7 +105,7 @@ def _intersect(body: FieldBody, block: LatticeBlock) -> FilledBody:
     return FilledBody(found.brep, found.built, moved, (), describe_cut(found.report, moved))
 
 
-def _fill_within_skin(body: FieldBody, block: LatticeBlock, cavity: Cavity) -> FilledBody:
+def _fill_within_skin(body: FieldBody, block: LatticeBlock, cavity: ErodedFieldBody) -> FilledBody:
     """The body without what the lattice leaves of the cavity."""
     found, moved = cut_by_lattice(
         block, lambda lattice: combine_networks(cavity.brep, lattice, "difference", build=build_valid_solids)
@@ -162,7 +162,7 @@ def describe_cut(report: NetworkReport, moved: float) -> tuple[str, ...]:
     return "cut on the patches' parameters", f"the lattice was moved by {moved:.2g}{reason}"
 
 
-def _check_volume(volume: float, body: FieldBody, block: LatticeBlock, cavity: Cavity | None) -> Check:
+def _check_volume(volume: float, body: FieldBody, block: LatticeBlock, cavity: ErodedFieldBody | None) -> Check:
     """The check of the volume against a sample of points in the body."""
     low, high = (np.array(corner) for corner in body.cad.report.bounds)
     points = low + (high - low) * _sample_cube(SAMPLE_POINTS)

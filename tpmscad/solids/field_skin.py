@@ -69,7 +69,7 @@ NODES_PER_DIRECTION, NEAREST_NODES = 7, 4
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Cavity:
+class ErodedFieldBody:
     """The patches of what is deeper than the skin, the field that is negative there, and what was measured."""
 
     brep: Brep
@@ -78,7 +78,7 @@ class Cavity:
     notes: tuple[str, ...]
 
 
-def erode_field_body(body: FieldBody, skin: float) -> Cavity:
+def erode_field_body(body: FieldBody, skin: float) -> ErodedFieldBody:
     """The part of a body deeper than its skin; InvalidRequest if there is none."""
     depth = _sample_depth(body, skin)
     return _fit_cavity(_find_excess(depth, skin), body, skin, depth)
@@ -143,7 +143,7 @@ def _find_level_points(spline: Field, depth: _SampledDepth, skin: float) -> Arra
     return points[np.abs(spline(points) + skin) < 1e-3 * skin]
 
 
-def _fit_cavity(excess: float, body: FieldBody, skin: float, depth: _SampledDepth) -> Cavity:
+def _fit_cavity(excess: float, body: FieldBody, skin: float, depth: _SampledDepth) -> ErodedFieldBody:
     """The cavity at (1 + excess) skins; LevelSetError if it cannot be fitted."""
     values, left_out = _fill_small_parts(depth.values + (1 + excess) * skin, depth.spacing)
     if not (values < 0).any():
@@ -180,7 +180,7 @@ def _fit_cavity(excess: float, body: FieldBody, skin: float, depth: _SampledDept
         f"{greatest:.4g} thick, {median:.4g} in the median, measured at {len(thickness)} points of the cavity's patches",
         *left_out,
     )
-    return Cavity(brep, field, checks, notes)
+    return ErodedFieldBody(brep, field, checks, notes)
 
 
 def _fill_small_parts(values: Array, spacing: float) -> tuple[Array, tuple[str, ...]]:
