@@ -171,7 +171,7 @@ class TestSelection:
         [
             (ORGANS, 7, "holds no label 7: its values are 0, 2, 5, 9"),
             (ORGANS, [2, 7], "holds no label 7"),
-            (ORGANS * 0, 0, "label 0 fills all of the array"),
+            (ORGANS * 0, 0, "label 0 of 0 fills all of the array"),
             (ORGANS * 0, "all", "holds no label but 0"),
             (ORGANS, 1.5, "label 1.5 must be a whole number"),
             (ORGANS, "bone", "label 'bone' is unknown; choose one of 'all'"),

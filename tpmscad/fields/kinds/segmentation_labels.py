@@ -112,7 +112,7 @@ def labels(
     name, image = read_data(array, frame, True, volume, array_name)
     inside, told = select_labels(name, image.values, label)
     if inside.all():
-        raise InvalidRequest(f"{name} holds nothing but {told}: it has no surface")
+        raise InvalidRequest(f"{told} fills all of {name}: it has no surface")
     steps, first = place_data(image, spacing, origin)
     size = float(np.cbrt(np.prod(steps)))
     reference = (
