@@ -192,6 +192,6 @@ def reject_empty(error: TrimmingError, body: FieldBody) -> Exception:
         return InvalidRequest(f"no lattice lies in {body.name}: shift it by phase, or make the cell smaller")
     return KernelError(
         "trim",
-        f"{body.name} and the lattice cannot be cut by each other; move the lattice by `phase`, or change `cell` or `tol` a little: "
+        f"{body.name} and the lattice cannot be cut by each other; shift it by `phase`, or change `cell` or `tol` a little: "
         f"{error}",
     )
