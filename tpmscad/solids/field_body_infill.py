@@ -190,4 +190,8 @@ def reject_empty(error: TrimmingError, body: FieldBody) -> Exception:
     """The error of a cut that leaves nothing, as an invalid request; others as errors of the kernel's room."""
     if "nothing is left" in str(error):
         return InvalidRequest(f"no lattice lies in {body.name}: shift it by phase, or make the cell smaller")
-    return KernelError("trim", f"{body.name} and the lattice cannot be cut by each other: {error}")
+    return KernelError(
+        "trim",
+        f"{body.name} and the lattice cannot be cut by each other; shift it by `phase`, or change `cell` or `tol` a little: "
+        f"{error}",
+    )
