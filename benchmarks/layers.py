@@ -20,8 +20,7 @@ import build123d as bd
 import numpy as np
 
 import tpmscad
-from benchmarks.trial_judges import signed_distance
-from tpmscad.fields.kinds.nodal_field import NodalFunction
+from benchmarks.trial_judges import NodalFunction, signed_distance
 from tpmscad.kernel.export.layer_files import Layer
 
 SAMPLES = 400_000
