@@ -47,17 +47,17 @@ def test_layers_are_those_of_the_solid(name: str) -> None:
         assert own.area == pytest.approx(other.area, abs=0.1 * CHORD_ERROR * other.perimeter)
         assert own.perimeter == pytest.approx(other.perimeter, rel=0.01)
         assert signed_area(own.contours) == pytest.approx(own.area, abs=CHORD_ERROR * own.perimeter)
-    assert layers.volume == pytest.approx(expected.volume, rel=1e-3)
+    assert layers.volume == pytest.approx(solid.volume, rel=2e-3)
 
 
 def test_a_box_of_many_cells_has_the_volume_of_its_cells() -> None:
     """8 x 8 x 2 whole cells: the volume fraction is that of one cell, which the certificate of a lattice states."""
     layers = tpmscad.infill_layers(
-        bd.Pos(8, 8, 1) * bd.Box(16, 16, 2), "P", cell=2, thickness=0.3, height=0.05, chord_error=0.01
+        bd.Pos(8, 8, 1) * bd.Box(16, 16, 2), "P", cell=2, thickness=0.3, height=0.066, chord_error=0.02
     )
     cell = tpmscad.lattice("P", cell=2, thickness=0.3, phase=(0, 0, 0))
-    assert layers.volume == pytest.approx(64 * cell.volume, rel=1e-4)
-    assert len(layers) == 40
+    assert layers.volume == pytest.approx(64 * cell.volume, rel=2e-5)
+    assert len(layers) == 31
 
 
 def test_what_has_no_equal_cells_in_its_layers_is_refused() -> None:

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from concurrent.futures import Executor
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
@@ -40,7 +40,7 @@ from tpmscad.solids.field_bodies import FieldBody, fit_field_body, reject_box, r
 from tpmscad.solids.lattice_block import find_trim_tolerance, fit_patches_over_box
 from tpmscad.solids.skin import erode_body
 from tpmscad.stage_timer import StageTimer
-from tpmscad.studies.layer_slices import Slices, choose_chord_error, cut_layers, divide_into_layers
+from tpmscad.studies.layer_slices import Slices, choose_chord_error, collect_layers, divide_into_layers
 from tpmscad.trimming.operands.polyhedra import box
 from tpmscad.trimming.trim_pipeline import trim
 
@@ -56,8 +56,9 @@ HEIGHT_REL_TOL = 1e-6
 HEIGHT_ROUND_OFF_CELLS = 1e-9
 """In cells: difference of two heights that round-off explains."""
 
-VOLUME_RTOL = 2e-5
-"""Relative error that the rule over smooth layers may add to the volume; areas are known to some 1e-6, by the mean chords."""
+SECTIONS_OF_CELL = 256
+"""Sections from which the mean of a cell's area over a layer is taken: over whole cells it is within 1e-5 of the volume. In 30
+layers to a cell the areas in their middles alone are 5e-4 off, since the area has peaks where the wall is level."""
 
 LAYERS_PER_TASK = 16
 """Layers that are joined and clipped by one task."""
@@ -131,7 +132,10 @@ def infill_layers(options: InfillLayersOptions) -> Slices:
     with stages("cut"):
         lattice = CellSections(request, _find_gap(0.5 * (edges[:-1] + edges[1:]), request.cell[2]), error)
         filled = LayeredInfill(lattice, turn[:2, :2], tuple(outer), inner, bool(openings), error, options.executor)
-        return cut_layers(f"{request.surface} infill", edges, error, filled.cut, filled.measure_areas, VOLUME_RTOL)
+        sections = filled.fill(0.5 * (edges[:-1] + edges[1:]))
+        heights, excess = np.diff(edges), lattice.mean_shares(edges) - [each.share for each in sections]
+        volumes = heights * ([each.area for each in sections] + excess * [each.room for each in sections])
+        return collect_layers(f"{request.surface} infill", edges, error, _join_sections(sections), volumes)
 
 
 def _find_gap(heights: Array, period: float) -> float:
@@ -178,6 +182,16 @@ class CellSections:
         if len(found) < len(first):
             raise failure
         return [found[k] for k in index.ravel().tolist()]
+
+    def mean_shares(self, edges: Array) -> Array:
+        """The mean part of a cell that is solid between consecutive heights (n + 1,): (n,)."""
+        period = self.cell[2]
+        levels = self.bottom + period * (np.arange(SECTIONS_OF_CELL) + 0.5) / SECTIONS_OF_CELL
+        shares = np.array([section.area for section in self.at(levels)]) / np.prod(self.cell[:2])
+        cumulated = np.append(0.0, np.cumsum(shares)) / SECTIONS_OF_CELL
+        whole, rest = np.divmod((edges - self.bottom) / period, 1.0)
+        below = whole * cumulated[-1] + np.interp(rest, np.linspace(0.0, 1.0, SECTIONS_OF_CELL + 1), cumulated)
+        return np.asarray(np.diff(below) * period / np.diff(edges))
 
     def _cut_cell(self, corner: int, rest: Array) -> list[CellSection | TrimmingError]:
         """The sections at ascending heights (n,) above the lower side of a cell; the failure where one is unclear."""
@@ -227,24 +241,7 @@ class LayeredInfill:
     error: float
     executor: Executor | None
 
-    def cut(self, heights: Array) -> LayerContours:
-        """The contours at ascending heights (n,)."""
-        layers = self._fill(heights, with_contours=True)
-        contours = [contour for layer in layers for contour in layer.contours]
-        return LayerContours(
-            np.concatenate([np.zeros((0, 2)), *contours]),
-            np.cumsum([0, *map(len, contours)]),
-            np.repeat(np.arange(len(heights)), [len(layer.contours) for layer in layers]),
-            np.array([layer.area for layer in layers]),
-            np.array([layer.length for layer in layers]),
-            0,
-        )
-
-    def measure_areas(self, heights: Array) -> Array:
-        """The areas at ascending heights (n,)."""
-        return np.array([layer.area for layer in self._fill(heights, with_contours=False)])
-
-    def _fill(self, heights: Array, *, with_contours: bool) -> list[FilledSection]:
+    def fill(self, heights: Array) -> list[FilledSection]:
         """The filled sections at ascending heights (n,), in tasks of LAYERS_PER_TASK."""
         sections = self.lattice.at(heights)
         body, cavity = (
@@ -253,7 +250,7 @@ class LayeredInfill:
         )
         regions = list(zip(sections, body, cavity, strict=True))
         tasks = [
-            (self.turn, self.has_openings, with_contours, regions[first : first + LAYERS_PER_TASK])
+            (self.turn, self.has_openings, regions[first : first + LAYERS_PER_TASK])
             for first in range(0, len(regions), LAYERS_PER_TASK)
         ]
         with task_runner(self.executor, tasks[0] if tasks else None) as run_tasks:
@@ -276,21 +273,35 @@ class BodySection:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class FilledSection:
-    """The contours of a layer, with area and length of the exact ones."""
+    """The contours of a layer, with area and length of the exact ones.
+
+    room: the area in which the lattice lies, the body's or the cavity's. share: the part of a cell that is solid.
+    """
 
     contours: Region
     area: float
     length: float
+    room: float
+    share: float
+
+
+def _join_sections(sections: Sequence[FilledSection]) -> LayerContours:
+    """The contours of all layers."""
+    contours = [contour for each in sections for contour in each.contours]
+    return LayerContours(
+        np.concatenate([np.zeros((0, 2)), *contours]),
+        np.cumsum([0, *map(len, contours)]),
+        np.repeat(np.arange(len(sections)), [len(each.contours) for each in sections]),
+        np.array([each.area for each in sections]),
+        np.array([each.length for each in sections]),
+        0,
+    )
 
 
 def _fill_sections(
-    turn: Array,
-    has_openings: bool,
-    with_contours: bool,
-    regions: Sequence[tuple[CellSection, BodySection, BodySection | None]],
+    turn: Array, has_openings: bool, regions: Sequence[tuple[CellSection, BodySection, BodySection | None]]
 ) -> list[FilledSection]:
-    found = [_fill_section(turn, has_openings, *region) for region in regions]
-    return found if with_contours else [replace(each, contours=[]) for each in found]
+    return [_fill_section(turn, has_openings, *region) for region in regions]
 
 
 def _fill_section(
@@ -306,14 +317,18 @@ def _fill_section(
     room, curves = (body, lattice.curves) if cavity is None else (cavity, lattice.curves.reversed())
     inside = [polygon @ turn.T for polygon in curves.fill([polygon @ turn for polygon in room.outline])]
     cell_area, polygon_area = float(np.prod(lattice.curves.cell)), signed_areas(room.outline)
-    sense, share = (1, lattice.area / cell_area) if cavity is None else (-1, 1 - lattice.area / cell_area)
-    excess = sense * lattice.excess * polygon_area / cell_area + share * (room.area - polygon_area)
-    area = signed_areas(inside) + excess
-    if cavity is None:
-        return FilledSection(inside, area, lattice.lengthening * region_length(inside))
-    contours = (
-        combine_regions(body.outline, inside, "difference")
-        if has_openings
-        else [*body.outline, *(p[::-1] for p in inside)]
+    share = lattice.area / cell_area
+    sense, filled = (1, share) if cavity is None else (-1, 1 - share)
+    area = (
+        signed_areas(inside) + sense * lattice.excess * polygon_area / cell_area + filled * (room.area - polygon_area)
     )
-    return FilledSection(contours, body.area - area, lattice.lengthening * region_length(contours))
+    if cavity is None:
+        contours = inside
+    else:
+        area = body.area - area
+        contours = (
+            combine_regions(body.outline, inside, "difference")
+            if has_openings
+            else [*body.outline, *(p[::-1] for p in inside)]
+        )
+    return FilledSection(contours, area, lattice.lengthening * region_length(contours), room.area, share)

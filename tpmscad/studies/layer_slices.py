@@ -132,7 +132,8 @@ def slice_shape(
     def cut(levels: Array) -> LayerContours:
         return slice_solids(solids, levels, error, executor)
 
-    return cut_layers(name, edges, error, cut, lambda levels: cut(levels).areas)
+    found = cut(0.5 * (edges[:-1] + edges[1:]))
+    return collect_layers(name, edges, error, found, _integrate_layers(edges, found.areas, lambda z: cut(z).areas))
 
 
 def divide_into_layers(height: float, bounds: Sequence[float]) -> Array:
@@ -153,21 +154,9 @@ def choose_chord_error(height: float, chord_error: float | None) -> float:
     return DEFAULT_CHORD_ERROR_FRACTION * height if chord_error is None else chord_error
 
 
-def cut_layers(
-    name: str,
-    edges: Array,
-    chord_error: float,
-    cut: Callable[[Array], LayerContours],
-    measure_areas: Callable[[Array], Array],
-    volume_rtol: float = VOLUME_RTOL,
-) -> Slices:
-    """The layers between consecutive heights (n + 1,), from contours and areas at ascending heights (m,).
-
-    Layers in which the area has a kink are integrated from more sections, until the volume is known within `volume_rtol`.
-    """
+def collect_layers(name: str, edges: Array, chord_error: float, found: LayerContours, volumes: Array) -> Slices:
+    """The layers between consecutive heights (n + 1,), with the contours found in their middles and their volumes (n,)."""
     count = len(edges) - 1
-    found = cut(0.5 * (edges[:-1] + edges[1:]))
-    volumes = _integrate_layers(edges, found.areas, measure_areas, volume_rtol)
     contours = split_layers(found, count)
     layers = tuple(
         Layer(
@@ -183,7 +172,7 @@ def cut_layers(
     return Slices(name, layers, chord_error, found.unresolved)
 
 
-def _integrate_layers(edges: Array, areas: Array, measure_areas: Callable[[Array], Array], volume_rtol: float) -> Array:
+def _integrate_layers(edges: Array, areas: Array, measure_areas: Callable[[Array], Array]) -> Array:
     """Volumes (n,) between consecutive heights (n + 1,) from the areas in the middles (n,), and others that are measured.
 
     Where the area is smooth, the midpoint rule with the second difference of the areas is of fourth order. Where planes touch a
@@ -196,7 +185,7 @@ def _integrate_layers(edges: Array, areas: Array, measure_areas: Callable[[Array
     rough[2:-3] = np.abs(np.diff(areas[:-1], 4)) * heights[2:-3] * 17.0 / 5760.0
     order = np.argsort(rough, kind="stable")
     smooth = np.zeros(len(areas), bool)
-    smooth[order[np.cumsum(rough[order]) <= volume_rtol * float(heights @ areas)]] = True
+    smooth[order[np.cumsum(rough[order]) <= VOLUME_RTOL * float(heights @ areas)]] = True
     volumes = heights * (areas + np.where(smooth, second, 0.0) / 24.0)
     if not smooth.all():
         nodes, weights = np.polynomial.legendre.leggauss(SECTIONS_OF_ROUGH_LAYER)
