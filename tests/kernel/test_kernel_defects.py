@@ -302,7 +302,10 @@ def read_brep(path: Path) -> bool:
 
 
 @pytest.mark.xfail(
-    strict=True, raises=ChildFailure, reason=f"OCCT {VERSION}: a BREP file cut short is read without end"
+    not VERSION.startswith("7."),  # OCCT 7.9 refuses it
+    strict=True,
+    raises=ChildFailure,
+    reason=f"OCCT {VERSION}: a BREP file cut short is read without end",
 )
 def test_a_brep_file_that_breaks_off_is_refused_by_the_reader(tmp_path: Path) -> None:
     path = tmp_path / "bored.brep"
