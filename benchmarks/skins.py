@@ -107,6 +107,9 @@ def erode(name: str, ratio: float, opened: bool) -> None:
     """One row of the table of eroded bodies."""
     shape = ERODED[name]()
     body = read_body(shape)
+    if opened and not any(face.geom_type == bd.GeomType.PLANE for face in shape.faces()):
+        print(f"{name:>9} has no planar face to open", flush=True)
+        return
     openings = (outermost(shape, UP).wrapped,) if opened else ()
     closed = [face for face in faces_of(body.shape) if not any(face.IsSame(o) for o in openings)]
     depth = SkinDepth(body.shape, closed)
