@@ -10,6 +10,7 @@ filled.faces(">Z").workplane().hole(4).tpmsModels()[-1].certificate
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import KW_ONLY, dataclass, field
 from typing import Annotated, Any, Literal
 
@@ -103,6 +104,7 @@ class WorkplaneInfillOptions(InfillOptions):
 
     body: Any = field(init=False, default=None)
     solid: int | str | None = field(init=False, default=None)
+    box: Sequence[Sequence[float]] | None = field(init=False, default=None)
     _: KW_ONLY
     open_faces: Annotated[
         Any,

@@ -33,6 +33,7 @@ def filled(cq: Any) -> Any:
 def test_the_keywords_are_those_of_infill(cq: Any) -> None:
     ours = list(inspect.signature(cq.Workplane.tpmsInfill).parameters.values())[1:]
     theirs = list(inspect.signature(tpmscad.infill).parameters.values())[1:]
+    theirs = [p for p in theirs if p.name not in ("solid", "box")]  # which choose in a file, and bound a field
     assert [(p.name, p.default, p.kind) for p in ours[:-1]] == [(p.name, p.default, p.kind) for p in theirs]
     assert (ours[-1].name, ours[-1].default) == ("combine", True)
 
