@@ -130,7 +130,7 @@ def test_a_field_of_planes_and_spheres_is_an_exact_body() -> None:
     ("body", "changed", "words"),
     [
         (fields.tpms("gyroid", 9.0), {}, "no bounds of the field"),
-        (fields.from_function(lambda x, y, z: x**2 + y**2 + z**2 - 30), {}, "give box="),
+        (fields.from_function(lambda x, y, z: x**2 + y**2 + z**2 - 30), {}, "two corners as `box`"),
         (ELLIPSOID, {"skin": 1.0, "open_faces": [">Z"]}, "open_faces are plane faces of a CAD body"),
         (ELLIPSOID, {"skin": 7.0}, "a skin of 7 leaves nothing"),
         (ELLIPSOID, {"cell": 40}, "less than a cell"),

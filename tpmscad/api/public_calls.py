@@ -45,7 +45,6 @@ SYNONYMS = {
     "shell": "skin",
     "shell_thickness": "skin",
     "bounds": "domain",
-    "box": "domain",
 }
 """Words of other programs, and of other functions of this one, for our keywords."""
 

@@ -104,7 +104,7 @@ def resolve_field(source: Any) -> Field | None:
 def reject_box(box: BoxCorners | None) -> None:
     """InvalidRequest for a box together with a CAD body."""
     if box is not None:
-        raise InvalidRequest("box= holds the solid of a field or mesh; a CAD body has bounds of its own: leave box out")
+        raise InvalidRequest("`box` holds the solid of a field or mesh; a CAD body has bounds of its own: leave it out")
 
 
 def reject_solid(solid: int | str | None) -> None:
@@ -124,8 +124,8 @@ def find_field_box(field: Field, box: BoxCorners | None, name: str) -> tuple[Arr
     found = bound_solid(field)
     if found is None:
         raise InvalidRequest(
-            f"no bounds of {name} are found, within which all of it is solid: give box=((x0, y0, z0), (x1, y1, z1)), or its "
-            "intersection with fields.box or fields.sphere"
+            f"no bounds of {name} are found, within which all of it is solid: give two corners as `box`, or its intersection with "
+            "a box or a ball"
         )
     margin = BOX_MARGIN_FRACTION * float((found[1] - found[0]).max())
     return found[0] - margin, found[1] + margin
