@@ -124,8 +124,8 @@ def find_field_box(field: Field, box: BoxCorners | None, name: str) -> tuple[Arr
     found = bound_solid(field)
     if found is None:
         raise InvalidRequest(
-            f"no bounds of {name} are found, within which all of it is solid: give two corners as `box`, or its intersection with "
-            "a box or a ball"
+            f"no bounds of {name} are found, within which all of it is solid: give two corners as `box`, or its "
+            "intersection with a box or a ball"
         )
     margin = BOX_MARGIN_FRACTION * float((found[1] - found[0]).max())
     return found[0] - margin, found[1] + margin
