@@ -70,6 +70,7 @@ def test_a_link_planted_in_its_place_is_not_followed(temporary: Path, tmp_path_f
         assert keep_in_temporary_folder() != folder
 
 
+@pytest.mark.slow
 def test_the_package_works_where_no_folder_can_be_written_to(tmp_path: Path) -> None:
     done = subprocess.run(
         [sys.executable, "-c", WITHOUT_A_WRITABLE_FOLDER],

@@ -37,6 +37,7 @@ def bounds_of(nets: Array) -> CellBounds:
     return CellBounds(nets, np.zeros(n), center, radius, axis, angle, zeros, zeros, zeros, keys, more)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("through", [-1.0, 1.0])
 def test_a_pair_with_places_that_face_each_other_is_kept_and_its_bound_holds(through: float) -> None:
     rng = np.random.default_rng(1)

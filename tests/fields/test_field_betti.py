@@ -119,6 +119,7 @@ def test_no_neck_is_sought_on_the_creases_of_a_distance_far_from_its_surface(mon
     assert starts[0] == 0 < starts[1]
 
 
+@pytest.mark.slow
 def test_lines_near_a_neck_are_no_denser_than_it_is_wide() -> None:
     """A neck ten times as wide has fewer lines, the closest within half of its half width, and its count is right."""
     n_lines = []
@@ -136,6 +137,7 @@ def test_lines_near_a_neck_are_no_denser_than_it_is_wide() -> None:
     assert n_lines[1] < n_lines[0]
 
 
+@pytest.mark.slow
 def test_grids_without_lines_through_all_necks_count_only_where_the_count_is_confirmed(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:

@@ -121,6 +121,7 @@ def test_volumes_are_within_their_stated_uncertainty(gap: float) -> None:
     assert abs(whole.volume + found.volume - 60) <= whole.uncertainty + found.uncertainty
 
 
+@pytest.mark.slow
 def test_a_ring_of_struts_has_a_tunnel_whatever_else_was_counted() -> None:
     sides = [
         fields.cylinder((1 + x, 2 + y, 2), 0.3, axis, 2.6)

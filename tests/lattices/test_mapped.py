@@ -194,6 +194,7 @@ def test_the_least_curvature_radius_of_an_unmapped_lattice_is_the_exact_one() ->
     )
 
 
+@pytest.mark.slow
 def test_the_greatest_deviation_is_that_of_all_patches_measured_one_by_one() -> None:
     """The least degree on a small cylinder: patches differ, so that most of them are left out by their bounds."""
     surface = mid(maps.cylinder(12.0))

@@ -177,6 +177,7 @@ def blunt_cone(radius: float) -> fields.Field:
     return fields.from_function(value, gradient)
 
 
+@pytest.mark.slow
 def test_a_tip_far_sharper_than_the_rest_of_a_surface_is_fitted_by_a_few_deep_leaves() -> None:
     fit = fit_field(blunt_cone(3e-4), np.zeros(3), np.ones(3), 1e-4)
     splits = np.log2(fit.fits[0].tree.size.max() / fit.fits[0].tree.size)
@@ -187,6 +188,7 @@ def test_a_tip_far_sharper_than_the_rest_of_a_surface_is_fitted_by_a_few_deep_le
     assert solid.continuity.tangent_jump_deg <= 0.01
 
 
+@pytest.mark.slow
 def test_an_edge_too_sharp_for_any_patch_is_refused_with_its_place() -> None:
     roof = fields.from_function(lambda x, y, z: z - 0.8 + np.abs(x - 0.47))
     with pytest.raises(LevelSetError, match="could not be fitted"):

@@ -78,6 +78,7 @@ def test_a_conic_is_a_spline_up_to_round_off(conic: Circle | Ellipse) -> None:
     np.testing.assert_allclose(curve(t, 1), conic(t, 1), atol=2e-12)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", BODIES)
 def test_patches_are_cut_by_quadrics(name: str) -> None:
     """Volumes add up, and the faces of the result lie on the carriers of the operands."""
@@ -147,6 +148,7 @@ def test_loops_step_along_poles() -> None:
         assert (np.sum(inside, axis=0) == 1).all()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("angle", [2.8, 5.9])
 def test_a_hole_beside_a_pole_is_inside_its_face(angle: float) -> None:
     """The loop around a pole runs up to it: a hole in the corner between the last sample of a meridian and the pole counts."""

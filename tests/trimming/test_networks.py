@@ -101,6 +101,7 @@ def test_the_edges_lie_on_both_networks() -> None:
         assert measure_edges(result.brep) <= 1e-7
 
 
+@pytest.mark.slow
 def test_caps_and_t_vertices_are_cut_as_patches_are() -> None:
     first, second = rod(), move_brep(ball((0.1, 0.2, -0.3), 1.4), SKEW)
     assert_volumes_add_up(first, second, combine(first, second))
@@ -209,6 +210,7 @@ def test_coincident_faces_are_told_apart_by_a_shift_that_is_told() -> None:
     assert volume(result.brep) == pytest.approx(float(np.prod(2 - shift)), rel=1e-12)
 
 
+@pytest.mark.slow
 def test_contact_over_an_area_is_refused_with_the_place() -> None:
     """A network and its own image a hair away: the faces coincide over an area within the tolerance."""
     sphere = ball((0.0, 0.0, 0.0), 1.3)
