@@ -129,6 +129,18 @@ def _nearest_of_triangle(corners, t, x, y, z):  # type: ignore[no-untyped-def]
     return vb / total, vc / total
 
 
+@njit_inner
+def _find_foot(corners, t, x, y, z):  # type: ignore[no-untyped-def]
+    """The nearest point of triangle t."""
+    v, w = _nearest_of_triangle(corners, t, x, y, z)
+    ax, ay, az = corners[t, 0, 0], corners[t, 0, 1], corners[t, 0, 2]
+    return (
+        ax + v * (corners[t, 1, 0] - ax) + w * (corners[t, 2, 0] - ax),
+        ay + v * (corners[t, 1, 1] - ay) + w * (corners[t, 2, 1] - ay),
+        az + v * (corners[t, 1, 2] - az) + w * (corners[t, 2, 2] - az),
+    )
+
+
 @njit_cached
 def _find_nearest(corners, low, high, child, first, last, points, distance, feet, found):  # type: ignore[no-untyped-def]
     """Fill distances, nearest points and leaf positions of the nearest triangles; see `TriangleTree`."""
@@ -137,69 +149,34 @@ def _find_nearest(corners, low, high, child, first, last, points, distance, feet
     nearest = 0
     for p in range(len(points)):
         x, y, z = points[p, 0], points[p, 1], points[p, 2]
-        best = np.inf
         # the triangle of the point before is near, as points mostly follow each other
-        for step in range(-1, 1):
-            if step < 0:
-                t = nearest
-                v, w = _nearest_of_triangle(corners, t, x, y, z)
-                fx = (
-                    corners[t, 0, 0]
-                    + v * (corners[t, 1, 0] - corners[t, 0, 0])
-                    + w * (corners[t, 2, 0] - corners[t, 0, 0])
-                )
-                fy = (
-                    corners[t, 0, 1]
-                    + v * (corners[t, 1, 1] - corners[t, 0, 1])
-                    + w * (corners[t, 2, 1] - corners[t, 0, 1])
-                )
-                fz = (
-                    corners[t, 0, 2]
-                    + v * (corners[t, 1, 2] - corners[t, 0, 2])
-                    + w * (corners[t, 2, 2] - corners[t, 0, 2])
-                )
-                best = (x - fx) ** 2 + (y - fy) ** 2 + (z - fz) ** 2
-                feet[p, 0], feet[p, 1], feet[p, 2] = fx, fy, fz
+        fx, fy, fz = _find_foot(corners, nearest, x, y, z)
+        best = (x - fx) ** 2 + (y - fy) ** 2 + (z - fz) ** 2
+        feet[p, 0], feet[p, 1], feet[p, 2] = fx, fy, fz
+        waiting[0], bound[0], top = 0, _box_distance2(low, high, 0, x, y, z), 1
+        while top > 0:
+            top -= 1
+            if bound[top] >= best:
                 continue
-            waiting[0], bound[0], top = 0, _box_distance2(low, high, 0, x, y, z), 1
-            while top > 0:
-                top -= 1
-                if bound[top] >= best:
-                    continue
-                node = waiting[top]
-                if child[node] > 0:
-                    one, other = child[node], child[node] + 1
-                    near, far = _box_distance2(low, high, one, x, y, z), _box_distance2(low, high, other, x, y, z)
-                    if far < near:
-                        one, other, near, far = other, one, far, near
-                    if far < best:
-                        waiting[top], bound[top] = other, far
-                        top += 1
-                    if near < best:
-                        waiting[top], bound[top] = one, near
-                        top += 1
-                    continue
-                for t in range(first[node], last[node]):
-                    v, w = _nearest_of_triangle(corners, t, x, y, z)
-                    fx = (
-                        corners[t, 0, 0]
-                        + v * (corners[t, 1, 0] - corners[t, 0, 0])
-                        + w * (corners[t, 2, 0] - corners[t, 0, 0])
-                    )
-                    fy = (
-                        corners[t, 0, 1]
-                        + v * (corners[t, 1, 1] - corners[t, 0, 1])
-                        + w * (corners[t, 2, 1] - corners[t, 0, 1])
-                    )
-                    fz = (
-                        corners[t, 0, 2]
-                        + v * (corners[t, 1, 2] - corners[t, 0, 2])
-                        + w * (corners[t, 2, 2] - corners[t, 0, 2])
-                    )
-                    square = (x - fx) ** 2 + (y - fy) ** 2 + (z - fz) ** 2
-                    if square < best:
-                        best, nearest = square, t
-                        feet[p, 0], feet[p, 1], feet[p, 2] = fx, fy, fz
+            node = waiting[top]
+            if child[node] > 0:
+                one, other = child[node], child[node] + 1
+                near, far = _box_distance2(low, high, one, x, y, z), _box_distance2(low, high, other, x, y, z)
+                if far < near:
+                    one, other, near, far = other, one, far, near
+                if far < best:
+                    waiting[top], bound[top] = other, far
+                    top += 1
+                if near < best:
+                    waiting[top], bound[top] = one, near
+                    top += 1
+                continue
+            for t in range(first[node], last[node]):
+                fx, fy, fz = _find_foot(corners, t, x, y, z)
+                square = (x - fx) ** 2 + (y - fy) ** 2 + (z - fz) ** 2
+                if square < best:
+                    best, nearest = square, t
+                    feet[p, 0], feet[p, 1], feet[p, 2] = fx, fy, fz
         distance[p], found[p] = np.sqrt(best), nearest
 
 
