@@ -7,6 +7,7 @@ points of both surfaces. A field of exact planes, spheres and cylinders that the
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -77,20 +78,17 @@ class FieldBody:
 
     def mesh(self, deviation: float) -> SolidMesh:
         """Triangles of the patches, up to a distance from them."""
-        (found,) = join_meshes(mesh_solids(self.built.shape, deviation, MESH_ANGLE))
-        return found
+        return _join_meshes(mesh_solids(self.built.shape, deviation, MESH_ANGLE))
 
 
-def join_meshes(meshes: Any) -> tuple[SolidMesh]:
+def _join_meshes(meshes: Sequence[SolidMesh]) -> SolidMesh:
     """The meshes of several solids as one."""
     first = np.cumsum([0, *(len(each.points) for each in meshes)])
     faces = np.cumsum([0, *(int(each.face.max()) + 1 for each in meshes)])
-    return (
-        SolidMesh(
-            np.concatenate([each.points for each in meshes]),
-            np.concatenate([each.triangles + k for each, k in zip(meshes, first, strict=False)]),
-            np.concatenate([each.face + k for each, k in zip(meshes, faces, strict=False)]),
-        ),
+    return SolidMesh(
+        np.concatenate([each.points for each in meshes]),
+        np.concatenate([each.triangles + k for each, k in zip(meshes, first, strict=False)]),
+        np.concatenate([each.face + k for each, k in zip(meshes, faces, strict=False)]),
     )
 
 
