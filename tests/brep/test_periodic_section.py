@@ -65,9 +65,9 @@ def test_the_covered_rectangle_is_solid_where_the_function_is_negative(kind: str
 @pytest.mark.parametrize("kind", KINDS)
 def test_the_reversed_section_is_the_rest(kind: str) -> None:
     section = section_of(kind)
-    assert section.reversed().area == pytest.approx(np.prod(CELL) - section.area, rel=1e-9)
-    assert section.thinned(0.01).area == pytest.approx(section.area, abs=0.02)
-    assert section.thinned(0.01).length <= section.length
+    assert section.reverse().area == pytest.approx(np.prod(CELL) - section.area, rel=1e-9)
+    assert section.thin(0.01).area == pytest.approx(section.area, abs=0.02)
+    assert section.thin(0.01).length <= section.length
 
 
 @settings(max_examples=25, deadline=None)
@@ -83,7 +83,7 @@ def test_clipped_by_an_outline_it_is_what_clipper_makes(kind: str, seed: int) ->
     expected = combine_regions(section.cover(points.min(axis=0), points.max(axis=0)), outline, "intersection")
     found = section.fill(outline)
     assert signed_areas(found) == pytest.approx(signed_areas(expected), abs=2e-4)
-    rest = section.reversed().fill(outline)
+    rest = section.reverse().fill(outline)
     assert signed_areas(found) + signed_areas(rest) == pytest.approx(signed_areas(outline), rel=1e-9)
 
 

@@ -59,6 +59,22 @@ def chain_loops(start: IntArray, end: IntArray, direction: EndDirection) -> list
     return loops
 
 
+def follow_cycles(following: IntArray) -> tuple[IntArray, IntArray]:
+    """The cycles of a permutation (n,): its elements cycle by cycle (n,), and where each cycle starts, and n."""
+    after, order, starts = following.tolist(), [], [0]
+    seen = bytearray(len(after))
+    for start in range(len(after)):
+        if seen[start]:
+            continue
+        at = start
+        while not seen[at]:
+            seen[at] = 1
+            order.append(at)
+            at = after[at]
+        starts.append(len(order))
+    return np.array(order, np.int64), np.array(starts, np.int64)
+
+
 def chain_faces(start: IntArray, end: IntArray, paths: Sequence[Array]) -> list[list[list[int]]]:
     """Faces as lists of loops of directed edges, on whose left they lie, by the points (m, 2) along each edge.
 

@@ -209,7 +209,7 @@ class CellSections:
             except TrimmingError as error:
                 sections.append(error)
                 continue
-            thinned = exact.thinned((1 - SLICING_SHARE) * self.error)
+            thinned = exact.thin((1 - SLICING_SHARE) * self.error)
             sections.append(
                 CellSection(thinned, area, area - thinned.area, exact.length / thinned.length if exact.length else 1.0)
             )
@@ -314,7 +314,7 @@ def _fill_section(
     Polygons miss a part of the area between chords and curves. The lattice's share is that of its cell for the area that is
     filled; the body's share counts where the lattice lies along its outline.
     """
-    room, curves = (body, lattice.curves) if cavity is None else (cavity, lattice.curves.reversed())
+    room, curves = (body, lattice.curves) if cavity is None else (cavity, lattice.curves.reverse())
     inside = [polygon @ turn.T for polygon in curves.fill([polygon @ turn for polygon in room.outline])]
     cell_area, polygon_area = float(np.prod(lattice.curves.cell)), signed_areas(room.outline)
     share = lattice.area / cell_area

@@ -14,6 +14,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from tpmscad._typing import Array, IntArray
+from tpmscad.brep.loops import follow_cycles
 from tpmscad.brep.sections.clipped_curves import clip_curves, winding_number
 from tpmscad.brep.sections.polygon_regions import Region, combine_regions, signed_areas, thin_curve, thin_polygon
 from tpmscad.errors import TrimmingError
@@ -86,7 +87,7 @@ class PeriodicSection:
         curves += [_close_repeat(strand, self.cell) for strand in self.strands]
         return float(sum(np.linalg.norm(np.diff(curve, axis=0), axis=1).sum() for curve in curves))
 
-    def reversed(self) -> PeriodicSection:
+    def reverse(self) -> PeriodicSection:
         """The section of what is void: the same curves the other way."""
         strands = (Strand(_close_repeat(s, self.cell)[:0:-1], -s.repeat) for s in self.strands)
         return replace(
@@ -114,7 +115,7 @@ class PeriodicSection:
         """Whether a point (2,) lies in the solid."""
         return bool(winding_number(point[None], self.cover(point, point))[0] > 0)
 
-    def thinned(self, error: float) -> PeriodicSection:
+    def thin(self, error: float) -> PeriodicSection:
         """The section with fewer points, all others within `error` of its chords."""
         loops = tuple(thin_polygon(loop, error) for loop in self.loops)
         strands = []
@@ -148,7 +149,7 @@ def find_periodic_section(contours: Sequence[Array], area: float, low: Array, ce
             arcs.extend(own)
     following, step = _link_arcs(arcs, low, cell)
     strands: list[Strand] = []
-    for cycle in _follow_cycles(following):
+    for cycle in _list_cycles(following):
         at, points = np.zeros(2, np.int64), []
         for arc in cycle:
             points.append(arcs[arc][:-1] + at * cell)
@@ -206,19 +207,10 @@ def _link_arcs(arcs: Sequence[Array], low: Array, cell: Array) -> tuple[IntArray
     return following, step
 
 
-def _follow_cycles(following: IntArray) -> list[list[int]]:
+def _list_cycles(following: IntArray) -> list[list[int]]:
     """The cycles of a permutation (n,)."""
-    after, seen, cycles = following.tolist(), set(), []
-    for first in range(len(after)):
-        if first in seen:
-            continue
-        cycle, at = [], first
-        while at not in seen:
-            seen.add(at)
-            cycle.append(at)
-            at = after[at]
-        cycles.append(cycle)
-    return cycles
+    order, starts = follow_cycles(following)
+    return [cycle.tolist() for cycle in np.split(order, starts[1:-1])] if len(order) else []
 
 
 def _place_loop(loop: Array, cell: Array, low: Array, high: Array) -> list[Array]:
@@ -299,7 +291,7 @@ def _close_along_sides(pieces: Sequence[Array], low: Array, high: Array) -> list
         raise TrimmingError("curves of the section do not alternate along the sides of a rectangle")
     corners = np.array([(high[0], low[1]), high, (low[0], high[1]), low])  # at positions 1, 2, 3, 4
     polygons = []
-    for cycle in _follow_cycles(following):
+    for cycle in _list_cycles(following):
         parts = []
         for piece in cycle:
             to = begin[following[piece]]

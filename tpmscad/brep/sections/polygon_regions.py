@@ -14,6 +14,7 @@ from typing import Any, Literal
 import numpy as np
 
 from tpmscad._typing import Array
+from tpmscad.brep.loops import signed_area
 from tpmscad.errors import InvalidRequest
 
 UNITS_PER_MM = 1e6
@@ -90,7 +91,7 @@ def thin_polygon(polygon: Array, error: float) -> Array:
 
 def signed_areas(region: Sequence[Array]) -> float:
     """Area of a region: that of outer polygons without holes."""
-    return float(sum(0.5 * (p[:, 0] @ np.roll(p[:, 1], -1) - p[:, 1] @ np.roll(p[:, 0], -1)) for p in region))
+    return float(sum(map(signed_area, region)))
 
 
 def region_length(region: Sequence[Array]) -> float:

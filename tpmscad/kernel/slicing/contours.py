@@ -16,6 +16,7 @@ from typing import Any
 import numpy as np
 
 from tpmscad._typing import Array, BoolArray, IntArray
+from tpmscad.brep.loops import follow_cycles
 from tpmscad.kernel.export.solid_mesh import mesh_parametrically
 from tpmscad.kernel.occt.geometry_evaluators import SurfaceEvaluator
 from tpmscad.kernel.slicing.level_crossings import Crossings, find_crossings, group_by
@@ -108,7 +109,7 @@ def _slice_part(mesh: SurfaceTriangulation, levels: Array, chord_error: float, t
     arcs = _split_chords(crossings, mesh.surfaces, levels, chord_error, tol)
     following = np.empty(len(arcs.point), np.int64)
     following[arcs.tail] = arcs.head
-    order, starts = _follow(following)
+    order, starts = follow_cycles(following)
     points, layer = arcs.point[order], arcs.level[order[starts[:-1]]]
     a, b = arcs.point[arcs.tail], arcs.point[arcs.head]
     origin = points.mean(axis=0) if len(points) else np.zeros(2)
@@ -237,22 +238,6 @@ def _find_middle(
 def _cross(a: Array, b: Array) -> Array:
     """z-component of the cross products of vectors (n, 2): (n,)."""
     return np.asarray(a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0])
-
-
-def _follow(following: IntArray) -> tuple[IntArray, IntArray]:
-    """The cycles of a permutation (n,): its elements cycle by cycle (n,), and where each cycle starts, and n."""
-    after, order, starts = following.tolist(), [], [0]
-    seen = bytearray(len(after))
-    for start in range(len(after)):
-        if seen[start]:
-            continue
-        at = start
-        while not seen[at]:
-            seen[at] = 1
-            order.append(at)
-            at = after[at]
-        starts.append(len(order))
-    return np.array(order, np.int64), np.array(starts, np.int64)
 
 
 def _reorder(points: Array, starts: IntArray, order: IntArray) -> tuple[Array, IntArray]:
