@@ -30,6 +30,7 @@ from tpmscad.studies._design_derivatives import design_derivatives as design_der
 from tpmscad.studies._estimate_flow import estimate_flow as estimate_flow
 from tpmscad.studies._homogenize import homogenize as homogenize
 from tpmscad.studies._infill_layers import infill_layers as infill_layers
+from tpmscad.studies._infill_triangles import infill_triangles as infill_triangles
 from tpmscad.studies._measure import Metrics as Metrics
 from tpmscad.studies._measure import measure as measure
 from tpmscad.studies._permeability import permeability as permeability

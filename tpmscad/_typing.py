@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 Array = NDArray[np.float64]
 IntArray = NDArray[np.int64]
 BoolArray = NDArray[np.bool_]
+UIntArray = NDArray[np.uint64]
 
 Colour = tuple[float, float, float]
 """Red, green and blue from 0 to 1."""

@@ -12,16 +12,18 @@ from tpmscad.cli.options import DomainsOutputOption
 from tpmscad.cli.output import (
     DOMAIN_SUFFIXES,
     LAYER_SUFFIXES,
+    MESH_SUFFIXES,
     MODEL_SUFFIXES,
     OutputRequest,
     make_and_write,
     progress_bar,
     write_layers,
+    write_triangles,
 )
 from tpmscad.errors import InvalidRequest
 from tpmscad.requests.lattice_options import FluidDomainsOptions, InfillOptions
 
-LAYER_PANEL = "Layers instead of a solid"
+LAYER_PANEL = "Layers or triangles instead of a solid"
 LayerOption = Annotated[
     float | None,
     typer.Option(
@@ -40,16 +42,39 @@ ChordErrorOption = Annotated[
         rich_help_panel=LAYER_PANEL,
     ),
 ]
+TrianglesOption = Annotated[
+    bool,
+    typer.Option(
+        "--triangles",
+        help="Write .stl, .3mf or .glb triangles, within --deviation, without making the solid, for tens of thousands of cells.",
+        rich_help_panel=LAYER_PANEL,
+    ),
+]
 
 
 @take_options_of(InfillOptions)
 @take_output(suffixes=tuple(dict.fromkeys((*MODEL_SUFFIXES, *LAYER_SUFFIXES))))
 def infill(
-    request: Request, layer: LayerOption = None, chord_error: ChordErrorOption = None, *, writing: OutputRequest
+    request: Request,
+    layer: LayerOption = None,
+    chord_error: ChordErrorOption = None,
+    triangles: TrianglesOption = False,
+    *,
+    writing: OutputRequest,
 ) -> None:
     """Fill the solid of a CAD file or a closed mesh with a lattice that is anchored at the origin of the file's coordinates."""
     assert writing.output is not None
     suffix = writing.output.suffix.lower()
+    if triangles:
+        if suffix not in MESH_SUFFIXES or layer is not None:
+            raise InvalidRequest(
+                f"`triangles` writes {', '.join(MESH_SUFFIXES)}, not {suffix} or layers: leave it out for a solid"
+            )
+        body, surface = request.pop("body"), request.pop("surface")
+        with progress_bar(f"{surface} triangles", writing.quiet) as progress:
+            part = tpmscad.infill_triangles(body, surface, deviation=writing.deviation, progress=progress, **request)
+        write_triangles(part, body, writing)
+        return
     if layer is not None:
         if suffix not in LAYER_SUFFIXES:
             raise InvalidRequest(f"`layer` writes {', '.join(LAYER_SUFFIXES)}, not {suffix}: leave it out for a solid")

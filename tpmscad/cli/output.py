@@ -146,6 +146,31 @@ def write_layers(slices: Any, source: Path, writing: OutputRequest) -> None:
         print(slices)
 
 
+def write_triangles(part: Any, source: Path, writing: OutputRequest) -> None:
+    """Write triangles to the output, and their figures to the report, and print a summary."""
+    begun = time.monotonic()
+    part.write(writing.output)
+    write_report(
+        writing.report,
+        {
+            "file": str(source),
+            "triangles": str(writing.output),
+            "count": len(part.triangles),
+            "deviation": part.deviation,
+            "volume": part.volume,
+            "area": part.area,
+            "center_of_mass": part.center_of_mass,
+            "pieces": part.n_pieces,
+            "whole_cells": part.whole_cells,
+            "cut_cells": part.cut_cells,
+            "notes": list(part.notes),
+        },
+    )
+    if not writing.quiet:
+        print(part)
+        print(describe_file(writing.output, begun))
+
+
 def describe_file(path: Path | None, begun: float) -> str:
     """The line that tells a file, its size, and the time that passed since `begun` on the monotonic clock."""
     if path is None:

@@ -100,23 +100,27 @@ class ModelExportOptions(ExportOptions, StepExportOptions):
     """The arguments of `Model.export`."""
 
 
+PictureView = Annotated[
+    str | Sequence[float],
+    VIEW,
+    "'iso', 'front', 'back', 'left', 'right', 'top', 'bottom', or the direction from the part to the eye, also as 'x,y,z'.",
+]
+PictureSection = Annotated[
+    Any,
+    ANYTHING,
+    "Planes that cut the part open: 'z=5', 'z' for the middle, 'x=0,y=0' for a quarter, or a point (3,) and the normal (3,) of "
+    "the side that is taken away. Of several planes, what lies in front of all is taken away. Cuts through solids are filled.",
+]
+PictureDimensions = Annotated[tuple[int, int], PICTURE_SIZE, "Width and height in pixels."]
+
+
 @dataclass(frozen=True, kw_only=True)
 class PictureOptions:
     """How a picture is drawn."""
 
-    view: Annotated[
-        str | Sequence[float],
-        VIEW,
-        "'iso', 'front', 'back', 'left', 'right', 'top', 'bottom', or the direction from the part to the eye, also as 'x,y,z'.",
-    ] = "iso"
-    section: Annotated[
-        Any,
-        ANYTHING,
-        "Planes that cut the part open: 'z=5', 'z' for the middle, 'x=0,y=0' for a quarter, or a point (3,) and the normal (3,) "
-        "of the side that is taken away. Of several planes, what lies in front of all is taken away. Cuts through solids are "
-        "filled.",
-    ] = None
-    size: Annotated[tuple[int, int], PICTURE_SIZE, "Width and height in pixels."] = (1200, 900)
+    view: PictureView = "iso"
+    section: PictureSection = None
+    size: PictureDimensions = (1200, 900)
     color_by: Annotated[
         str | None,
         TEXT.described_as(example='"piece"'),
@@ -216,6 +220,41 @@ class InfillLayersOptions(InfillOptions):
         EXECUTOR,
         "Joins and clips batches of layers; by default a process for each core from eight batches on. The result is the same.",
     ] = None
+
+
+@dataclass(frozen=True)
+class InfillTrianglesOptions(InfillOptions):
+    """The arguments of `infill_triangles`."""
+
+    _: KW_ONLY
+    deviation: Annotated[
+        float | None,
+        POSITIVE.described_as(example="0.01"),
+        "Greatest distance of the triangles from the patches and from the body's faces, mm; by default a hundredth of the "
+        "smallest cell edge.",
+    ] = None
+
+
+@dataclass(frozen=True)
+class TrianglesFileOptions:
+    """The arguments of `TriangulatedInfill.write`."""
+
+    path: Annotated[
+        str | Path,
+        PATH,
+        "The file to write, complete and verified, or absent: ``.stl``, ``.3mf`` or ``.glb``.",
+    ]
+
+
+@dataclass(frozen=True)
+class TrianglesPictureOptions:
+    """The arguments of `TriangulatedInfill.render`."""
+
+    path: Annotated[str | Path, PATH, "The PNG file to write. It is complete or absent."]
+    _: KW_ONLY
+    view: PictureView = "iso"
+    section: PictureSection = None
+    size: PictureDimensions = (1200, 900)
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -61,7 +61,7 @@ def drop_specks(field: Field, lo: Array, hi: Array, loose: str) -> tuple[Field, 
 def drop_loose_pieces(brep: Brep, built: BrepSolids, loose: str) -> tuple[Brep, BrepSolids, DroppedPieces]:
     """A boundary representation and its solids without the loose pieces, and what was left out."""
     nesting = built.nesting
-    kept, dropped = _select_pieces([float(nesting.volume[list(of)].sum()) for of in nesting.shells_of_solid], loose)
+    kept, dropped = select_pieces([float(nesting.volume[list(of)].sum()) for of in nesting.shells_of_solid], loose)
     if not dropped.volumes:
         return brep, built, dropped
     return *select_solids(brep, built, kept), dropped
@@ -71,11 +71,11 @@ def drop_loose_solids(solids: Sequence[Any], loose: str) -> tuple[tuple[Any, ...
     """The kernel's solids without the loose ones, and what was left out."""
     if len(solids) < 2 or loose == KEEP:
         return tuple(solids), NOTHING_DROPPED
-    kept, dropped = _select_pieces([estimate_volume(solid) for solid in solids], loose)
+    kept, dropped = select_pieces([estimate_volume(solid) for solid in solids], loose)
     return tuple(solids[i] for i in kept), dropped
 
 
-def _select_pieces(volumes: Sequence[float], loose: str) -> tuple[list[int], DroppedPieces]:
+def select_pieces(volumes: Sequence[float], loose: str) -> tuple[list[int], DroppedPieces]:
     """Indices of the pieces to keep, and the volumes of the others."""
     least = CHIP_VOLUME_FRACTION * max(volumes, default=0.0)
     kept = [i for i, volume in enumerate(volumes) if loose == KEEP or volume >= least]

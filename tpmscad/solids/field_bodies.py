@@ -16,6 +16,7 @@ import numpy as np
 from tpmscad._typing import Array, BoxCorners
 from tpmscad.brep.boundary_representation import Brep
 from tpmscad.brep.solid_properties import measure_solid
+from tpmscad.brep.triangles.solid_mesh import SolidMesh
 from tpmscad.errors import CrossingSurfaces, InvalidRequest, KernelError, LevelSetError
 from tpmscad.fields.analysis.solid_bounds import bound_solid
 from tpmscad.fields.data.triangle_distance import build_triangle_tree
@@ -25,7 +26,7 @@ from tpmscad.fields.kinds.triangle_meshes import MeshField, mesh, sample_triangl
 from tpmscad.kernel.body_import.cad_body import CadBody, read_body
 from tpmscad.kernel.build.primitive_solids import PrimitiveRegion
 from tpmscad.kernel.build.solids import BrepSolids, build_solids
-from tpmscad.kernel.export.solid_mesh import SolidMesh, mesh_solids
+from tpmscad.kernel.export.solid_mesh import mesh_solids
 from tpmscad.kernel.measure.shape_report import ShapeReport
 from tpmscad.kernel.measure.validity import is_brep_valid
 from tpmscad.kernel.occt.bounding_boxes import enclosing_box

@@ -26,21 +26,19 @@ from tpmscad.brep.sections.polygon_regions import (
     signed_areas,
 )
 from tpmscad.errors import InvalidRequest, TrimmingError
-from tpmscad.kernel.body_import.cad_body import read_body
-from tpmscad.kernel.boolean.hollow_body import resolve_open_faces
+from tpmscad.kernel.body_import.cad_body import CadBody
 from tpmscad.kernel.build.solids import build_solids
 from tpmscad.kernel.measure.shape_extents import shape_bounds
 from tpmscad.kernel.slicing.contours import LayerContours, slice_solids, split_layers, triangulate_for_slices
 from tpmscad.kernel.slicing.surface_triangulation import SurfaceTriangulation
 from tpmscad.parallel import task_runner
-from tpmscad.requests.face_selection import resolve_face_selectors
-from tpmscad.requests.lattice_request import LatticeRequest, lattice_in_body, resolve_lattice_request, rotation_matrix
+from tpmscad.requests.lattice_request import LatticeRequest, rotation_matrix
 from tpmscad.requests.study_options import InfillLayersOptions
-from tpmscad.solids.field_bodies import FieldBody, fit_field_body, reject_box, reject_solid, resolve_field
 from tpmscad.solids.lattice_block import find_trim_tolerance, fit_patches_over_box
 from tpmscad.solids.skin import erode_body
 from tpmscad.stage_timer import StageTimer
 from tpmscad.studies.layer_slices import Slices, choose_chord_error, collect_layers, divide_into_layers
+from tpmscad.studies.tiled_body import read_tiled_body
 from tpmscad.trimming.operands.polyhedra import box
 from tpmscad.trimming.trim_pipeline import trim
 
@@ -90,36 +88,16 @@ def infill_layers(options: InfillLayersOptions) -> Slices:
     >>> layers.write("stem.cli")  # doctest: +SKIP
     """
     load_clipper()
-    stages, surface, skin = StageTimer(options.progress), options.surface, options.skin
-    if not isinstance(surface, str):
-        raise InvalidRequest(
-            "layers without a solid need a lattice of equal cells: name a surface, or slice the solid of the field, "
-            "infill(...).slices(height)"
-        )
+    stages, skin, instead = StageTimer(options.progress), options.skin, "slice the solid, infill(...).slices(height)"
     turn = rotation_matrix(options.rotation)
     if turn[2, 2] != 1.0:
         raise InvalidRequest(
-            f"rotation {options.rotation} tilts the cells, so that no two layers are alike: rotate about z only, or slice the "
-            "solid, infill(...).slices(height)"
+            f"rotation {options.rotation} tilts the cells, so that no two layers are alike: rotate about z only, or {instead}"
         )
+    tiled = read_tiled_body(options, instead, stages)
+    body, openings, request = tiled.body, tiled.openings, tiled.request
+    assert isinstance(body, CadBody)
     with stages("read"):
-        field = resolve_field(options.body)
-    fitted = None
-    if field is not None:
-        reject_solid(options.solid)
-        fitted = fit_field_body(field, options.box, resolve_lattice_request(lattice_in_body(options)).tol, stages)
-        if isinstance(fitted, FieldBody) and skin is not None:
-            raise InvalidRequest(
-                "layers with a skin need a CAD body: leave skin out, or slice the solid, infill(...).slices(height)"
-            )
-    else:
-        reject_box(options.box)
-    with stages("read"):
-        body = fitted.cad if isinstance(fitted, FieldBody) else read_body(fitted or options.body, options.solid)
-        openings = resolve_open_faces(body, resolve_face_selectors(body, options.open_faces))
-        if openings and skin is None:
-            raise InvalidRequest("open_faces are left out of a skin: give skin=, its thickness")
-        request = resolve_lattice_request(lattice_in_body(options))
         low, high = shape_bounds(body.shape)
         edges = divide_into_layers(options.height, (float(low[2]), float(high[2])))
         error = choose_chord_error(options.height, options.chord_error)

@@ -132,7 +132,7 @@ class PeriodicSection:
             (x0, y0), (x1, y1) = wide
             return [np.array([(x0, y0), (x1, y0), (x1, y1), (x0, y1)]), *found]
         pieces = [piece for s in self.strands for piece in _clip_strand(s, self.cell, *wide)]
-        return [*_close_along_sides(pieces, *wide), *found]
+        return [*close_along_sides(pieces, *wide), *found]
 
 
 def find_periodic_section(contours: Sequence[Array], area: float, low: Array, cell: Array) -> PeriodicSection:
@@ -279,7 +279,7 @@ def _cross_side(inner: Array, outer: Array, low: Array, high: Array) -> Array:
     return np.asarray(point)
 
 
-def _close_along_sides(pieces: Sequence[Array], low: Array, high: Array) -> list[Array]:
+def close_along_sides(pieces: Sequence[Array], low: Array, high: Array) -> list[Array]:
     """Closed polygons of curves through a rectangle: from the end of each counter-clockwise along the sides to the next start."""
     if not pieces:
         return []

@@ -9,8 +9,9 @@ from pathlib import Path
 import numpy as np
 
 from tpmscad._typing import Array, Colour, IntArray
+from tpmscad.brep.triangles.solid_mesh import SolidMesh
 from tpmscad.errors import KernelError
-from tpmscad.kernel.export.solid_mesh import SolidMesh, count_open_sides
+from tpmscad.kernel.export.solid_mesh import count_open_sides
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -30,18 +31,22 @@ def group_faces(name: str, mesh: SolidMesh, labels: Sequence[str], colour_of: Ca
     return MeshPart(name, mesh, of_face[mesh.face], tuple((label, colour_of(label)) for label in distinct))
 
 
-def check_read_meshes(found: Sequence[tuple[Array, IntArray]], written: Sequence[MeshPart], path: Path) -> None:
-    """Raise KernelError unless meshes read from a file, as points and triangles, are closed and have the volumes written.
+def allowed_volume_error(part: MeshPart) -> float:
+    """By how much the volume of a mesh may differ from that of its file.
 
     Coordinates of a file have at least 24 bits: each may be off by 2^-24 of the largest one, and the volume by that times the
     area.
     """
+    return 2.0**-23 * float(np.abs(part.mesh.points).max()) * part.mesh.area
+
+
+def check_read_meshes(found: Sequence[tuple[Array, IntArray]], written: Sequence[MeshPart], path: Path) -> None:
+    """Raise KernelError unless meshes read from a file, as points and triangles, are closed and have the volumes written."""
     if len(found) != len(written):
         raise KernelError("export", f"{path.name} reads back with {len(found)} meshes instead of {len(written)}")
     for (points, triangles), part in zip(found, written, strict=True):
         read = SolidMesh(points, triangles, np.zeros(len(triangles), np.int64))
-        allowed = 2.0**-23 * float(np.abs(part.mesh.points).max()) * part.mesh.area
-        if count_open_sides(triangles) or not abs(read.volume - part.mesh.volume) <= allowed:
+        if count_open_sides(triangles) or not abs(read.volume - part.mesh.volume) <= allowed_volume_error(part):
             raise KernelError(
                 "export",
                 f"{part.name} was written with volume {part.mesh.volume:.9g} and reads back from {path.name} with "

@@ -20,6 +20,7 @@ from OCP.TopoDS import TopoDS_Edge, TopoDS_Face
 
 from tpmscad._typing import Array, IntArray
 from tpmscad.brep.linked_items import label_linked
+from tpmscad.brep.triangles.solid_mesh import SolidMesh
 from tpmscad.errors import KernelError
 from tpmscad.kernel.occt import convert
 from tpmscad.kernel.occt.child_process import may_use_threads
@@ -40,30 +41,6 @@ MAX_REFINEMENTS = 3
 
 MAX_SPLIT_PASSES = 20
 """Passes over chords that are split; each splits one chord of a triangle."""
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class SolidMesh:
-    """A closed mesh: points (n, 3), triangles (m, 3) with outward normals, and the face of the solid of each triangle (m,).
-
-    Faces are numbered in the order of `faces_of`.
-    """
-
-    points: Array
-    triangles: IntArray
-    face: IntArray
-
-    @property
-    def volume(self) -> float:
-        """The volume enclosed, about the middle of the points to keep its digits."""
-        a, b, c = ((self.points - self.points.mean(axis=0))[self.triangles[:, k]] for k in range(3))
-        return float((a * np.cross(b, c)).sum() / 6.0)
-
-    @property
-    def area(self) -> float:
-        """Area of the triangles."""
-        a, b, c = (self.points[self.triangles[:, k]] for k in range(3))
-        return float(0.5 * np.linalg.norm(np.cross(b - a, c - a), axis=1).sum())
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -7,15 +7,18 @@ its first group, and triangles of other groups name theirs.
 from __future__ import annotations
 
 import zipfile
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
+from typing import Any
 from xml.etree import ElementTree
 from xml.sax.saxutils import quoteattr
 
 import numpy as np
+from numpy.typing import NDArray
 
 from tpmscad._typing import Array, Colour, IntArray
 from tpmscad.atomic_file import atomic_write
+from tpmscad.errors import KernelError
 from tpmscad.kernel.export.mesh_parts import MeshPart, check_read_meshes
 
 CORE_NAMESPACE = "http://schemas.microsoft.com/3dmanufacturing/core/2015/02"
@@ -36,37 +39,58 @@ FIXED_DATE = (1980, 1, 1, 0, 0, 0)
 """Date of the archive's members: equal models write equal bytes."""
 
 
+BATCH = 200_000
+"""Vertices or triangles whose text is made at a time."""
+
+MAX_PARSED_TRIANGLES = 3_000_000
+"""Triangles up to which a file is read back as XML; of larger ones, the archive's checksums are compared."""
+
+
 def write_3mf(parts: Sequence[MeshPart], path: Path, title: str) -> None:
     """Write the meshes as named objects, in mm; the file is read back and checked before it gets its name."""
     with atomic_write(path) as aside:
-        write_model_archive(aside, [format_model(parts, title)])
-        check_read_meshes(read_3mf(aside), parts, path)
+        write_model_archive(aside, format_model(parts, title))
+        if sum(len(part.mesh.triangles) for part in parts) <= MAX_PARSED_TRIANGLES:
+            check_read_meshes(read_3mf(aside), parts, path)
+        else:
+            with zipfile.ZipFile(aside) as archive:
+                if archive.testzip() is not None:
+                    raise KernelError("export", f"{path.name} reads back with other bytes than were written")
 
 
-def format_model(parts: Sequence[MeshPart], title: str) -> str:
-    """The XML of the model: materials and one object for each mesh, and the build of them all."""
-    resources, items = [], []
+def format_model(parts: Sequence[MeshPart], title: str) -> Iterator[str]:
+    """The XML of the model, piece by piece: materials and one object for each mesh, and the build of them all."""
+    yield (
+        f'<?xml version="1.0" encoding="UTF-8"?>\n<model unit="millimeter" xml:lang="en-US" xmlns="{CORE_NAMESPACE}">'
+        f'<metadata name="Title">{escape_text(title)}</metadata><metadata name="Application">tpmscad</metadata>\n'
+        "<resources>"
+    )
     for number, part in enumerate(parts):
         materials, thing = 2 * number + 1, 2 * number + 2
         bases = "".join(
             f'<base name={quoteattr(label)} displaycolor="{_hex(colour)}"/>' for label, colour in part.groups
         )
-        resources.append(f'<basematerials id="{materials}">{bases}</basematerials>')
-        vertices = [f'<vertex x="{x!r}" y="{y!r}" z="{z!r}"/>' for x, y, z in part.mesh.points.tolist()]
-        triangles = [
-            f'<triangle v1="{a}" v2="{b}" v3="{c}"' + (f' pid="{materials}" p1="{g}"/>' if g else "/>")
-            for (a, b, c), g in zip(part.mesh.triangles.tolist(), part.group.tolist(), strict=True)
-        ]
-        resources.append(
-            f'<object id="{thing}" type="model" name={quoteattr(part.name)} pid="{materials}" pindex="0"><mesh>\n'
-            f"<vertices>{''.join(vertices)}</vertices>\n<triangles>{''.join(triangles)}</triangles></mesh></object>\n"
-        )
-        items.append(f'<item objectid="{thing}"/>')
-    return (
-        f'<?xml version="1.0" encoding="UTF-8"?>\n<model unit="millimeter" xml:lang="en-US" xmlns="{CORE_NAMESPACE}">'
-        f'<metadata name="Title">{escape_text(title)}</metadata><metadata name="Application">tpmscad</metadata>\n'
-        f"<resources>{''.join(resources)}</resources><build>{''.join(items)}</build></model>\n"
-    )
+        yield f'<basematerials id="{materials}">{bases}</basematerials>'
+        yield f'<object id="{thing}" type="model" name={quoteattr(part.name)} pid="{materials}" pindex="0"><mesh>\n<vertices>'
+        for points in _batches(part.mesh.points):
+            yield "".join([f'<vertex x="{x!r}" y="{y!r}" z="{z!r}"/>' for x, y, z in points.tolist()])
+        yield "</vertices>\n<triangles>"
+        ends = ["/>", *(f' pid="{materials}" p1="{group}"/>' for group in range(1, len(part.groups)))]
+        for triangles, groups in zip(_batches(part.mesh.triangles), _batches(part.group), strict=True):
+            yield "".join(
+                [
+                    f'<triangle v1="{a}" v2="{b}" v3="{c}"{ends[g]}'
+                    for (a, b, c), g in zip(triangles.tolist(), groups.tolist(), strict=True)
+                ]
+            )
+        yield "</triangles></mesh></object>\n"
+    items = "".join(f'<item objectid="{2 * number + 2}"/>' for number in range(len(parts)))
+    yield f"</resources><build>{items}</build></model>\n"
+
+
+def _batches(rows: NDArray[Any]) -> Iterator[NDArray[Any]]:
+    for start in range(0, len(rows), BATCH):
+        yield rows[start : start + BATCH]
 
 
 def _hex(colour: Colour) -> str:

@@ -1,0 +1,96 @@
+"""Triangles of filled bodies without their solid are those of the solid, within the deviation asked."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import build123d as bd
+import numpy as np
+import pytest
+
+import tpmscad
+from tpmscad import cli
+from tpmscad.errors import OutOfMemory
+
+pytest.importorskip("manifold3d")
+trimesh = pytest.importorskip("trimesh")
+pytestmark = pytest.mark.kernel
+
+DEVIATION = 0.02
+
+CASES: dict[str, tuple[bd.Shape, str, dict[str, Any]]] = {
+    "cone": (bd.Cone(3.4, 1.9, 3), "gyroid", {"cell": 1.5, "thickness": 0.25}),
+    "turned": (bd.Cylinder(2.1, 2.7), "P", {"cell": 1.5, "thickness": 0.25, "rotation": (15, 0, 25)}),
+    "rods": (bd.Box(4.1, 3.7, 3.2), "diamond", {"cell": (1.5, 1.5, 1.2), "kind": "skeletal", "offset": -0.05}),
+    "skin": (bd.Cylinder(2.4, 3) - bd.Cylinder(0.5, 3), "gyroid", {"cell": 1.5, "thickness": 0.25, "skin": 0.2}),
+    "open": (bd.Box(3, 3.4, 2.3), "gyroid", {"cell": 1.5, "thickness": 0.25, "skin": 0.2, "open_faces": "<X,>Z"}),
+}
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", CASES)
+def test_triangles_are_those_of_the_solid(name: str, tmp_path: Path) -> None:
+    body, surface, asked = CASES[name]
+    part = tpmscad.infill_triangles(body, surface, deviation=DEVIATION, **asked)
+    solid = tpmscad.infill(body, surface, **asked)
+    part.write(tmp_path / "part.stl")
+    read = trimesh.load(tmp_path / "part.stl")
+    assert read.is_watertight
+    assert read.is_winding_consistent
+    assert read.volume == pytest.approx(part.volume, rel=1e-5)
+    assert abs(part.volume - solid.volume) < 0.6 * DEVIATION * solid.area
+    assert part.n_pieces == len(solid.certificate.pieces)
+    assert np.allclose(part.bounding_box, solid.bounding_box, atol=DEVIATION)
+    assert np.allclose(part.center_of_mass, tuple(bd.Compound(solid.wrapped).center(bd.CenterOf.MASS)), atol=2 * DEVIATION)
+
+
+def test_triangles_lie_on_the_surface(tmp_path: Path) -> None:
+    """Corners lie on the offset surfaces, within the lattice's tolerance, and middles within the deviation of them."""
+    wall, tol = 0.3, 2e-3
+    body = bd.Box(6.2, 6.1, 6.3)
+    part = tpmscad.infill_triangles(body, "P", cell=2, thickness=wall, tol=tol, deviation=DEVIATION)
+    assert part.whole_cells > 0
+    lattice = part.mesh.select(part.face == 0)
+    field = tpmscad.fields.tpms("P", period=2)
+    surface = tpmscad.lattice("P", cell=2, thickness=wall, tol=tol)
+    centres = lattice.points[lattice.triangles].mean(axis=1)[::7]
+    whole = np.round(centres / 2) * 2
+    distance = surface.distance_to_reference(centres - whole + 0.0)
+    assert np.nanmax(np.abs(field(lattice.points))) < 1.5
+    assert np.nanmax(distance) <= DEVIATION + tol
+
+
+def test_a_mesh_is_filled_as_it_is(tmp_path: Path) -> None:
+    sphere = trimesh.creation.icosphere(3, 3.3)
+    part = tpmscad.infill_triangles(sphere, "gyroid", cell=1.5, thickness=0.25, deviation=DEVIATION)
+    outer = part.points[np.unique(part.triangles[part.face > 0])]
+    planes = sphere.face_normals @ outer[::5].T - np.einsum("fd,fd->f", sphere.face_normals, sphere.triangles[:, 0])[:, None]
+    assert np.abs(planes.max(axis=0)).max() < 1e-9  # the ball is convex
+    part.render(tmp_path / "part.png", section="z", size=(200, 150))
+    assert (tmp_path / "part.png").stat().st_size > 2000
+    part.write(tmp_path / "part.3mf")
+    assert trimesh.load(tmp_path / "part.3mf", force="mesh").volume == pytest.approx(part.volume, rel=1e-6)
+    assert "1 piece" in repr(part)
+
+
+def test_requests_that_cannot_be_met_are_told() -> None:
+    with pytest.raises(tpmscad.InvalidRequest, match="equal cells"):
+        tpmscad.infill_triangles(bd.Box(3, 3, 3), tpmscad.fields.sphere((0, 0, 0), 1), tol=0.01)
+    with pytest.raises(OutOfMemory, match=r"infill_layers"):
+        tpmscad.infill_triangles(bd.Box(900, 900, 900), "P", cell=1, thickness=0.1, deviation=0.005)
+
+
+def test_the_command_writes_triangles(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    body, out = tmp_path / "body.step", tmp_path / "part.stl"
+    bd.export_step(bd.Box(3.3, 3.3, 3.3), str(body))
+    line = f"infill {body} P --cell 1.5 --thickness 0.25 --triangles --deviation 0.03 -o {out}"
+    with pytest.raises(SystemExit) as stop:
+        cli.main(line.split())
+    assert stop.value.code in (0, None)
+    assert trimesh.load(out).is_watertight
+    assert "triangles" in capsys.readouterr().out
+    with pytest.raises(SystemExit) as stop:
+        cli.main(line.replace("part.stl", "part.step").replace(" --deviation 0.03", "").split())
+    assert stop.value.code == 2
+    assert "triangles" in capsys.readouterr().err

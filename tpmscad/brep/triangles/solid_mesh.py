@@ -1,0 +1,152 @@
+"""Closed triangle meshes in arrays: moments, pieces, closedness, and the boolean operations of the library Manifold."""
+
+from __future__ import annotations
+
+import importlib
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
+from scipy.spatial import cKDTree
+
+from tpmscad._typing import Array, BoolArray, IntArray, UIntArray
+from tpmscad.brep.linked_items import label_linked
+from tpmscad.errors import InvalidRequest, TrimmingError
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class SolidMesh:
+    """A closed mesh: points (n, 3), triangles (m, 3) with outward normals, and the face of the solid of each triangle (m,).
+
+    Faces are numbers, of single faces or of groups of them.
+    """
+
+    points: Array
+    triangles: IntArray
+    face: IntArray
+
+    @property
+    def volume(self) -> float:
+        """The volume enclosed."""
+        return float(self.cone_volumes.sum())
+
+    @property
+    def cone_volumes(self) -> Array:
+        """Signed volumes (m,) of the cones over the triangles, whose apex is the mean of the points, which keeps the digits."""
+        a, b, c = self._arms()
+        return np.asarray(np.einsum("md,md->m", a, np.cross(b, c)) / 6.0)
+
+    @property
+    def area(self) -> float:
+        """Area of the triangles."""
+        a, b, c = (self.points[self.triangles[:, k]] for k in range(3))
+        return float(0.5 * np.linalg.norm(np.cross(b - a, c - a), axis=1).sum())
+
+    @property
+    def center_of_mass(self) -> Array:
+        """Centre of mass (3,) of the solid enclosed."""
+        volumes = self.cone_volumes
+        return np.asarray(self.points.mean(axis=0) + volumes @ sum(self._arms()) / (4.0 * volumes.sum()))
+
+    @property
+    def component(self) -> IntArray:
+        """The connected component of each triangle (m,), by shared points."""
+        a, b, c = self.triangles.T.astype(np.int32)
+        links = np.concatenate([a, b]), np.concatenate([b, c])
+        graph = coo_array((np.ones(len(links[0]), np.int8), links), shape=(len(self.points),) * 2)
+        return np.asarray(connected_components(graph, directed=False)[1][a])
+
+    def select(self, kept: BoolArray) -> SolidMesh:
+        """The mesh of some triangles, on the points that they use."""
+        used, triangles = np.unique(self.triangles[kept], return_inverse=True)
+        return SolidMesh(self.points[used], triangles.reshape(-1, 3).astype(self.triangles.dtype), self.face[kept])
+
+    def _arms(self) -> tuple[Array, Array, Array]:
+        """The corners of the triangles, about the mean of the points: (m, 3) each."""
+        about = self.points - self.points.mean(axis=0)
+        return about[self.triangles[:, 0]], about[self.triangles[:, 1]], about[self.triangles[:, 2]]
+
+
+def join_meshes(meshes: list[SolidMesh]) -> SolidMesh:
+    """Meshes side by side; points are not identified, faces keep their numbers."""
+    starts = np.cumsum([0, *(len(mesh.points) for mesh in meshes)])
+    return SolidMesh(
+        np.concatenate([mesh.points for mesh in meshes]),
+        np.concatenate([mesh.triangles + start for mesh, start in zip(meshes, starts[:-1].tolist(), strict=True)]),
+        np.concatenate([mesh.face for mesh in meshes]),
+    )
+
+
+def weld_points(points: Array, tol: float) -> tuple[Array, IntArray]:
+    """Points without those within `tol` of another, and the index of each old point (n,) among them."""
+    label = label_linked(len(points), cKDTree(points).query_pairs(tol, output_type="ndarray"))
+    _, first = np.unique(label, return_index=True)
+    return points[first], label
+
+
+def mix_bits(words: UIntArray) -> UIntArray:
+    """64-bit words scrambled, one to one, so that their sums tell sets apart (the finaliser of MurmurHash3, A. Appleby)."""
+    with np.errstate(over="ignore"):
+        words = (words ^ (words >> np.uint64(33))) * np.uint64(0xFF51AFD7ED558CCD)
+        words = (words ^ (words >> np.uint64(33))) * np.uint64(0xC4CEB9FE1A85EC53)
+        return np.asarray(words ^ (words >> np.uint64(33)))
+
+
+def label_points(points: Array) -> UIntArray:
+    """A 64-bit label of each point (n, 3), equal for equal coordinates in single or double precision."""
+    bits = np.ascontiguousarray(points + points.dtype.type(0))  # -0 becomes 0
+    words = bits.view(np.uint64 if bits.itemsize == 8 else np.uint32).astype(np.uint64)
+    with np.errstate(over="ignore"):
+        x, y, z = (mix_bits(words[..., k] + np.uint64(k)) for k in range(3))
+        return np.asarray(x + np.uint64(3) * y + np.uint64(5) * z)
+
+
+def sum_open_sides(labels: UIntArray) -> int:
+    """0 if triangles whose corners have these labels (m, 3), 64 bits, run through every side as often in either direction.
+
+    The sum of a scrambled number for each directed side, less that of the sides reversed, modulo 2^64; sums of parts of a mesh
+    may be added. An open mesh gives 0 once in 2^64 times. Triangles that repeat a corner do not count.
+    """
+    with np.errstate(over="ignore"):
+        mixed = mix_bits(labels)
+        turned = np.roll(mixed, -1, axis=1)
+        along = mix_bits(mixed + np.uint64(3) * turned)
+        against = mix_bits(turned + np.uint64(3) * mixed)
+        return int((along - against).sum(dtype=np.uint64))
+
+
+def load_manifold() -> Any:
+    """The module manifold3d; InvalidRequest says how to install it."""
+    try:
+        return importlib.import_module("manifold3d")
+    except ImportError:
+        raise InvalidRequest("triangles without a solid need manifold3d: pip install 'tpmscad[triangles]'") from None
+
+
+def combine_meshes(first: SolidMesh, second: SolidMesh, operation: str) -> SolidMesh:
+    """The "intersection" or "union" of two closed meshes, with the faces of the triangles that their pieces come from.
+
+    Points that stay keep their coordinates, bit for bit. TrimmingError if an operand is not closed.
+    """
+    manifold = load_manifold()
+    solids, faces = [], {}
+    number = manifold.Manifold.reserve_ids(2)
+    for original, mesh in enumerate((first, second), number):
+        points, triangles = np.ascontiguousarray(mesh.points), np.ascontiguousarray(mesh.triangles, np.uint64)
+        run = {
+            "run_index": np.array([0, triangles.size], np.uint64),
+            "run_original_id": np.array([original], np.uint32),
+        }
+        found = manifold.Manifold(manifold.Mesh64(points, triangles, **run))
+        if found.status() != manifold.Error.NoError:
+            raise TrimmingError(f"a mesh is not closed: {found.status().name}")
+        solids.append(found)
+        faces[original] = mesh.face
+    result = (solids[0] ^ solids[1] if operation == "intersection" else solids[0] + solids[1]).to_mesh64()
+    origin, face = np.asarray(result.face_id, np.int64), np.zeros(len(result.tri_verts), np.int64)
+    limits = np.asarray(result.run_index, np.int64) // 3
+    for original, start, stop in zip(result.run_original_id, limits[:-1].tolist(), limits[1:].tolist(), strict=True):
+        face[start:stop] = faces[int(original)][origin[start:stop]]
+    return SolidMesh(np.array(result.vert_properties), np.asarray(result.tri_verts, np.int64), face)

@@ -1,0 +1,149 @@
+"""Triangles of a filled body without its solid: one cell is triangulated and repeated, and what the body cuts is computed."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from tpmscad.api.public_calls import validate_options
+from tpmscad.brep.triangles.filled_mesh import choose_cells, fill_mesh
+from tpmscad.brep.triangles.patch_triangles import triangulate_patches
+from tpmscad.brep.triangles.periodic_cell import SURFACE, PeriodicCell, find_periodic_cell
+from tpmscad.brep.triangles.solid_mesh import SolidMesh, join_meshes, load_manifold
+from tpmscad.errors import TrimmingError
+from tpmscad.fields.data.triangle_mesh import TriangleMesh
+from tpmscad.kernel.boolean.hollow_body import subtract_voids
+from tpmscad.kernel.export.solid_mesh import mesh_solids
+from tpmscad.memory_limit import require_memory
+from tpmscad.requests.lattice_request import LatticeRequest
+from tpmscad.requests.study_options import InfillTrianglesOptions
+from tpmscad.results.loose_pieces import select_pieces
+from tpmscad.results.triangulated_infill import TriangulatedInfill
+from tpmscad.solids.lattice_block import fit_patches_over_box
+from tpmscad.solids.skin import erode_body
+from tpmscad.stage_timer import StageTimer
+from tpmscad.studies.tiled_body import read_tiled_body
+
+DEFAULT_DEVIATION_CELLS = 0.01
+"""In cells: default deviation of the triangles."""
+
+FACET_ANGLE = 0.35
+"""Radians between neighbouring facets of the body."""
+
+TILE_CORNERS = np.array([[0.1237, 0.0871, 0.0631], [0.2913, 0.3371, 0.1913], [0.4421, 0.1193, 0.3677]])
+"""In cells: lower corners of the cell that is triangulated, out of symmetry planes; the next one is taken where sides touch."""
+
+BYTES_PER_WHOLE_TRIANGLE, BYTES_PER_CUT_TRIANGLE = 90, 450
+"""Memory taken at the peak for each triangle of a whole cell, and of one that the body cuts, as measured."""
+
+
+@validate_options(
+    InfillTrianglesOptions, 'infill_triangles(body, "gyroid", cell=1, thickness=0.12, deviation=0.01).write("part.stl")'
+)
+def infill_triangles(options: InfillTrianglesOptions) -> TriangulatedInfill:
+    """Triangulate a body filled with a lattice, without making its solid.
+
+    The triangles are closed and follow the exact patches, and the body's faces, within `deviation`. Cells that lie wholly in the
+    body are copies of one; those that the body's boundary may touch are cut by it. 18,000 cells take minutes.
+
+    Returns
+    -------
+    TriangulatedInfill
+        Points and triangles with volume, area, centre of mass and pieces; `write` stores them as STL, 3MF or GLB, `render` draws
+        them.
+
+    Raises
+    ------
+    InvalidRequest
+        If an argument is not understood, the lattice has no equal cells (a field or a map), or manifold3d is missing.
+    OutOfMemory
+        If the triangles would not fit into the memory of the machine.
+    KernelError
+        If the kernel cannot triangulate the body.
+
+    Examples
+    --------
+    >>> part = tpmscad.infill_triangles("stem.step", "gyroid", cell=1, thickness=0.12, deviation=0.01)  # doctest: +SKIP
+    >>> part.write("stem.stl")  # doctest: +SKIP
+    >>> part.render("stem.png", section="y")  # doctest: +SKIP
+    """
+    load_manifold()
+    stages = StageTimer(options.progress)
+    tiled = read_tiled_body(options, "export the solid, infill(...).export(path)", stages, as_triangles=True)
+    request, deviation = tiled.request, options.deviation or DEFAULT_DEVIATION_CELLS * min(tiled.request.cell)
+    with stages("triangulate"):
+        body = _triangulate_body(tiled.body, deviation)
+        shell: SolidMesh | None = None
+        if options.skin is not None:
+            assert not isinstance(tiled.body, TriangleMesh)
+            parts = erode_body(tiled.body, options.skin, tiled.openings).parts
+            hollow = subtract_voids(tiled.body, [part.shape for part in parts], tiled.openings)
+            shell = join_meshes([mesh for solid in hollow for mesh in mesh_solids(solid, deviation, FACET_ANGLE)])
+    with stages("fit"):
+        cell = _find_cell(request, deviation)
+    body = replace(body, points=body.points @ tiled.turn)
+    shell = shell and replace(shell, points=shell.points @ tiled.turn)
+    with stages("cut"):
+        _require_memory(cell, int(body.volume / np.prod(cell.cell)), 0, deviation)
+        choice = choose_cells(cell.low, cell.cell, body, shell)
+        _require_memory(cell, len(choice.whole), len(choice.cut), deviation)
+        filled = fill_mesh(cell, choice, body, shell)
+        filled, notes = _drop_loose_pieces(filled, options.loose)
+    return TriangulatedInfill(
+        f"{request.surface} infill",
+        filled.points @ tiled.turn.T,
+        filled.triangles,
+        filled.face,
+        deviation,
+        len(choice.whole),
+        len(choice.cut),
+        notes,
+    )
+
+
+def _drop_loose_pieces(mesh: SolidMesh, loose: str) -> tuple[SolidMesh, tuple[str, ...]]:
+    """A mesh without its loose pieces, and the note on them. Components of negative volume are voids of the others."""
+    component = mesh.component
+    volumes = np.bincount(component, mesh.cone_volumes)
+    solid = np.flatnonzero(volumes > 0)
+    kept, dropped = select_pieces(volumes[solid].tolist(), loose)
+    if not dropped.volumes:
+        return mesh, ()
+    shown = volumes <= 0
+    shown[solid[kept]] = True
+    return mesh.select(shown[component]), dropped.notes
+
+
+def _triangulate_body(body: Any, deviation: float) -> SolidMesh:
+    """The triangles of a body, outward."""
+    if isinstance(body, TriangleMesh):
+        return SolidMesh(body.vertices, body.triangles, np.zeros(len(body.triangles), np.int64))
+    return join_meshes(list(mesh_solids(body.shape, deviation, FACET_ANGLE)))
+
+
+def _find_cell(request: LatticeRequest, deviation: float) -> PeriodicCell:
+    """The triangulated cell of a lattice."""
+    cell, failure = np.array(request.cell), TrimmingError("")
+    for corner in TILE_CORNERS:
+        low = corner * cell
+        points, triangles = triangulate_patches(
+            fit_patches_over_box(request, low, low + cell, lambda fraction: None).patches, deviation
+        )
+        try:
+            return find_periodic_cell(points, triangles, low, cell)
+        except TrimmingError as error:
+            failure = error
+    raise failure
+
+
+def _require_memory(cell: PeriodicCell, whole: int, cut: int, deviation: float) -> None:
+    """OutOfMemory if the triangles would not fit; whole and cut are numbers of cells."""
+    own, all_sides = int((cell.side == SURFACE).sum()), len(cell.triangles)
+    require_memory(
+        whole * own * BYTES_PER_WHOLE_TRIANGLE + cut * all_sides * BYTES_PER_CUT_TRIANGLE,
+        1.0,
+        f"{whole} whole and {cut} cut cells of {own} triangles each",
+        f"raise deviation = {deviation:g}, cut the body into parts, or write its layers, infill_layers(...)",
+    )
