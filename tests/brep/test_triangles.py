@@ -7,9 +7,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from tpmscad.brep.triangles.cell_polyhedron import PeriodicCell, clip_triangles, find_periodic_cell
+from tpmscad.brep.triangles.closed_mesh import SolidMesh, label_points, sum_open_sides
 from tpmscad.brep.triangles.filled_mesh import CellChoice, choose_cells, fill_mesh
-from tpmscad.brep.triangles.periodic_cell import PeriodicCell, clip_triangles, find_periodic_cell
-from tpmscad.brep.triangles.solid_mesh import SolidMesh, label_points, sum_open_sides
 from tpmscad.errors import TrimmingError
 
 manifold3d = pytest.importorskip("manifold3d")

@@ -18,7 +18,7 @@ import trimesh
 import tpmscad
 from tests.part21 import check, parser
 from tpmscad import fields
-from tpmscad.brep.triangles.solid_mesh import SolidMesh
+from tpmscad.brep.triangles.closed_mesh import SolidMesh
 from tpmscad.kernel.export.brep_file import count_distinct_faces, read_brep_file
 from tpmscad.kernel.export.solid_mesh import _split_repeated_chords, count_open_sides, mesh_solids
 from tpmscad.kernel.measure.shape_report import check_shape

@@ -42,7 +42,9 @@ def test_triangles_are_those_of_the_solid(name: str, tmp_path: Path) -> None:
     assert abs(part.volume - solid.volume) < 0.6 * DEVIATION * solid.area
     assert part.n_pieces == len(solid.certificate.pieces)
     assert np.allclose(part.bounding_box, solid.bounding_box, atol=DEVIATION)
-    assert np.allclose(part.center_of_mass, tuple(bd.Compound(solid.wrapped).center(bd.CenterOf.MASS)), atol=2 * DEVIATION)
+    assert np.allclose(
+        part.center_of_mass, tuple(bd.Compound(solid.wrapped).center(bd.CenterOf.MASS)), atol=2 * DEVIATION
+    )
 
 
 def test_triangles_lie_on_the_surface(tmp_path: Path) -> None:
@@ -65,7 +67,9 @@ def test_a_mesh_is_filled_as_it_is(tmp_path: Path) -> None:
     sphere = trimesh.creation.icosphere(3, 3.3)
     part = tpmscad.infill_triangles(sphere, "gyroid", cell=1.5, thickness=0.25, deviation=DEVIATION)
     outer = part.points[np.unique(part.triangles[part.face > 0])]
-    planes = sphere.face_normals @ outer[::5].T - np.einsum("fd,fd->f", sphere.face_normals, sphere.triangles[:, 0])[:, None]
+    planes = (
+        sphere.face_normals @ outer[::5].T - np.einsum("fd,fd->f", sphere.face_normals, sphere.triangles[:, 0])[:, None]
+    )
     assert np.abs(planes.max(axis=0)).max() < 1e-9  # the ball is convex
     part.render(tmp_path / "part.png", section="z", size=(200, 150))
     assert (tmp_path / "part.png").stat().st_size > 2000

@@ -9,7 +9,7 @@ import numpy as np
 from tpmscad._typing import Array, BoxCorners, IntArray
 from tpmscad.api.public_calls import validate_method_options
 from tpmscad.atomic_file import atomic_write, validate_output_path
-from tpmscad.brep.triangles.solid_mesh import SolidMesh
+from tpmscad.brep.triangles.closed_mesh import SolidMesh
 from tpmscad.kernel.export.gltf_file import write_glb
 from tpmscad.kernel.export.mesh_parts import MeshPart
 from tpmscad.kernel.export.stl_file import write_stl

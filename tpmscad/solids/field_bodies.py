@@ -16,7 +16,7 @@ import numpy as np
 from tpmscad._typing import Array, BoxCorners
 from tpmscad.brep.boundary_representation import Brep
 from tpmscad.brep.solid_properties import measure_solid
-from tpmscad.brep.triangles.solid_mesh import SolidMesh
+from tpmscad.brep.triangles.closed_mesh import SolidMesh
 from tpmscad.errors import CrossingSurfaces, InvalidRequest, KernelError, LevelSetError
 from tpmscad.fields.analysis.solid_bounds import bound_solid
 from tpmscad.fields.data.triangle_distance import build_triangle_tree

@@ -8,10 +8,10 @@ from typing import Any
 import numpy as np
 
 from tpmscad.api.public_calls import validate_options
+from tpmscad.brep.triangles.cell_polyhedron import SURFACE, PeriodicCell, find_periodic_cell
+from tpmscad.brep.triangles.closed_mesh import SolidMesh, join_meshes, load_manifold
 from tpmscad.brep.triangles.filled_mesh import choose_cells, fill_mesh
 from tpmscad.brep.triangles.patch_triangles import triangulate_patches
-from tpmscad.brep.triangles.periodic_cell import SURFACE, PeriodicCell, find_periodic_cell
-from tpmscad.brep.triangles.solid_mesh import SolidMesh, join_meshes, load_manifold
 from tpmscad.errors import TrimmingError
 from tpmscad.fields.data.triangle_mesh import TriangleMesh
 from tpmscad.kernel.boolean.hollow_body import subtract_voids

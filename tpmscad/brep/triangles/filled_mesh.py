@@ -13,8 +13,8 @@ import numpy as np
 from scipy import ndimage
 
 from tpmscad._typing import Array, BoolArray, IntArray
-from tpmscad.brep.triangles.periodic_cell import SURFACE, PeriodicCell
-from tpmscad.brep.triangles.solid_mesh import SolidMesh, combine_meshes, join_meshes, label_points, sum_open_sides
+from tpmscad.brep.triangles.cell_polyhedron import SURFACE, PeriodicCell
+from tpmscad.brep.triangles.closed_mesh import SolidMesh, combine_meshes, join_meshes, label_points, sum_open_sides
 from tpmscad.brep.winding_numbers import winding_numbers
 from tpmscad.errors import TrimmingError
 

@@ -9,7 +9,7 @@ import numpy as np
 from tpmscad._typing import Array, IntArray
 from tpmscad.brep.boundary_representation import Brep, spline_faces
 from tpmscad.brep.orthogonal_projection import project_to_patch
-from tpmscad.brep.triangles.solid_mesh import weld_points
+from tpmscad.brep.triangles.closed_mesh import weld_points
 from tpmscad.errors import InvalidRequest
 from tpmscad.splines.bspline import BSplineSurface
 

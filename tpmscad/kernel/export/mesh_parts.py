@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from tpmscad._typing import Array, Colour, IntArray
-from tpmscad.brep.triangles.solid_mesh import SolidMesh
+from tpmscad.brep.triangles.closed_mesh import SolidMesh
 from tpmscad.errors import KernelError
 from tpmscad.kernel.export.solid_mesh import count_open_sides
 

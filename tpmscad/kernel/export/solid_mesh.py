@@ -20,7 +20,7 @@ from OCP.TopoDS import TopoDS_Edge, TopoDS_Face
 
 from tpmscad._typing import Array, IntArray
 from tpmscad.brep.linked_items import label_linked
-from tpmscad.brep.triangles.solid_mesh import SolidMesh
+from tpmscad.brep.triangles.closed_mesh import SolidMesh
 from tpmscad.errors import KernelError
 from tpmscad.kernel.occt import convert
 from tpmscad.kernel.occt.child_process import may_use_threads

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from tpmscad._typing import Array
 from tpmscad.atomic_file import atomic_write
-from tpmscad.brep.triangles.solid_mesh import SolidMesh, label_points, sum_open_sides
+from tpmscad.brep.triangles.closed_mesh import SolidMesh, label_points, sum_open_sides
 from tpmscad.errors import KernelError
 from tpmscad.kernel.export.mesh_parts import MeshPart, allowed_volume_error
 

@@ -12,7 +12,7 @@ from OCP.Geom import Geom_BSplineSurface
 from OCP.TopoDS import TopoDS_Face, TopoDS_Shape
 
 from tpmscad._typing import Array, BoolArray, Colour, IntArray
-from tpmscad.brep.triangles.solid_mesh import SolidMesh
+from tpmscad.brep.triangles.closed_mesh import SolidMesh
 from tpmscad.errors import KernelError
 from tpmscad.kernel.occt.bounding_boxes import box_diagonal
 from tpmscad.kernel.occt.construction import make_compound

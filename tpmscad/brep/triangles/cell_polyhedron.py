@@ -13,7 +13,7 @@ import numpy as np
 
 from tpmscad._typing import Array, IntArray
 from tpmscad.brep.sections.periodic_section import close_along_sides
-from tpmscad.brep.triangles.solid_mesh import SolidMesh, load_manifold, sum_open_sides, weld_points
+from tpmscad.brep.triangles.closed_mesh import SolidMesh, load_manifold, sum_open_sides, weld_points
 from tpmscad.errors import TrimmingError
 
 MATCH_REL_TOL = 1e-8
