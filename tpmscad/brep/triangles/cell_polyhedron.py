@@ -7,13 +7,13 @@ sides are identified by translation, and the solid's part of each side is filled
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from tpmscad._typing import Array, IntArray
 from tpmscad.brep.sections.periodic_section import close_along_sides
-from tpmscad.brep.triangles.closed_mesh import SolidMesh, load_manifold, sum_open_sides, weld_points
+from tpmscad.brep.triangles.closed_mesh import SolidMesh, is_closed, load_manifold, weld_points
 from tpmscad.errors import TrimmingError
 
 MATCH_REL_TOL = 1e-8
@@ -45,22 +45,36 @@ class PeriodicCell:
         nodes = tuple(np.moveaxis(at[:, None] + self.node_shift, 2, 0))
         corners = (size + 1).tolist()
         key = np.ravel_multi_index(nodes, corners) * len(self.base) + self.node_base
+        del nodes
         used, index = np.unique(key, return_inverse=True)
-        index = index.reshape(key.shape)
+        index = index.reshape(key.shape).astype(np.int32)
         taken = np.zeros(size + 2, bool)
         taken[tuple((at + 1).T)] = True
         triangles, faces = [], []
-        for side in range(SURFACE, 6):
+        for side in np.unique(self.side).tolist():
             shown = np.ones(len(cells), bool)
             if side != SURFACE:
                 beside = at + 1
                 beside[:, side // 2] += 1 if side % 2 else -1
                 shown = ~taken[tuple(beside.T)]
             triangles.append(index[shown][:, self.triangles[self.side == side]].reshape(-1, 3))
-            faces.append(np.full(len(triangles[-1]), side))
+            faces.append(np.full(len(triangles[-1]), side, np.int32))
         place = np.stack(np.unravel_index(used // len(self.base), corners), axis=1)
         points = self.base[used % len(self.base)] + (place + origin) * self.cell
         return PlacedCells(SolidMesh(points, np.concatenate(triangles), np.concatenate(faces)), used)
+
+    @property
+    def surface(self) -> PeriodicCell:
+        """The cell without its sides, open, on the nodes that are left; keys of placed cells stay."""
+        triangles = self.triangles[self.side == SURFACE]
+        used, index = np.unique(triangles, return_inverse=True)
+        return replace(
+            self,
+            node_base=self.node_base[used],
+            node_shift=self.node_shift[used],
+            triangles=index.reshape(-1, 3),
+            side=np.full(len(triangles), SURFACE),
+        )
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -93,7 +107,7 @@ def find_periodic_cell(points: Array, triangles: IntArray, low: Array, cell: Arr
         side += [np.full(len(lower), 2 * axis), np.full(len(upper), 2 * axis + 1)]
     numbers = np.array(list(nodes.number))
     closed = np.concatenate(found)
-    if sum_open_sides(closed.astype(np.uint64)):
+    if not is_closed(closed):
         raise TrimmingError("the triangles of a cell do not repeat in the next one")
     return PeriodicCell(low, cell, base, numbers[:, 0], numbers[:, 1:], closed, np.concatenate(side))
 

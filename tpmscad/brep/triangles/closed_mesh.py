@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import importlib
+from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Any
 
@@ -14,6 +15,9 @@ from scipy.spatial import cKDTree
 from tpmscad._typing import Array, BoolArray, IntArray, UIntArray
 from tpmscad.brep.linked_items import label_linked
 from tpmscad.errors import InvalidRequest, TrimmingError
+
+BATCH = 1_000_000
+"""Triangles that are worked on at a time, which limits the memory."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -35,20 +39,22 @@ class SolidMesh:
     @property
     def cone_volumes(self) -> Array:
         """Signed volumes (m,) of the cones over the triangles, whose apex is the mean of the points, which keeps the digits."""
-        a, b, c = self._arms()
-        return np.asarray(np.einsum("md,md->m", a, np.cross(b, c)) / 6.0)
+        found = [np.einsum("md,md->m", a, np.cross(b, c)) / 6.0 for a, b, c in self._arms()]
+        return np.concatenate([np.zeros(0), *found])
 
     @property
     def area(self) -> float:
         """Area of the triangles."""
-        a, b, c = (self.points[self.triangles[:, k]] for k in range(3))
-        return float(0.5 * np.linalg.norm(np.cross(b - a, c - a), axis=1).sum())
+        return sum(float(0.5 * np.linalg.norm(np.cross(b - a, c - a), axis=1).sum()) for a, b, c in self._arms())
 
     @property
     def center_of_mass(self) -> Array:
         """Centre of mass (3,) of the solid enclosed."""
-        volumes = self.cone_volumes
-        return np.asarray(self.points.mean(axis=0) + volumes @ sum(self._arms()) / (4.0 * volumes.sum()))
+        total, moment = 0.0, np.zeros(3)
+        for a, b, c in self._arms():
+            volumes = np.einsum("md,md->m", a, np.cross(b, c)) / 6.0
+            total, moment = total + float(volumes.sum()), moment + volumes @ (a + b + c) / 4.0
+        return np.asarray(self.points.mean(axis=0) + moment / total)
 
     @property
     def component(self) -> IntArray:
@@ -63,10 +69,17 @@ class SolidMesh:
         used, triangles = np.unique(self.triangles[kept], return_inverse=True)
         return SolidMesh(self.points[used], triangles.reshape(-1, 3).astype(self.triangles.dtype), self.face[kept])
 
-    def _arms(self) -> tuple[Array, Array, Array]:
-        """The corners of the triangles, about the mean of the points: (m, 3) each."""
+    def _arms(self) -> Iterator[tuple[Array, Array, Array]]:
+        """The corners of the triangles about the mean of the points, in batches: (BATCH, 3) each."""
         about = self.points - self.points.mean(axis=0)
-        return about[self.triangles[:, 0]], about[self.triangles[:, 1]], about[self.triangles[:, 2]]
+        for start in range(0, len(self.triangles), BATCH):
+            a, b, c = self.triangles[start : start + BATCH].T
+            yield about[a], about[b], about[c]
+
+
+def narrow_indices(values: Any) -> Any:
+    """Indices in 32 bits, which halves the memory of large meshes."""
+    return np.asarray(values).astype(np.int32)
 
 
 def join_meshes(meshes: list[SolidMesh]) -> SolidMesh:
@@ -74,7 +87,9 @@ def join_meshes(meshes: list[SolidMesh]) -> SolidMesh:
     starts = np.cumsum([0, *(len(mesh.points) for mesh in meshes)])
     return SolidMesh(
         np.concatenate([mesh.points for mesh in meshes]),
-        np.concatenate([mesh.triangles + start for mesh, start in zip(meshes, starts[:-1].tolist(), strict=True)]),
+        np.concatenate(
+            [m.triangles + first for m, first in zip(meshes, starts[:-1].tolist(), strict=True)], dtype=np.int32
+        ),
         np.concatenate([mesh.face for mesh in meshes]),
     )
 
@@ -117,6 +132,12 @@ def sum_open_sides(labels: UIntArray) -> int:
         return int((along - against).sum(dtype=np.uint64))
 
 
+def is_closed(triangles: IntArray) -> bool:
+    """Whether triangles (m, 3) run through every side as often in either direction."""
+    parts = (triangles[start : start + BATCH].astype(np.uint64) for start in range(0, len(triangles), BATCH))
+    return sum(map(sum_open_sides, parts)) % 2**64 == 0
+
+
 def load_manifold() -> Any:
     """The module manifold3d; InvalidRequest says how to install it."""
     try:
@@ -145,8 +166,8 @@ def combine_meshes(first: SolidMesh, second: SolidMesh, operation: str) -> Solid
         solids.append(found)
         faces[original] = mesh.face
     result = (solids[0] ^ solids[1] if operation == "intersection" else solids[0] + solids[1]).to_mesh64()
-    origin, face = np.asarray(result.face_id, np.int64), np.zeros(len(result.tri_verts), np.int64)
+    origin, face = np.asarray(result.face_id, np.int64), narrow_indices(np.zeros(len(result.tri_verts)))
     limits = np.asarray(result.run_index, np.int64) // 3
     for original, start, stop in zip(result.run_original_id, limits[:-1].tolist(), limits[1:].tolist(), strict=True):
         face[start:stop] = faces[int(original)][origin[start:stop]]
-    return SolidMesh(np.array(result.vert_properties), np.asarray(result.tri_verts, np.int64), face)
+    return SolidMesh(np.array(result.vert_properties), narrow_indices(result.tri_verts), face)

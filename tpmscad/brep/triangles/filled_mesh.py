@@ -14,7 +14,14 @@ from scipy import ndimage
 
 from tpmscad._typing import Array, BoolArray, IntArray
 from tpmscad.brep.triangles.cell_polyhedron import SURFACE, PeriodicCell
-from tpmscad.brep.triangles.closed_mesh import SolidMesh, combine_meshes, join_meshes, label_points, sum_open_sides
+from tpmscad.brep.triangles.closed_mesh import (
+    SolidMesh,
+    combine_meshes,
+    is_closed,
+    join_meshes,
+    label_points,
+    narrow_indices,
+)
 from tpmscad.brep.winding_numbers import winding_numbers
 from tpmscad.errors import TrimmingError
 
@@ -86,11 +93,11 @@ def fill_mesh(cell: PeriodicCell, choice: CellChoice, body: SolidMesh, shell: So
         filled = combine_meshes(filled, replace(shell, face=shell.face + FIRST_OF_BODY), "union")
     mesh = filled.select(filled.face != BETWEEN_CELLS)
     if len(choice.whole):
-        whole = cell.place(choice.whole, choice.origin, choice.size)
+        whole = cell.surface.place(choice.whole, choice.origin, choice.size)
         common = whole.mesh.points[np.isin(whole.key, block.key)]
-        surface = whole.mesh.select(whole.mesh.face == SURFACE)
-        mesh = _join_at(mesh, replace(surface, face=np.full(len(surface.triangles), LATTICE)), common)
-    if sum_open_sides(mesh.triangles.astype(np.uint64)):
+        del block, cut, filled
+        mesh = _join_at(mesh, replace(whole.mesh, face=np.full(len(whole.mesh.triangles), LATTICE, np.int32)), common)
+    if not is_closed(mesh.triangles):
         raise TrimmingError("the triangles of cut and whole cells do not close")
     return mesh
 
@@ -101,7 +108,8 @@ def _join_at(first: SolidMesh, second: SolidMesh, common: Array) -> SolidMesh:
     label = label_points(joined.points)
     near = np.flatnonzero(np.isin(label, label_points(common)))
     _, start, index = np.unique(label[near], return_index=True, return_inverse=True)
-    number = np.arange(len(label))
-    number[near] = near[start][index]
-    used, index = np.unique(number, return_inverse=True)
-    return SolidMesh(joined.points[used], index[joined.triangles].astype(np.int32), joined.face)
+    first_of = np.arange(len(label))
+    first_of[near] = near[start][index]
+    kept = first_of == np.arange(len(label))
+    number = narrow_indices(np.cumsum(kept) - 1)
+    return SolidMesh(joined.points[kept], number[first_of][joined.triangles], joined.face)
