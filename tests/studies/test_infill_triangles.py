@@ -84,6 +84,10 @@ def test_requests_that_cannot_be_met_are_told() -> None:
     with pytest.raises(OutOfMemory, match=r"infill_layers"):
         tpmscad.infill_triangles(bd.Box(900, 900, 900), "P", cell=1, thickness=0.1, deviation=0.005)
 
+    for make in (tpmscad.infill, tpmscad.fluid_domains):
+        with pytest.raises(OutOfMemory, match=r"27000000 cells.*infill_layers.*infill_triangles"):
+            make(bd.Box(300, 300, 300), "P", cell=1, thickness=0.1)
+
 
 def test_the_command_writes_triangles(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     body, out = tmp_path / "body.step", tmp_path / "part.stl"

@@ -35,6 +35,7 @@ from tpmscad.lattices.coordinate_maps import Map, stretching
 from tpmscad.lattices.mapped_lattice import MappedLayers
 from tpmscad.lattices.mapped_surface import MappedSurface
 from tpmscad.lattices.offset_surfaces import LayersFit
+from tpmscad.memory_limit import require_memory
 from tpmscad.requests.lattice_request import LatticeRequest
 from tpmscad.results.certificate import PatchMeasures, require
 from tpmscad.rigid_motion import Motion
@@ -53,6 +54,9 @@ FIELD_BLOCK_MARGIN_FRACTION = 0.0137
 
 MAX_CELLS_IN_BOX = 100_000
 """Cells that the box of a body may span; each needs about a hundred patches in memory."""
+
+BYTES_PER_CELL_IN_BODY = 1.3e6
+"""Memory of each cell of an infill, until its STEP file is written, as measured between 100 and 500 cells."""
 
 BOX_TRIM_TOL_CELLS = 5e-10
 """In cells: distance of a cut's curve from its patch, so that the gaps at caps stay below 1e-9 of the cell."""
@@ -172,6 +176,13 @@ def build_lattice_block(request: LatticeRequest, rotation: Array, body: CadBody,
             f"{body.name} spans {' x '.join(f'{v:.4g}' for v in high - low)}, less than a cell of "
             f"{' x '.join(f'{v:.4g}' for v in request.cell)}: make the cell smaller"
         )
+    cells = body.volume / float(np.prod(request.cell))
+    require_memory(
+        cells,
+        BYTES_PER_CELL_IN_BODY,
+        f"a solid of about {cells:.0f} cells in {body.name}",
+        "enlarge the cell, or do without the solid: infill_layers(...) writes layers, infill_triangles(...) STL and 3MF",
+    )
     with stages("fit") as done:
         cover = fit_patches_over_box(request, low, high, done)
     with stages("assemble"):
