@@ -11,7 +11,9 @@ import pytest
 
 import tpmscad
 from tpmscad import cli
+from tpmscad.brep.triangles.closed_mesh import SolidMesh, join_meshes
 from tpmscad.errors import OutOfMemory
+from tpmscad.studies._infill_triangles import _drop_loose_pieces
 
 pytest.importorskip("manifold3d")
 trimesh = pytest.importorskip("trimesh")
@@ -76,6 +78,21 @@ def test_a_mesh_is_filled_as_it_is(tmp_path: Path) -> None:
     part.write(tmp_path / "part.3mf")
     assert trimesh.load(tmp_path / "part.3mf", force="mesh").volume == pytest.approx(part.volume, rel=1e-6)
     assert "1 piece" in repr(part)
+
+
+def test_loose_pieces_are_left_out_and_told() -> None:
+    large, small, void = (
+        trimesh.creation.icosphere(2, radius).apply_translation((x, 0, 0))
+        for radius, x in ((3.0, 0.0), (0.4, 5.0), (1.0, 0.0))
+    )
+    void.invert()
+    parts = [SolidMesh(m.vertices, m.faces, np.zeros(len(m.faces), int)) for m in (large, small, void)]
+    whole = join_meshes(parts)
+    kept, notes = _drop_loose_pieces(whole, "drop")
+    assert kept.volume == pytest.approx(parts[0].volume + parts[2].volume)
+    assert len(notes) == 1
+    assert "1 loose piece" in notes[0]
+    assert _drop_loose_pieces(whole, "keep") == (whole, ())
 
 
 def test_requests_that_cannot_be_met_are_told() -> None:
