@@ -1,0 +1,209 @@
+"""Minimal surfaces as zero sets of short trigonometric series: the nodal formula, continued until the mean curvature vanishes.
+
+The zero set of a series f(X) = Re sum_k a_k exp(2 pi i k . X), X in cells, has the symmetry of the nodal formula of the same name,
+and its mean curvature is zero within the stated residual, although no Weierstrass data of the surface are known. Each term of a
+series is the sum over the orbit of one wave vector under the symmetries of the surface. The coefficients are found by
+`python -m benchmarks.minimal_series`; "Results" there are the figures that stand here.
+
+The method follows from the first variation of area: a surface is minimal if its mean curvature H vanishes. With N = grad f / |grad f|,
+H = (tr h - N . h N) / (2 |grad f|), h the Hessian of f; Levenberg-Marquardt steps on H at points of the surface give the
+coefficients. Functions f and g f, g > 0, have the same surface; among them the smoothest series is taken.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cache
+from types import MappingProxyType
+
+import numpy as np
+
+from tpmscad._typing import Array
+
+Operation = tuple[str, int]
+"""A symmetry in coordinates, "-x, y, z+1/2", and the sign s of f(image) = s f(x, y, z)."""
+
+WaveVector = tuple[int, int, int]
+
+VANISHING = 1e-9
+"""Amplitude, relative to the order of the group, below which a wave of an orbit cancels."""
+
+
+@dataclass(frozen=True, slots=True)
+class MinimalSeries:
+    """The series of one surface.
+
+    - `generators`: symmetries that generate all of them, modulo translations by a cell.
+    - `coefficients`: amplitude of every wave in the orbit of a wave vector, by the vector; sines if f is odd, else cosines.
+    - `mean_curvature`: greatest |H| at points of the zero set, period times curvature.
+    - `nodal_distance`: greatest distance from the nodal surface, in cells.
+    - `value_range`: minimum and maximum of f.
+    """
+
+    generators: tuple[Operation, ...]
+    coefficients: Mapping[WaveVector, float]
+    mean_curvature: float
+    nodal_distance: float
+    value_range: tuple[float, float]
+
+    @property
+    def is_odd(self) -> bool:
+        """Whether f(-X) = -f(X)."""
+        return INVERSION_ODD in self.generators
+
+
+INVERSION_ODD: Operation = ("-x, -y, -z", -1)
+
+Placement = tuple[Array, Array, int]
+"""Rotation (3, 3), translation (3,) in cells and sign of a symmetry."""
+
+
+def read_operation(operation: Operation) -> Placement:
+    """The rotation, translation and sign of a symmetry given by the coordinates of the image."""
+    text, sign = operation
+    rotation, translation = np.zeros((3, 3), int), np.zeros(3)
+    for row, part in enumerate(text.split(",")):
+        letter, _, shift = part.strip().partition("+")
+        rotation[row, "xyz".index(letter[-1])] = -1 if letter.startswith("-") else 1
+        if shift:
+            above, below = shift.split("/")
+            translation[row] = int(above) / int(below)
+    return rotation, translation, sign
+
+
+def generate_group(generators: tuple[Operation, ...]) -> list[Placement]:
+    """All products of the generators modulo translations by a cell; translations are multiples of a quarter, exact in floats."""
+    every = [read_operation(operation) for operation in generators]
+    identity: Placement = (np.eye(3, dtype=int), np.zeros(3), 1)
+    found, fresh = {_key(identity): identity}, [identity]
+    while fresh:
+        rotation, translation, sign = fresh.pop()
+        for other, shift, factor in every:
+            word = (rotation @ other, np.mod(rotation @ shift + translation, 1.0), sign * factor)
+            if _key(word) not in found:
+                found[_key(word)] = word
+                fresh.append(word)
+    return list(found.values())
+
+
+def _key(placement: Placement) -> tuple[object, ...]:
+    rotation, translation, sign = placement
+    return *rotation.ravel().tolist(), *translation.tolist(), sign
+
+
+def expand_orbit(group: list[Placement], wave_vector: WaveVector, is_odd: bool) -> dict[WaveVector, complex]:
+    """Amplitudes of the waves in the orbit of a wave vector, of modulus 1, one of each pair k and -k; empty if they cancel."""
+    first = np.array(wave_vector)
+    amplitudes: dict[WaveVector, complex] = {}
+    for rotation, translation, sign in group:
+        k, amplitude = first @ rotation, sign * np.exp(2j * np.pi * (first @ translation)) * (-1j if is_odd else 1.0)
+        if next((c for c in k if c), 0) < 0:
+            k, amplitude = -k, np.conj(amplitude)
+        h, m, n = (int(c) for c in k)
+        amplitudes[h, m, n] = amplitudes.get((h, m, n), 0.0) + amplitude
+    greatest = max(abs(a) for a in amplitudes.values())
+    if greatest < VANISHING * len(group):
+        return {}
+    return {k: complex(np.round(a / greatest, 12)) for k, a in amplitudes.items()}
+
+
+@cache
+def expand_series(name: str) -> tuple[Array, Array]:
+    """Wave vectors (W, 3) and complex amplitudes (W,) of the series of a surface of `MINIMAL_SERIES`; both are read-only."""
+    series = MINIMAL_SERIES[name]
+    group = generate_group(series.generators)
+    waves: dict[WaveVector, complex] = {}
+    for wave_vector, coefficient in series.coefficients.items():
+        for k, amplitude in expand_orbit(group, wave_vector, series.is_odd).items():
+            waves[k] = coefficient * amplitude
+    vectors, amplitudes = np.array(list(waves), float), np.array(list(waves.values()))
+    vectors.setflags(write=False)
+    amplitudes.setflags(write=False)
+    return vectors, amplitudes
+
+
+def _read_table(text: str) -> Mapping[WaveVector, float]:
+    """Coefficients by wave vector, from entries "h k l coefficient" separated by semicolons."""
+    table = {}
+    for entry in text.replace("\n", ";").split(";"):
+        if entry.strip():
+            h, k, n, coefficient = entry.split()
+            table[int(h), int(k), int(n)] = float(coefficient)
+    return MappingProxyType(table)
+
+
+_CUBIC_MIRRORS: tuple[Operation, ...] = (("y, z, x", 1), ("y, x, z", 1), ("-x, y, z", 1))
+"""All permutations and reversals of the axes."""
+
+GENERATORS: Mapping[str, tuple[Operation, ...]] = MappingProxyType(
+    {
+        "gyroid": (INVERSION_ODD, ("y, z, x", 1), ("-x+1/2, -y, z+1/2", 1), ("-x+1/4, -z+1/4, -y+1/4", 1)),
+        "diamond": (
+            INVERSION_ODD,
+            ("y, z, x", 1),
+            ("x, -z+1/4, -y+1/4", 1),
+            ("x, y+1/2, z+1/2", 1),
+            ("x+1/2, y+1/2, z+1/2", -1),
+        ),
+        "schwarz_p": (*_CUBIC_MIRRORS, ("x+1/2, y+1/2, z+1/2", -1)),
+        "iwp": (*_CUBIC_MIRRORS, ("x+1/2, y+1/2, z+1/2", 1)),
+        "neovius": (*_CUBIC_MIRRORS, ("x+1/2, y+1/2, z+1/2", -1)),
+        "frd": (*_CUBIC_MIRRORS, ("x, y+1/2, z+1/2", 1)),
+        "fischer_koch_s": (INVERSION_ODD, ("y, z, x", 1), ("-x+1/2, -y, z+1/2", 1), ("x+1/4, z+1/4, y+1/4", 1)),
+    }
+)
+"""The symmetries of the nodal formulas, those that exchange the sides included."""
+
+MINIMAL_SERIES: Mapping[str, MinimalSeries] = MappingProxyType(
+    {
+        "diamond": MinimalSeries(
+            GENERATORS["diamond"],
+            _read_table("""
+1 1 1 0.5; 3 1 1 0.008985292682828777; 3 3 1 -0.00016201412706760883
+5 1 1 2.909830962914271e-06; 3 3 3 -2.974049373323303e-06; 5 3 1 4.657298972309426e-08
+"""),
+            mean_curvature=2.9e-10,
+            nodal_distance=0.0007528,
+            value_range=(-1.3393132489376314, 1.3393132489376314),
+        ),
+        "schwarz_p": MinimalSeries(
+            GENERATORS["schwarz_p"],
+            _read_table("""
+1 0 0 1.0; 1 1 1 -0.009472198442393734; 2 1 0 0.016781164888064352
+3 0 0 -0.006282633649355545; 2 2 1 -0.00426848047458063; 3 1 1 -0.0003365976233534323
+3 2 0 0.00030746849975709696; 4 1 0 -6.769191297105283e-05; 3 2 2 8.99698457818757e-05
+3 3 1 -1.7915493445644947e-05; 4 2 1 -1.1926047844620985e-05; 5 0 0 9.550280851025566e-08
+4 3 0 -2.0775348946369373e-07; 5 1 1 -1.4522783254146623e-08; 3 3 3 -2.9965000196525233e-08
+5 2 0 6.676959200315691e-09; 4 3 2 -1.2677403343072396e-08; 5 2 2 -2.487101506756989e-09
+4 4 1 -5.904832896991934e-09; 5 3 1 -1.8143388452209152e-09
+"""),
+            mean_curvature=1.8e-11,
+            nodal_distance=0.01191,
+            value_range=(-3.092829223836755, 3.092829223836755),
+        ),
+        "iwp": MinimalSeries(
+            GENERATORS["iwp"],
+            _read_table("""
+0 0 0 0.4246289177398695; 1 1 0 1.0; 2 0 0 -0.029181077527695158
+2 1 1 0.08725489081274446; 2 2 0 -0.010256310574234729; 3 1 0 0.048312783159307024
+2 2 2 -0.015267247208540105; 3 2 1 -0.019140434641485845; 4 0 0 0.001037731808400101
+4 1 1 0.01351595935881947; 3 3 0 -0.022328178036860345; 4 2 0 0.014297978658591894
+3 3 2 -0.005274077190955578; 4 2 2 -0.003891592322881407; 5 1 0 -0.01499787262693511
+4 3 1 0.0019274241394247231; 5 2 1 -0.003445518439194259; 4 4 0 0.0019719831288012375
+5 3 0 -0.0012622038429838504; 4 3 3 0.0003105675623846385; 6 0 0 0.0026510922748370735
+4 4 2 0.000452918739488143; 6 1 1 0.0012273227436123734; 5 3 2 -0.0005386477508046803
+6 2 0 0.00017355198968737126; 5 4 1 -0.00013670997288563433; 6 2 2 0.000102295165965657
+6 3 1 -5.35830811850533e-05; 4 4 4 2.8220133435790775e-05; 7 1 0 -5.1405733255169555e-05
+5 5 0 -2.324007014215708e-05; 5 4 3 -8.299613315887541e-06; 6 4 0 1.2739222842290427e-05
+7 2 1 -1.1813486181809804e-05; 6 3 3 5.690322853744029e-05; 5 5 2 -6.051256388427526e-05
+6 4 2 2.129180677605146e-05; 7 3 0 -4.790744183088731e-06; 7 3 2 -1.4885000707364176e-05
+6 5 1 -7.492418019724338e-07; 8 0 0 -1.7295034111115414e-05
+"""),
+            mean_curvature=5.4e-08,
+            nodal_distance=0.04724,
+            value_range=(-1.9403253465553183, 7.271788951339274),
+        ),
+    }
+)
+"""The series by the name of the surface; "frd" at 1e-6 is as far as its coefficients are determined in float64."""
