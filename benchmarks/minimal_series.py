@@ -177,7 +177,10 @@ def nodal_coefficients(name: str) -> dict[WaveVector, complex]:
     """Fourier coefficients of the nodal formula, twice those of e^(2 pi i k x)."""
     t = np.arange(16) / 16
     spectrum = 2 * np.fft.fftn(fields.tpms(name, 1.0).on_grid(t, t, t)) / 16**3
-    return {tuple(int((i + 8) % 16 - 8) for i in k): complex(spectrum[tuple(k)]) for k in np.argwhere(np.abs(spectrum) > 1e-9)}
+    return {
+        tuple(int((i + 8) % 16 - 8) for i in k): complex(spectrum[tuple(k)])
+        for k in np.argwhere(np.abs(spectrum) > 1e-9)
+    }
 
 
 def derive(name: str) -> dict[WaveVector, float]:

@@ -1,13 +1,12 @@
 """Minimal surfaces as zero sets of short trigonometric series: the nodal formula, continued until the mean curvature vanishes.
 
-The zero set of a series f(X) = Re sum_k a_k exp(2 pi i k . X), X in cells, has the symmetry of the nodal formula of the same name,
-and its mean curvature is zero within the stated residual, although no Weierstrass data of the surface are known. Each term of a
-series is the sum over the orbit of one wave vector under the symmetries of the surface. The coefficients are found by
-`python -m benchmarks.minimal_series`; "Results" there are the figures that stand here.
+The zero set of a series f(X) = Re sum_k a_k exp(2 pi i k . X), X in cells, has the symmetry of the nodal formula of its name, and
+its mean curvature is zero within the stated residual, although Weierstrass data of the surface need not be known. A term is the
+sum over the orbit of one wave vector under the symmetries of the surface.
 
-The method follows from the first variation of area: a surface is minimal if its mean curvature H vanishes. With N = grad f / |grad f|,
-H = (tr h - N . h N) / (2 |grad f|), h the Hessian of f; Levenberg-Marquardt steps on H at points of the surface give the
-coefficients. Functions f and g f, g > 0, have the same surface; among them the smoothest series is taken.
+A surface is minimal if its mean curvature H vanishes. With N = grad f / |grad f| and h the Hessian of f,
+H = (tr h - N . h N) / (2 |grad f|); Levenberg-Marquardt steps on H at points of the surface give the coefficients
+(`python -m benchmarks.minimal_series`). f and g f, g > 0, have the same surface; among such functions the smoothest series is taken.
 """
 
 from __future__ import annotations
@@ -157,6 +156,26 @@ GENERATORS: Mapping[str, tuple[Operation, ...]] = MappingProxyType(
 
 MINIMAL_SERIES: Mapping[str, MinimalSeries] = MappingProxyType(
     {
+        "gyroid": MinimalSeries(
+            GENERATORS["gyroid"],
+            _read_table("""
+1 1 0 0.5; 3 1 0 0.0014374872878380098; 2 2 2 -0.002185853256176636
+3 2 1 0.002406575344811009; 4 1 1 -0.001300527755779554; 3 3 0 0.0016800226476268558
+5 1 0 0.0016292599195211553; 4 3 1 0.0011485453680366953; 5 2 1 0.0015433413310508507
+5 3 0 0.001268020450241768; 4 3 3 0.0006918784643055011; 4 4 2 0.0008911200370205592
+5 3 2 0.0005023989058928067; 5 4 1 0.0009715137743513566; 6 2 2 0.0006160978904490537
+6 3 1 0.0001755688844647843; 7 1 0 -0.0002140529831926055; 5 5 0 0.0009712892281504271
+5 4 3 0.00012645617215203324; 7 2 1 0.00017197354874873153; 6 4 2 0.0002685831963172091
+7 3 0 -2.4734102543229876e-05; 7 3 2 2.8336212461765796e-05; 6 5 1 0.00012235162977686974
+8 1 1 5.8327558874910134e-08; 7 4 1 3.833771846996811e-05; 5 5 4 -0.00031204179419340087
+6 4 4 -0.00015961939403735085; 6 5 3 -0.00010286575848873695; 8 3 1 -5.101924494698944e-07
+7 5 0 9.50029114596489e-06; 7 4 3 -6.3879145968227446e-06; 6 6 2 -2.306491381888471e-05
+7 5 2 -2.106142931972656e-06
+"""),
+            mean_curvature=1.1e-10,
+            nodal_distance=0.001344,
+            value_range=(-1.534768181396369, 1.5347681813963694),
+        ),
         "diamond": MinimalSeries(
             GENERATORS["diamond"],
             _read_table("""
@@ -203,6 +222,51 @@ MINIMAL_SERIES: Mapping[str, MinimalSeries] = MappingProxyType(
             mean_curvature=5.4e-08,
             nodal_distance=0.04724,
             value_range=(-1.9403253465553183, 7.271788951339274),
+        ),
+        "neovius": MinimalSeries(
+            GENERATORS["neovius"],
+            _read_table("""
+1 0 0 3.0; 1 1 1 1.4321725356597645; 2 1 0 0.47557568420051277
+3 0 0 -0.17013211729649003; 2 2 1 0.064375303087184; 3 1 1 -0.09978224304931048
+3 2 0 -0.0564396773256809; 4 1 0 -0.09639612616471663; 3 2 2 -0.022483199040890366
+3 3 1 -0.006687143463144331; 4 2 1 -0.026707093992802917; 5 0 0 -0.011073179325327087
+4 3 0 -0.0016722604063367282; 5 1 1 -0.0012341070176252196; 3 3 3 0.0060532506617204255
+5 2 0 0.004868650741579952; 4 3 2 0.00023629943262955456; 5 2 2 0.0027513713043778557
+4 4 1 0.00440977286746187; 5 3 1 0.0024339879925718865; 6 1 0 6.093320195356848e-05
+6 2 1 0.0005908168544585857; 5 4 0 0.0016113764551770231; 4 4 3 0.00032631548407858265
+5 3 3 0.0003527801717989707; 6 3 0 0.000545830304823591; 5 4 2 0.00031605413941741253
+7 0 0 -0.00027583264082343007; 6 3 2 0.00015563773334568347; 7 1 1 8.335793469024998e-05
+5 5 1 0.0002910034810407877; 7 2 0 5.989063409377282e-05; 6 4 1 5.096175120240083e-05
+7 2 2 4.8992954183162016e-06; 5 4 4 4.33416281810845e-06; 7 3 1 -1.3316556207026433e-05
+5 5 3 2.8193774162419526e-05; 6 5 0 -2.5716333775999443e-05; 6 4 3 7.812295228741552e-06
+"""),
+            mean_curvature=2.5e-07,
+            nodal_distance=0.01324,
+            value_range=(-16.90571828069057, 16.90571828069057),
+        ),
+        "frd": MinimalSeries(
+            GENERATORS["frd"],
+            _read_table("""
+0 0 0 0.21071626883148087; 1 1 1 1.0; 2 0 0 0.1186058591734858
+2 2 0 -0.05741289111752835; 3 1 1 0.07550326105024768; 2 2 2 -0.01922906932599185
+4 0 0 0.023664324832713628; 3 3 1 -0.0165617293995279; 4 2 0 -0.016521476838344526
+4 2 2 0.002252877144796278; 5 1 1 -0.0042447741289008455; 3 3 3 -0.017524771539752952
+4 4 0 0.0068569294523349615; 5 3 1 0.0014214295465661514; 6 0 0 0.0020419759060246413
+4 4 2 0.00544653554257239; 6 2 0 0.0005612678822648501; 5 3 3 -0.0012209439808921613
+6 2 2 0.00035905857964400813; 4 4 4 -7.233095778837931e-05; 7 1 1 -0.0013168088670578273
+5 5 1 0.0003923395945483991; 6 4 0 0.0013391043886441117; 6 4 2 0.001674232816311005
+7 3 1 0.00024672997943293087; 5 5 3 0.000706416369593741; 8 0 0 -0.00028198587802001293
+7 3 3 1.6843096923570808e-05; 8 2 0 0.00019129955448009064; 6 4 4 0.0004954732232607809
+8 2 2 -3.357477643721764e-05; 6 6 0 0.00018127832141838667; 7 5 1 9.203755650739538e-05
+5 5 5 -7.779860065194102e-05; 6 6 2 9.579231395890642e-05; 8 4 0 2.417704077262444e-06
+9 1 1 6.179333569691296e-05; 7 5 3 0.00010723572248364828; 8 4 2 7.011328628543916e-05
+6 6 4 6.83773144773535e-05; 9 3 1 5.6802376952853584e-05; 8 4 4 6.015961083694274e-06
+9 3 3 2.5584296719071183e-05; 7 7 1 9.496099319220173e-06; 7 5 5 3.117261716806242e-05
+10 0 0 -3.950609595559115e-05; 8 6 0 2.1302160192324073e-05
+"""),
+            mean_curvature=4.6e-06,
+            nodal_distance=0.02093,
+            value_range=(-4.3800906450442545, 4.8531156845778805),
         ),
     }
 )

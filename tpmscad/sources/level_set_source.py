@@ -58,7 +58,7 @@ LevelSetLayers = tuple[PeriodicFit | None, PeriodicFit | None]
 class LevelSetSource(LatticeSource[LevelSetLayers]):
     """A catalogued surface as offsets of its level set; lengths in units of the first cell edge.
 
-    `period` holds the cell edges in that unit. `levels`: values of the function on the lower and upper surface instead of normal offsets.
+    `period` holds the cell edges in that unit. `levels`: values on the lower and upper surface instead of normal offsets.
     """
 
     name: str

@@ -132,7 +132,8 @@ def list_products(name: str) -> Mapping[Factor, Mapping[Factor, Mapping[Factor, 
     for vector, amplitude in zip(vectors.astype(int).tolist(), amplitudes, strict=True):
         for sines in product((False, True), repeat=3):
             # exp(i k . x) is the product of cos + i sin over the axes; sin 0 vanishes
-            weight = amplitude * np.prod([1j * np.sign(k) if odd else 1.0 for k, odd in zip(vector, sines, strict=True)])
+            factors = [1j * np.sign(k) if odd else 1.0 for k, odd in zip(vector, sines, strict=True)]
+            weight = amplitude * np.prod(factors)
             x, y, z = ((abs(k), odd) for k, odd in zip(vector, sines, strict=True))
             table[z, y, x] = table.get((z, y, x), 0.0) + float(weight.real)
     nested: dict[Factor, dict[Factor, dict[Factor, float]]] = {}
