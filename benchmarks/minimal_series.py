@@ -3,11 +3,12 @@
     python -m benchmarks.minimal_series iwp neovius        # the entries of tpmscad/minimal_series.py and a row of the table each
     python -m benchmarks.minimal_series --check            # the table of the stored series, without fits
 
-Unknowns are the coefficients of all orbits of wave vectors up to a length, but for the longest wave of the nodal formula, which
-sets the scale. Residuals are the mean curvatures H at points of the zero set, which follow it along the normal, and GAMMA times
+Unknowns are the coefficients of all orbits of wave vectors up to a length, but for the shortest wave of the nodal formula, which
+sets the scale. Residuals are the mean curvatures H at points of the zero set, which follow it along the normal, and GAMMAS times
 the coefficients, weighted by 1 + |k|^2. The latter choose among all functions with the same zero set, f and g f with g > 0, the
 smoothest, which has no further zeros; without them some series vanish on spheres elsewhere. The length grows in steps, each of
-which starts from the one before. Figures are measured at fresh points; H by differences of the unit normal, not by the fit's formula.
+which starts from the one before. The figures come from fresh points; H by differences of the unit normal, not by the fit's
+formula.
 """
 
 from __future__ import annotations
@@ -177,10 +178,11 @@ def nodal_coefficients(name: str) -> dict[WaveVector, complex]:
     """Fourier coefficients of the nodal formula, twice those of e^(2 pi i k x)."""
     t = np.arange(16) / 16
     spectrum = 2 * np.fft.fftn(fields.tpms(name, 1.0).on_grid(t, t, t)) / 16**3
-    return {
-        tuple(int((i + 8) % 16 - 8) for i in k): complex(spectrum[tuple(k)])
-        for k in np.argwhere(np.abs(spectrum) > 1e-9)
-    }
+    found = {}
+    for k in np.argwhere(np.abs(spectrum) > 1e-9):
+        h, m, n = ((int(i) + 8) % 16 - 8 for i in k)
+        found[h, m, n] = complex(spectrum[tuple(k)])
+    return found
 
 
 def derive(name: str) -> dict[WaveVector, float]:

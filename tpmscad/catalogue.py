@@ -332,7 +332,7 @@ def check_reference(
     choices = ", ".join(record.references)
     if reference == "minimal":
         raise InvalidRequest(
-            f"reference 'minimal' of the {record.name} does not exist: no minimal surface with the symmetry of the {record.title} "
-            f"lies near its nodal surface; choose {choices}, or another surface"
+            f"reference 'minimal' of the {record.name} does not exist: no minimal surface with the symmetry of the "
+            f"{record.title} lies near its nodal surface; choose {choices}, or another surface"
         )
     raise InvalidRequest(f"reference {reference!r} of the {record.name} is unknown; choose one of {choices}")

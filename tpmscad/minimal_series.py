@@ -6,7 +6,8 @@ sum over the orbit of one wave vector under the symmetries of the surface.
 
 A surface is minimal if its mean curvature H vanishes. With N = grad f / |grad f| and h the Hessian of f,
 H = (tr h - N . h N) / (2 |grad f|); Levenberg-Marquardt steps on H at points of the surface give the coefficients
-(`python -m benchmarks.minimal_series`). f and g f, g > 0, have the same surface; among such functions the smoothest series is taken.
+(`python -m benchmarks.minimal_series`). f and g f, g > 0, have the same surface; among such functions the smoothest series is
+taken.
 """
 
 from __future__ import annotations

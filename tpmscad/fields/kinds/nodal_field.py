@@ -1,13 +1,13 @@
 """Fields of triply periodic surfaces, by name: the nodal formula of the catalogue, or the series of the minimal surface.
 
-A series is a sum of products of one function of x, one of y and one of z each, sines and cosines of multiples of the angle; common
-factors are taken out, so that a tape holds two operations for most products.
+A series is a sum of products of one function of x, one of y and one of z each, sines and cosines of multiples of the angle.
+Common factors are taken out, so that a tape holds two operations for most products.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache, reduce
 from itertools import product
@@ -148,19 +148,14 @@ def _trace_products(products: Mapping[Factor, Mapping[Factor, Mapping[Factor, fl
     """The sum of products of waves of three angles."""
     x, y, z = angles
 
-    def wave(angle: Node, factor: Factor) -> Node | float:
+    def wave(angle: Node, factor: Factor) -> Node:
         multiple, odd = factor
-        if not multiple:
-            return 1.0
         return sine(multiple * angle) if odd else cosine(multiple * angle)
 
-    return reduce(
-        add,
-        [
-            wave(z, c)
-            * reduce(
-                add, [wave(y, b) * reduce(add, [wave(x, a) * v for a, v in row.items()]) for b, row in rows.items()]
-            )
-            for c, rows in products.items()
-        ],
+    def total(terms: Iterator[Node]) -> Node:
+        return reduce(add, terms)
+
+    return total(
+        wave(z, c) * total(wave(y, b) * total(wave(x, a) * v for a, v in row.items()) for b, row in rows.items())
+        for c, rows in products.items()
     )
