@@ -82,6 +82,7 @@ LEVEL_SET_MEASURES: Mapping[tuple[str, str], CellMeasures] = MappingProxyType(
         ("lidinoid", "nodal"): CellMeasures(6.2385966, -10.205779, -128 * np.pi, 0.384490, -0.0288692218, 0.0338797751),
         ("split_p", "nodal"): CellMeasures(5.11357703, 2.03011999, -64 * np.pi, 0.510311, -0.0482879448, 0.0840213970),
         ("fischer_koch_s", "nodal"): CellMeasures(5.43012464, 0.0, -80 * np.pi, 0.5, -0.0635124187, 0.0635124187),
+        ("fischer_koch_s", "minimal"): CellMeasures(5.41450813, 0.0, -80 * np.pi, 0.5, -0.0841276069, 0.0841276069),
         ("octo", "nodal"): CellMeasures(3.72970962, 3.04049358, -36 * np.pi, 0.4705916, -0.0190249282, 0.0536269776),
     }
 )
