@@ -304,4 +304,4 @@ MINIMAL_SERIES: Mapping[str, MinimalSeries] = MappingProxyType(
         ),
     }
 )
-"""The series by the name of the surface; "frd" at 1e-6 is as far as its coefficients are determined in float64."""
+"""The series by the name of the surface."""
