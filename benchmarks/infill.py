@@ -88,7 +88,7 @@ BODIES: dict[str, Callable[[], bd.Shape]] = {
 
 def wanted(surface: str, cell: float) -> LatticeRequest:
     """A sheet of a tenth of the cell."""
-    reference = "minimal" if "minimal" in surfaces.find_surface(surface).references else "nodal"
+    reference = surfaces.find_surface(surface).references[0]
     request = read_lattice_request(
         surface,
         cell=cell,

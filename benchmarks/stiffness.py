@@ -1,6 +1,7 @@
 """Effective properties of cells: a table over volume fractions with errors, limits of thin sheets, and level sheets.
 
     python -m benchmarks.stiffness table gyroid:0.1,0.2,0.3 P:0.2
+    python -m benchmarks.stiffness table iwp:0.1,0.2,0.3 --reference minimal
     python -m benchmarks.stiffness levels gyroid:0.2,0.3 P:0.2,0.3
 
 Young's modulus 1, Poisson's ratio 0.3. `table` also extrapolates K / rho and k / rho to rho = 0 by a polynomial through the
@@ -29,11 +30,13 @@ CUTS = (3, 1)
 NEWTON_STEPS, SECANT_STEPS = 8, 12
 
 
-def print_table(name: str, fractions: Sequence[float]) -> None:
+def print_table(name: str, fractions: Sequence[float], reference: str | None = None) -> None:
     """Rows of one surface, and its limits."""
     ratios: dict[str, list[float]] = {"K": [], "k": []}
     for fraction in fractions:
-        found = tpmscad.homogenize(name, volume_fraction=fraction, poisson_ratio=POISSON_RATIO, progress=False)
+        found = tpmscad.homogenize(
+            name, volume_fraction=fraction, reference=reference, poisson_ratio=POISSON_RATIO, progress=False
+        )
         values = [*found.cubic_constants, found.engineering_constants["E1"], found.engineering_constants["nu12"]]
         values += [found.zener_ratio, found.hashin_shtrikman_ratio, float(np.trace(found.conductivity)) / 3.0]
         print(
@@ -129,6 +132,7 @@ def main() -> None:
     parser.add_argument("what", choices=("table", "levels"))
     parser.add_argument("cases", nargs="+", help="SURFACE:FRACTION[,FRACTION...]")
     parser.add_argument("--cuts", type=int, default=CUTS[0], help="of each patch along its sides, for levels")
+    parser.add_argument("--reference", choices=("minimal", "nodal"), help="of the table; by default the surface's own")
     given = parser.parse_args()
     if given.what == "table":
         print(
@@ -141,7 +145,7 @@ def main() -> None:
         name, _, listed = case.partition(":")
         fractions = [float(each) for each in listed.split(",")]
         if given.what == "table":
-            print_table(name, fractions)
+            print_table(name, fractions, given.reference)
         else:
             for fraction in fractions:
                 compare_levels(name, fraction, (given.cuts, CUTS[1]))

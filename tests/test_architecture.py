@@ -26,6 +26,7 @@ GROUND = {
     "fallbacks",
     "kernel_wheels",
     "memory_limit",
+    "minimal_series",
     "parallel",
     "progress_display",
     "rigid_motion",

@@ -17,7 +17,7 @@ from types import MappingProxyType
 from typing import Annotated
 
 from tpmscad.api.public_calls import validate_call
-from tpmscad.api.shared_kinds import TEXT
+from tpmscad.api.shared_kinds import RECORD, TEXT
 from tpmscad.errors import InvalidRequest
 
 MAX_SUGGESTIONS = 3
@@ -64,9 +64,10 @@ class SurfaceRecord:
     - `genus`: genus of the nodal surface in the quotient by the primitive lattice of `space_group`.
     - `value_range`: minimum and maximum of f, found by minimisation from the extreme samples of a 128^3 grid, to 1e-12.
     - `patches_per_cell`: number of primitive patches in the cubic cell; 0 if they are fitted to a mesh of one period.
-    - `references`: surfaces a lattice can be fitted to: "minimal" (exact), "nodal" (the level set f = 0).
-    - `primitives`: "exact" for patches of the minimal surface or its nodal counterpart, "mirrored" for pieces of the nodal
-      surface bounded by mirror planes, "level set" for patches fitted to the nodal surface of one period.
+    - `references`: surfaces that fields and lattices are made of, the default first: "nodal" (the level set f = 0), "minimal"
+      (mean curvature zero: exact for lattices of exact primitives, else the series of `tpmscad.minimal_series`).
+    - `primitives`: "exact" for patches of the minimal surface or its nodal counterpart, "mirrored" for pieces of a level set
+      bounded by mirror planes, "level set" for patches fitted to a level set of one period.
     - `source`: origin of the surface; `formula_source`: publication of the formula.
     - `one_piece`: the phases that lattices in a box have unless another is asked for.
     """
@@ -154,7 +155,7 @@ _RECORDS = (
         genus=4,
         value_range=(-5.0, 3.0),
         patches_per_cell=48,
-        references=("nodal",),
+        references=("nodal", "minimal"),
         primitives="mirrored",
         source=_SCHOEN,
         formula_source=_NESPER,
@@ -169,7 +170,7 @@ _RECORDS = (
         genus=9,
         value_range=(-13.0, 13.0),
         patches_per_cell=48,
-        references=("nodal",),
+        references=("nodal", "minimal"),
         primitives="mirrored",
         source="E. R. Neovius (1883)",
         formula_source=_NESPER,
@@ -184,7 +185,7 @@ _RECORDS = (
         genus=6,
         value_range=(-7.0, 2.0),
         patches_per_cell=96,
-        references=("nodal",),
+        references=("nodal", "minimal"),
         primitives="mirrored",
         source=_SCHOEN,
         formula_source=_NESPER,
@@ -237,7 +238,7 @@ _RECORDS = (
         genus=11,
         value_range=(-math.sqrt(2), math.sqrt(2)),
         patches_per_cell=0,
-        references=("nodal",),
+        references=("nodal", "minimal"),
         primitives="level set",
         source="W. Fischer, E. Koch, Acta Cryst. A 43 (1987) 559",
         formula_source=_NESPER,
@@ -307,3 +308,31 @@ def find_surface(
     similar = dict.fromkeys(repr(_RECORD_OF_SPELLING[match].name) for match in matches)
     hint = f"did you mean {' or '.join(similar)}? " if similar else ""
     raise InvalidRequest(f"unknown surface {name!r}: {hint}choose one of {', '.join(CATALOGUE)}")
+
+
+@validate_call()
+def check_reference(
+    record: Annotated[SurfaceRecord, RECORD, "The surface."],
+    reference: Annotated[str, TEXT.described_as(example='"nodal"'), '"minimal" or "nodal".'],
+) -> None:
+    """Raise InvalidRequest unless fields and lattices of a surface can have a reference.
+
+    Raises
+    ------
+    InvalidRequest
+        If `reference` is not among `record.references`. The message names the alternatives, and why there is no minimal one.
+
+    Examples
+    --------
+    >>> from tpmscad import surfaces
+    >>> surfaces.check_reference(surfaces.find_surface("gyroid"), "minimal")
+    """
+    if reference in record.references:
+        return
+    choices = ", ".join(record.references)
+    if reference == "minimal":
+        raise InvalidRequest(
+            f"reference 'minimal' of the {record.name} does not exist: no minimal surface with the symmetry of the "
+            f"{record.title} lies near its nodal surface; choose {choices}, or another surface"
+        )
+    raise InvalidRequest(f"reference {reference!r} of the {record.name} is unknown; choose one of {choices}")

@@ -128,7 +128,10 @@ period = 10
 """
 
 SAME = {
-    "tpms": [("surface = 'P'\nperiod = [4, 5, 6]\nphase = [0, 0.5, 0.1]", fields.tpms("P", (4, 5, 6), (0, 0.5, 0.1)))],
+    "tpms": [
+        ("surface = 'P'\nperiod = [4, 5, 6]\nphase = [0, 0.5, 0.1]", fields.tpms("P", (4, 5, 6), (0, 0.5, 0.1))),
+        ("surface = 'iwp'\nperiod = 4\nreference = 'minimal'", fields.tpms("iwp", 4, reference="minimal")),
+    ],
     "bspline": [
         ("seed = 5\ncount = [4, 3, 5]\nperiod = [4, 5, 6]", UNIT),
         ("file = 'unit.npy'\nperiod = [4, 5, 6]", UNIT),
@@ -142,6 +145,10 @@ SAME = {
     ],
     "rod": [
         ("surface = 'gyroid'\nperiod = 10\nlevel = -0.3", fields.rod(GYROID, -0.3)),
+        (
+            "surface = 'S'\nperiod = 9\nlevel = 0\nreference = 'minimal'",
+            fields.rod(fields.tpms("S", 9, reference="minimal"), 0),
+        ),
         ("of = 'gyroid'\nvolume_fraction = 0.3", fields.rod(GYROID, fields.threshold_for(GYROID, 0.3))),  # type: ignore[arg-type]
         (
             "of = 'gyroid'\nlevel = { kind = 'ramp', by = 'x', span = [0, 9], values = [-1, 1] }",

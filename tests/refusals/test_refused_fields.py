@@ -244,6 +244,7 @@ TOPOLOGY: dict[str, Row] = {
 SURFACES: dict[str, Row] = {
     "unknown surface": (lambda: surfaces.find_surface("gyrod"), "did you mean|choose one of"),
     "reference": (lambda: surfaces.primitive_patch("gyroid", "exact"), "reference 'exact'"),
+    "no minimal field": (lambda: fields.tpms("Split P", reference="minimal"), "no minimal surface with the symmetry"),
     "no patch": (lambda: surfaces.primitive_patch("octo", "nodal"), "no patch in closed form"),
     "no mirrors": (lambda: mirror_symmetry("gyroid"), "no mirror tetrahedron"),
     "wall inside out": (lambda: surfaces.volume_fraction("gyroid", "minimal", 0.1, -0.1), "swap them"),

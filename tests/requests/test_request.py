@@ -60,7 +60,10 @@ def request(surface: str = "gyroid", **changes: Any) -> Any:
         ({"thickness": 1, "tol": 0}, ("tol 0", "positive")),
         ({"thickness": 1, "tol": 1e-9}, ("tol 1e-09", "1e-06")),
         ({"thickness": 1, "phase": (0.5,)}, ("phase", "three")),
-        ({"surface": "iwp", "thickness": 1, "reference": "minimal"}, ("reference 'minimal' of the iwp", "nodal")),
+        (
+            {"surface": "octo", "thickness": 1, "reference": "minimal"},
+            ("reference 'minimal' of the octo", "O,C-TO", "nodal"),
+        ),
         ({"surface": "F-RD", "thickness": 1.1}, ("offset", "frd", "between -0.71", "0.536", "thin")),
         (
             {"surface": "neovius", "thickness": 0.5, "map": IDENTITY},

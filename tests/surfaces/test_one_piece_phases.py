@@ -78,8 +78,11 @@ def count_endless_pieces(solid: BoolArray) -> int:
 
 
 def offset_limits(name: str) -> tuple[float, float]:
-    """The offsets that every reference of the surface allows, in cells; of the others most of the reach."""
-    references = surfaces.CATALOGUE[name].references
+    """The offsets that a reference near the nodal surface allows, in cells; of the others most of the reach."""
+    exact = surfaces.CATALOGUE[name].primitives == "exact"
+    references = (
+        surfaces.CATALOGUE[name].references if exact else ("nodal",)
+    )  # the cloud is nodal, others lie farther off
     if surfaces.CATALOGUE[name].primitives in ("exact", "mirrored"):
         measures = [surfaces.cell_measures(name, reference) for reference in references]
         return min(m.min_offset for m in measures), max(m.max_offset for m in measures)

@@ -15,9 +15,7 @@ if TYPE_CHECKING:
     from tpmscad._typing import ProgressOption
 
 SurfaceName = Annotated[str, TEXT, "Name or alias of a surface of the catalogue."]
-Reference = Annotated[
-    str, TEXT.described_as(example='"nodal"'), "The exact minimal surface, or the trigonometric level set."
-]
+Reference = Annotated[str, TEXT.described_as(example='"nodal"'), "The minimal surface, or the trigonometric level set."]
 Samples = Annotated["ArrayLike", ANYTHING, "Samples of the field."]
 Level = Annotated[float, NUMBER.described_as(example="0.0"), "Value of the field; 0 is the surface of the solid."]
 SampleConnectivity = Annotated[

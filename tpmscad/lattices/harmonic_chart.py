@@ -62,9 +62,9 @@ class HarmonicChart:
 
 
 @lru_cache(maxsize=16)
-def compute_harmonic_chart(name: str) -> HarmonicChart:
-    """The chart of the piece of a catalogued surface, on the nodal surface."""
-    symmetry = mirror_symmetry(name)
+def compute_harmonic_chart(name: str, reference: str = "nodal") -> HarmonicChart:
+    """The chart of the piece of a catalogued surface."""
+    symmetry = mirror_symmetry(name, reference)
 
     def energy(parameter: float) -> float:
         return _minimise_energy(

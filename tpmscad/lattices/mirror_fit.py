@@ -107,14 +107,16 @@ class MirrorPieceFit:
     convergence: NetConvergence
 
 
-def fit_mirror_pieces(name: str, layers: Layers, cell: float, tol: float) -> LayersFit[OffsetSurfaces]:
+def fit_mirror_pieces(
+    name: str, layers: Layers, cell: float, tol: float, reference: str = "nodal"
+) -> LayersFit[OffsetSurfaces]:
     """Fit the lower and upper surface at their normal offsets (model units; None: no surface) to within `tol`.
 
     Where no degree meets `tol` the best one is returned: compare the deviation. There are no rigorous bounds, as the reference
     surface is implicit.
     """
     in_cells = [None if d is None else d / cell for d in layers]
-    fits = {d: fit_mirror_piece(name, d, tol / cell) for d in in_cells if d is not None}
+    fits = {d: fit_mirror_piece(name, d, tol / cell, reference) for d in in_cells if d is not None}
     order = list(fits)
     lower, upper = (None if d is None else (order.index(d), False) for d in in_cells)
     return LayersFit(
@@ -125,12 +127,12 @@ def fit_mirror_pieces(name: str, layers: Layers, cell: float, tol: float) -> Lay
 
 
 @lru_cache(maxsize=64)
-def fit_mirror_piece(name: str, offset: float, tol: float) -> MirrorPieceFit:
+def fit_mirror_piece(name: str, offset: float, tol: float, reference: str = "nodal") -> MirrorPieceFit:
     """The offset piece of the lowest degree whose measured deviation is at most `tol` (cells), or the best there is.
 
     Cached: the same lattice in another box or with another boundary reuses the fit.
     """
-    chart = compute_harmonic_chart(name)
+    chart = compute_harmonic_chart(name, reference)
     best: MirrorPieceFit | None = None
     for degree in PIECE_DEGREES:
         last = degree == PIECE_DEGREES[-1]

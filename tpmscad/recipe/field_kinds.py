@@ -89,6 +89,11 @@ Period = Annotated[
     "Edge of the cell, mm, one for all axes or one for each, with `surface`; 10 by default.",
 ]
 Phase = Annotated[Triple | None, POINT, "Shift of the surface, in cells, with `surface`; none by default."]
+Reference = Annotated[
+    str | None,
+    choice_of("minimal", "nodal"),
+    "The minimal surface or the nodal one, with `surface`; 'nodal' by default.",
+]
 Level = Annotated[Field | None, FIELD, "The level, or else give volume_fraction; a ramp grades it."]
 Fraction = Annotated[
     Any, FRACTION_OR_FIELD, "Solid part of the volume, from which the level follows; a ramp grades it."
@@ -108,12 +113,12 @@ def require_one(**given: Any) -> None:
         raise InvalidRequest(f"give exactly one of {', '.join(first)} and {last}, not {found}")
 
 
-def _make_base(of: Field | None, surface: str | None, period: Any, phase: Any) -> Field:
-    """The field that is cut: `of`, or the nodal field of a surface of the catalogue."""
+def _make_base(of: Field | None, surface: str | None, period: Any, phase: Any, reference: str | None) -> Field:
+    """The field that is cut: `of`, or the field of a surface of the catalogue."""
     require_one(of=of, surface=surface)
     if surface is not None:
-        return fields.tpms(surface, period, phase or (0.0, 0.0, 0.0))
-    for name, value in (("period", period), ("phase", phase)):
+        return fields.tpms(surface, period, phase or (0.0, 0.0, 0.0), reference=reference or "nodal")
+    for name, value in (("period", period), ("phase", phase), ("reference", reference)):
         if value is not None:
             raise InvalidRequest(f"{name!r} has a meaning only together with 'surface'")
     assert of is not None
@@ -141,11 +146,12 @@ def make_rod(
     surface: Surface = None,
     period: Period = None,
     phase: Phase = None,
+    reference: Reference = None,
     level: Level = None,
     volume_fraction: Fraction = None,
 ) -> Field:
     """Solid where a field lies below a level: rods on one side of a surface."""
-    phi = _make_base(of, surface, period, phase)
+    phi = _make_base(of, surface, period, phase, reference)
     require_one(level=level, volume_fraction=volume_fraction)
     return fields.rod(phi, _solve_threshold(phi, volume_fraction, "rod") if level is None else level)
 
@@ -155,11 +161,12 @@ def make_pore(
     surface: Surface = None,
     period: Period = None,
     phase: Phase = None,
+    reference: Reference = None,
     level: Level = None,
     volume_fraction: Fraction = None,
 ) -> Field:
     """Solid where a field lies above a level: the other side."""
-    phi = _make_base(of, surface, period, phase)
+    phi = _make_base(of, surface, period, phase, reference)
     require_one(level=level, volume_fraction=volume_fraction)
     return fields.pore(phi, _solve_threshold(phi, volume_fraction, "pore") if level is None else level)
 
@@ -169,11 +176,12 @@ def make_sheet(
     surface: Surface = None,
     period: Period = None,
     phase: Phase = None,
+    reference: Reference = None,
     levels: Annotated[Any, TWO_LEVELS, "The levels, numbers or fields, or else give volume_fraction."] = None,
     volume_fraction: Fraction = None,
 ) -> Field:
     """Solid where a field lies between two levels."""
-    phi = _make_base(of, surface, period, phase)
+    phi = _make_base(of, surface, period, phase, reference)
     require_one(levels=levels, volume_fraction=volume_fraction)
     low, high = _solve_threshold(phi, volume_fraction, "sheet") if levels is None else levels
     return fields.sheet(phi, low, high)
@@ -184,11 +192,12 @@ def make_wall(
     surface: Surface = None,
     period: Period = None,
     phase: Phase = None,
+    reference: Reference = None,
     *,
     thickness: Annotated[Any, WALL_THICKNESS, "Thickness along the normal, mm; a ramp grades it."],
 ) -> Field:
     """A wall of a thickness in mm along the surface {field = 0}."""
-    return fields.wall(_make_base(of, surface, period, phase), thickness)
+    return fields.wall(_make_base(of, surface, period, phase, reference), thickness)
 
 
 def make_cell_sizes(
@@ -196,6 +205,7 @@ def make_cell_sizes(
     surface: Surface = None,
     period: Period = None,
     phase: Phase = None,
+    reference: Reference = None,
     x: AxisSizes = None,
     y: AxisSizes = None,
     z: AxisSizes = None,
@@ -204,7 +214,7 @@ def make_cell_sizes(
     sizes: dict[str, Any] = {axis: given for axis, given in (("x", x), ("y", y), ("z", z)) if given is not None}
     if not sizes:
         raise InvalidRequest("give cell sizes along at least one of the axes x, y, z")
-    return fields.cell_sizes(_make_base(of, surface, period, phase), **sizes)
+    return fields.cell_sizes(_make_base(of, surface, period, phase, reference), **sizes)
 
 
 def make_bspline(

@@ -69,7 +69,8 @@ class WallOptions:
     reference: Annotated[
         str | None,
         choice_of("minimal", "nodal"),
-        "The exact surface, 'minimal' (the default if the catalogue has it), or the trigonometric one of its name, 'nodal'.",
+        "The 'minimal' surface, of mean curvature zero, or the trigonometric one of its name, 'nodal'. The default is 'minimal' "
+        "for gyroid, diamond and Schwarz P, whose minimal surface is exact, and 'nodal' for others.",
     ] = None
     phase: Annotated[Sequence[float] | None, POINT, "Shift of the lattice, in cells; none by default."] = None
     tol: Annotated[

@@ -352,7 +352,7 @@ class HomogenizeOptions:
     reference: Annotated[
         str | None,
         choice_of("minimal", "nodal"),
-        "The exact surface (the default if the catalogue has it), or the trigonometric one of its name; with a name.",
+        "The minimal surface, or the trigonometric one of its name, as in `tpmscad.lattice`; with a name.",
     ] = None
     youngs_modulus: Annotated[
         float, POSITIVE.described_as(example="1.0"), "Young's modulus of the solid, in any unit."

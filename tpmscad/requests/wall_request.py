@@ -118,9 +118,9 @@ def _solve_for_fraction(options: LatticeOptions, cell: float) -> Wall:
             f"allows no symmetric wall of volume fraction {fraction:g}"
         )
         return Wall((low * cell, high * cell), None, (note,))
-    level = fields.threshold_for(fields.tpms(name, 1.0), fraction, "sheet")[1]  # type: ignore[index]
+    level = fields.threshold_for(fields.tpms(name, 1.0, reference=reference), fraction, "sheet")[1]  # type: ignore[index]
     note = (
-        f"the wall lies between the nodal levels {-level:.4g} and {level:.4g}, so its thickness varies: the radii of curvature "
+        f"the wall lies between the levels {-level:.4g} and {level:.4g}, so its thickness varies: the radii of curvature "
         f"of the {title} allow no wall of constant thickness with volume fraction {fraction:g}"
     )
     return Wall((0.0, 0.0), (-level, level), (note,))
@@ -138,7 +138,7 @@ def solve_cell(options: LatticeOptions) -> tuple[float, tuple[str, ...]]:
     scaled = options.volume_fraction is not None or options.porosity is not None
     wall = resolve_wall(options, 1.0, False)
     if wall.levels is not None:
-        radii = find_level_pore_radii(name, wall.levels)
+        radii = find_level_pore_radii(name, str(options.reference), wall.levels)
         cell = pore / (2 * max(radii.minus, radii.plus))
         return cell, _note_pores(radii, replace(wall, offset=(0.0, 0.0)), options, cell)
     radii = find_pore_radii(name, str(options.reference))

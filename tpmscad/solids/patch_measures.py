@@ -12,11 +12,13 @@ from typing import Any
 
 import numpy as np
 
+from tpmscad import surfaces
 from tpmscad.brep.boundary_representation import Brep
 from tpmscad.brep.deviation import Deviation
 from tpmscad.brep.edge_continuity import EdgeContinuity, measure_edge_continuity
 from tpmscad.lattices.coordinate_maps import Map
 from tpmscad.lattices.offset_surfaces import LayersFit
+from tpmscad.minimal_series import MINIMAL_SERIES
 from tpmscad.requests.lattice_request import LatticeRequest
 from tpmscad.results.certificate import Check, PatchMeasures, require
 from tpmscad.solids.field_patches import FieldPatches
@@ -43,6 +45,9 @@ MAX_FIELD_TANGENT_JUMP_DEG = 0.01
 FIELD_VOLUME_RTOL = 1e-3
 """Relative difference allowed between the volume that the patches bound and the quadrature of the field."""
 
+
+MEAN_CURVATURE = "residual mean curvature of the reference"
+"""Name of the figure of a minimal surface that is a series: 0 for the exact one."""
 
 TO_FIELD, FROM_FIELD = "deviation of the solid from the field", "deviation of the field from the solid"
 """Names of the figures of both directions."""
@@ -73,7 +78,11 @@ def measure_lattice_patches(
         reference if mapping is None else f"{reference} under {mapping.name}",
         continuity,
         bounds=fit.bounds,
-        figures={"CPIA iterations": fit.convergence.iterations, "CPIA bound": fit.convergence.bound},
+        figures={
+            "CPIA iterations": fit.convergence.iterations,
+            "CPIA bound": fit.convergence.bound,
+            **state_mean_curvature(request),
+        },
         checks=tuple(map(Check, names, values, limits)),
         notes=(*notes, *request.notes),
     )
@@ -82,19 +91,27 @@ def measure_lattice_patches(
 def _measure_level_set_patches(
     request: LatticeRequest, continuity: EdgeContinuity, deviation: Deviation, notes: tuple[str, ...]
 ) -> PatchMeasures:
-    """The measures of patches fitted to a nodal level set, whose joints are tangent within the limit of fields."""
-    surface = f"nodal {request.surface} surface" if request.levels is None else f"nodal {request.surface} level sets"
+    """The measures of patches fitted to a level set, whose joints are tangent within the limit of fields."""
+    surface = f"{request.reference} {request.surface} {'surface' if request.levels is None else 'level sets'}"
     return PatchMeasures(
         request.tol,
         deviation,
         surface,
         continuity,
+        figures=state_mean_curvature(request),
         checks=(
             Check("gap", continuity.gap, MAX_GAP_CELLS * max(request.cell)),
             Check("tangent jump in degrees", continuity.tangent_jump_deg, MAX_FIELD_TANGENT_JUMP_DEG),
         ),
         notes=(*notes, *request.notes),
     )
+
+
+def state_mean_curvature(request: LatticeRequest) -> dict[str, float]:
+    """The greatest mean curvature of a minimal surface that is the zero set of a series, 1 / model unit, as the figure of it."""
+    if request.reference != "minimal" or surfaces.find_surface(request.surface).primitives == "exact":
+        return {}
+    return {MEAN_CURVATURE: MINIMAL_SERIES[request.surface].mean_curvature / min(request.cell)}
 
 
 def check_field_tangent_jump(jump_deg: float) -> Check:

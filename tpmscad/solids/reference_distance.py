@@ -44,7 +44,7 @@ def _measure_from_lattice(request: LatticeRequest, mapping: Map | None, rotation
     if mapping is None:  # every cell is like the first
         local = edges * np.mod(local / edges - phase, 1.0)
     if request.levels is not None:
-        phi = fields.tpms(request.surface, request.cell)
+        phi = fields.tpms(request.surface, request.cell, reference=request.reference)
         each = [NormalDistance(phi - level)(local) for level in request.levels]
         return np.asarray(np.abs(each).min(axis=0))
     mid_surface = request.source.mid_surface(request.cell, request.cells, phase, mapping)

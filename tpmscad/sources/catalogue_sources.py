@@ -1,6 +1,6 @@
 """The choice of a source: a catalogued surface is made in one of three ways.
 
-Its patches are copies of an exact primitive patch, reflections of a piece between mirrors, or fitted to one period of its nodal
+Its patches are copies of an exact primitive patch, reflections of a piece between mirrors, or fitted to one period of its
 level set. The sources hide the difference; `lattice_source` is the only function that chooses.
 """
 
@@ -29,11 +29,11 @@ def lattice_source(
 ) -> LatticeSource[Any]:
     """The source of lattices of a catalogued surface, by its name and reference ("minimal" or "nodal").
 
-    `cell` holds the edges of the cell, `levels` the nodal levels of the two sides of a wall if they are no offsets.
+    `cell` holds the edges of the cell, `levels` the levels of the two sides of a wall if they are no offsets.
     """
     if surfaces.find_surface(name).primitives == "level set":
-        return LevelSetSource(name, triple(edge / cell[0] for edge in cell), levels)
-    symmetry = surfaces.surface_symmetry(name)
+        return LevelSetSource(name, triple(edge / cell[0] for edge in cell), levels, reference)
+    symmetry = surfaces.surface_symmetry(name, reference)
     if isinstance(symmetry, MirrorSymmetry):
-        return ReflectedPieces(name, symmetry)
+        return ReflectedPieces(name, reference, symmetry)
     return CopiedPrimitive(name, reference, symmetry)

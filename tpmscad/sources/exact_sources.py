@@ -79,11 +79,12 @@ class ReflectedPieces(LatticeSource[OffsetSurfaces]):
     """
 
     name: str
+    reference: str
     symmetry: MirrorSymmetry
 
     def fit(self, layers: Layers, cell: float, tol: float) -> LayersFit[OffsetSurfaces]:
         """The offset surfaces, without rigorous bounds: the reference surface is implicit."""
-        return fit_mirror_pieces(self.name, layers, cell, tol)
+        return fit_mirror_pieces(self.name, layers, cell, tol, self.reference)
 
     def cover(self, fitted: OffsetSurfaces, cells: tuple[int, int, int], phase: Array) -> PatchAssembly:
         """The pieces in all tetrahedra with a part inside the box."""

@@ -18,13 +18,14 @@ S = TypeVar("S")
 class LatticeSource(Generic[S]):
     """A surface of the catalogue as something that lattices are made of; S are its fitted surfaces.
 
-    - `name`: that of the surface.
+    - `name`: that of the surface; `reference`: "minimal" or "nodal".
     - `can_be_mapped`: whether the lattice may be deformed by a coordinate map, unequal cell edges included.
     - `follows_cell_edges`: whether the patches are those of a cell of unequal edges themselves, without a map.
     - `has_facing_patches`: whether the sides of a wall are copies of patches over one mid patch, so that splines may fill it.
     """
 
     name: str
+    reference: str
     can_be_mapped: ClassVar[bool] = False
     follows_cell_edges: ClassVar[bool] = False
     has_facing_patches: ClassVar[bool] = True
@@ -50,6 +51,6 @@ class LatticeSource(Generic[S]):
     ) -> SignedDistance:
         """Signed distances from the mid surface; without a map from that of the first cell, without phase.
 
-        By default they are those from the nodal level set, for surfaces without a patch in closed form.
+        By default they are those from its level set, for surfaces without a patch in closed form.
         """
-        return NormalDistance(fields.tpms(self.name, cell))
+        return NormalDistance(fields.tpms(self.name, cell, reference=self.reference))

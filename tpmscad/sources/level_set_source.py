@@ -1,4 +1,4 @@
-"""Lattices of the catalogued surfaces without exact patches: offsets of the nodal level set, laid out over one period.
+"""Lattices of the catalogued surfaces without exact patches: offsets of the level set, laid out over one period.
 
 The surface {f = 0} has a symmetric quadrilateral mesh on one period (`levelset.periodic`), over which every offset surface is
 fitted, one patch for each orbit of the isometries of f. A `LevelSetSource` places copies of them over a box like the sources
@@ -56,14 +56,15 @@ LevelSetLayers = tuple[PeriodicFit | None, PeriodicFit | None]
 
 @dataclass(frozen=True, slots=True)
 class LevelSetSource(LatticeSource[LevelSetLayers]):
-    """A catalogued surface as offsets of its nodal level set; lengths in units of the first cell edge.
+    """A catalogued surface as offsets of its level set; lengths in units of the first cell edge.
 
-    `period` holds the cell edges in that unit. `levels`: nodal values of the lower and upper surface instead of normal offsets.
+    `period` holds the cell edges in that unit. `levels`: values on the lower and upper surface instead of normal offsets.
     """
 
     name: str
     period: tuple[float, float, float]
     levels: tuple[float, float] | None = None
+    reference: str = "nodal"
 
     follows_cell_edges: ClassVar[bool] = True
     has_facing_patches: ClassVar[bool] = False
@@ -115,6 +116,6 @@ class LevelSetSource(LatticeSource[LevelSetLayers]):
             )
 
     def _field(self, level: float) -> Field:
-        """The field whose zero set is a level of the nodal function, one cell edge the unit of length."""
-        nodal = fields.tpms(self.name, self.period)
-        return nodal if level == 0 else nodal - level
+        """The field whose zero set is a level of the surface's function, one cell edge the unit of length."""
+        function = fields.tpms(self.name, self.period, reference=self.reference)
+        return function if level == 0 else function - level

@@ -37,7 +37,7 @@ DIRECTIONS = np.array([d for d in product((-1.0, 0.0, 1.0), repeat=3) if any(d)]
 
 @dataclass(frozen=True, slots=True)
 class PoreRadii:
-    """Greatest distance from the surface, in cells, of points where the nodal function is below, and above its values there."""
+    """Greatest distance from the surface, in cells, of points where its function is below, and above its values there."""
 
     minus: float
     plus: float
@@ -46,15 +46,16 @@ class PoreRadii:
 @lru_cache(maxsize=64)
 def find_pore_radii(name: str, reference: str) -> PoreRadii:
     """The greatest distances from a surface on either side of it, in cells."""
-    points = _sample_exact_surface(name) if reference == "minimal" else _sample_nodal_level(name, 0.0)
-    return PoreRadii(*(_deepest(name, points, (0.0, 0.0), sign) for sign in (-1, 1)))
+    exact = reference == "minimal" and surfaces.find_surface(name).primitives == "exact"
+    points = _sample_exact_surface(name) if exact else _sample_level(name, reference, 0.0)
+    return PoreRadii(*(_deepest(name, reference, points, (0.0, 0.0), sign) for sign in (-1, 1)))
 
 
 @lru_cache(maxsize=64)
-def find_level_pore_radii(name: str, levels: tuple[float, float]) -> PoreRadii:
+def find_level_pore_radii(name: str, reference: str, levels: tuple[float, float]) -> PoreRadii:
     """The greatest distances from the two levels that bound a wall on the void side of each, in cells."""
-    points = np.concatenate([_sample_nodal_level(name, level) for level in levels])
-    return PoreRadii(*(_deepest(name, points, levels, sign) for sign in (-1, 1)))
+    points = np.concatenate([_sample_level(name, reference, level) for level in levels])
+    return PoreRadii(*(_deepest(name, reference, points, levels, sign) for sign in (-1, 1)))
 
 
 def _sample_exact_surface(name: str) -> Array:
@@ -65,9 +66,9 @@ def _sample_exact_surface(name: str) -> Array:
     return np.asarray(np.mod(symmetry.cell_motions[:, None].apply(points).reshape(-1, 3), 1.0))
 
 
-def _sample_nodal_level(name: str, level: float) -> Array:
-    """Points (n, 3) of a level of the nodal function in one cell, near its crossings with the lines of a grid."""
-    phi = fields.tpms(name, 1.0)
+def _sample_level(name: str, reference: str, level: float) -> Array:
+    """Points (n, 3) of a level of the surface's function in one cell, near its crossings with the lines of a grid."""
+    phi = fields.tpms(name, 1.0, reference=reference)
     t = (np.arange(SAMPLES_PER_CELL) + 0.5) / SAMPLES_PER_CELL
     values = phi.on_grid(t, t, t) - level
     parts = []
@@ -84,9 +85,9 @@ def _sample_nodal_level(name: str, level: float) -> Array:
     return np.asarray(np.mod(points, 1.0))
 
 
-def _deepest(name: str, points: Array, levels: tuple[float, float], sign: int) -> float:
-    """The greatest distance from points (n, 3) of one cell where the nodal function is below (-1) or above (+1) the levels."""
-    phi = fields.tpms(name, 1.0)
+def _deepest(name: str, reference: str, points: Array, levels: tuple[float, float], sign: int) -> float:
+    """The greatest distance from points (n, 3) of one cell where the function is below (-1) or above (+1) the levels."""
+    phi = fields.tpms(name, 1.0, reference=reference)
     tree = cKDTree(np.minimum(points, np.nextafter(1.0, 0.0)), boxsize=1.0)
 
     def depth(x: Array) -> Array:

@@ -18,7 +18,7 @@ def thickest_wall(
     reference: Annotated[
         str | None,
         TEXT.described_as(example='"nodal"'),
-        "The exact minimal surface (the default if the catalogue has it), or the trigonometric surface of its name.",
+        "The minimal surface, or the trigonometric surface of its name; the default is that of `tpmscad.lattice`.",
     ] = None,
 ) -> float:
     """Return the thickness, in cell edges, that the wall of a symmetric sheet has to stay below.

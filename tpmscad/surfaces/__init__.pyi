@@ -1,5 +1,6 @@
 from tpmscad.catalogue import CATALOGUE as CATALOGUE
 from tpmscad.catalogue import SurfaceRecord as SurfaceRecord
+from tpmscad.catalogue import check_reference as check_reference
 from tpmscad.catalogue import find_surface as find_surface
 from tpmscad.surfaces._surface_symmetry import surface_symmetry as surface_symmetry
 from tpmscad.surfaces.curvature_integrals import area as area
@@ -18,5 +19,4 @@ from tpmscad.surfaces.reflection_group import has_mirrors as has_mirrors
 from tpmscad.surfaces.reflection_group import mirror_symmetry as mirror_symmetry
 from tpmscad.surfaces.surface_patch import PARAMETER_MARGIN as PARAMETER_MARGIN
 from tpmscad.surfaces.surface_patch import SurfacePatch as SurfacePatch
-from tpmscad.surfaces.surface_patch import check_reference as check_reference
 from tpmscad.surfaces.surface_patch import primitive_patch as primitive_patch

@@ -15,7 +15,7 @@ curvature. The integrals come from one of three sources:
   (`MirrorSymmetry.intersect_segments`), an analytic map of the unit square for which Gauss-Legendre quadrature converges
   geometrically. The tetrahedron is the join of its two edges, so the volume up to the fraction r of the segments is V times the
   integral of 3 r^2 - 2 r^3. int K follows from Gauss-Bonnet: the sides are geodesics, the angles those of the mirror planes.
-- Nodal surfaces without primitives. Their measures are constants, which the tests compute anew.
+- Surfaces without primitives. Their measures are constants, which the tests compute anew.
 """
 
 from __future__ import annotations
@@ -30,12 +30,12 @@ import numpy as np
 from tpmscad._typing import Array
 from tpmscad.api.public_calls import validate_call
 from tpmscad.api.shared_arguments import Reference, SurfaceName
-from tpmscad.catalogue import find_surface
+from tpmscad.catalogue import check_reference, find_surface
 from tpmscad.splines.quadrature import gauss_legendre_unit, tensor_gauss_legendre
 from tpmscad.surfaces import minimal_patch
 from tpmscad.surfaces.differential_geometry import SEARCH_POINTS, area_element, dot, maximise_on_unit_square
 from tpmscad.surfaces.reflection_group import MirrorSymmetry, mirror_symmetry
-from tpmscad.surfaces.surface_patch import check_reference, primitive_patch
+from tpmscad.surfaces.surface_patch import primitive_patch
 
 AREA_GAUSS_POINTS = 32
 """Gauss-Legendre points per parameter; the area of the nodal surfaces is converged to round-off with fewer."""
@@ -77,15 +77,16 @@ class CellMeasures:
         return 2 * (self.gauss_curvature_integral * offset - self.mean_curvature_integral)
 
 
-LEVEL_SET_MEASURES: Mapping[str, CellMeasures] = MappingProxyType(
+LEVEL_SET_MEASURES: Mapping[tuple[str, str], CellMeasures] = MappingProxyType(
     {
-        "lidinoid": CellMeasures(6.2385966, -10.205779, -128 * np.pi, 0.384490, -0.0288692218, 0.0338797751),
-        "split_p": CellMeasures(5.11357703, 2.03011999, -64 * np.pi, 0.510311, -0.0482879448, 0.0840213970),
-        "fischer_koch_s": CellMeasures(5.43012464, 0.0, -80 * np.pi, 0.5, -0.0635124187, 0.0635124187),
-        "octo": CellMeasures(3.72970962, 3.04049358, -36 * np.pi, 0.4705916, -0.0190249282, 0.0536269776),
+        ("lidinoid", "nodal"): CellMeasures(6.2385966, -10.205779, -128 * np.pi, 0.384490, -0.0288692218, 0.0338797751),
+        ("split_p", "nodal"): CellMeasures(5.11357703, 2.03011999, -64 * np.pi, 0.510311, -0.0482879448, 0.0840213970),
+        ("fischer_koch_s", "nodal"): CellMeasures(5.43012464, 0.0, -80 * np.pi, 0.5, -0.0635124187, 0.0635124187),
+        ("fischer_koch_s", "minimal"): CellMeasures(5.41450813, 0.0, -80 * np.pi, 0.5, -0.0841276069, 0.0841276069),
+        ("octo", "nodal"): CellMeasures(3.72970962, 3.04049358, -36 * np.pi, 0.4705916, -0.0190249282, 0.0536269776),
     }
 )
-"""Measures of the nodal surfaces without primitives, by Gauss quadrature over patches of degree 11 on one period. The integral of
+"""Measures of the surfaces without primitives, by Gauss quadrature over patches of degree 11 on one period. The integral of
 the Gauss curvature is 2 pi times the Euler characteristic."""
 
 
@@ -108,10 +109,10 @@ def cell_measures(name: SurfaceName, reference: Reference) -> CellMeasures:
     record = find_surface(name)
     if record.primitives == "mirrored":
         check_reference(record, reference)
-        return measure_mirror_surface(record.name)
+        return measure_mirror_surface(record.name, reference)
     if record.primitives == "level set":
         check_reference(record, reference)
-        return LEVEL_SET_MEASURES[record.name]
+        return LEVEL_SET_MEASURES[record.name, reference]
     surface = primitive_patch(name, reference)
     limit = surface.max_offset
     return CellMeasures(area(name, reference), 0.0, -record.patches_per_cell * 2 * np.pi / 3, 0.5, -limit, limit)
@@ -147,9 +148,9 @@ def area(name: SurfaceName, reference: Reference = "minimal") -> float:
 
 
 @cache
-def measure_mirror_surface(name: str) -> CellMeasures:
+def measure_mirror_surface(name: str, reference: str = "nodal") -> CellMeasures:
     """Measures of a mirror surface's level set by quadrature over its one piece."""
-    symmetry = mirror_symmetry(name)
+    symmetry = mirror_symmetry(name, reference)
     copies = len(symmetry.motions)
     nodes, _, weight = tensor_gauss_legendre(MIRROR_GAUSS_POINTS, MIRROR_GAUSS_POINTS)
     points, fraction = symmetry.intersect_segments(nodes[:, None], nodes)

@@ -16,11 +16,11 @@ import numpy as np
 
 from tpmscad._typing import Array
 from tpmscad.api.public_calls import validate_call
-from tpmscad.api.shared_arguments import SurfaceName
-from tpmscad.catalogue import find_surface
+from tpmscad.api.shared_arguments import Reference, SurfaceName
+from tpmscad.catalogue import check_reference, find_surface
 from tpmscad.errors import InvalidRequest
 from tpmscad.rigid_motion import Motion
-from tpmscad.surfaces.plane_waves import NODAL_WAVES, PlaneWaves
+from tpmscad.surfaces.plane_waves import PlaneWaves, level_set_waves
 
 PRIMITIVE_TETRAHEDRON = ((0, 0, 0), (1 / 2, 0, 0), (1 / 2, 1 / 2, 0), (1 / 2, 1 / 2, 1 / 2))
 """Fundamental domain of the mirrors of Pm-3m, which Im-3m has too: one 48th of the cell."""
@@ -117,7 +117,7 @@ def has_mirrors(name: SurfaceName) -> bool:
 
 @validate_call()
 @cache
-def mirror_symmetry(name: SurfaceName) -> MirrorSymmetry:
+def mirror_symmetry(name: SurfaceName, reference: Reference = "nodal") -> MirrorSymmetry:
     """Return the mirror planes of a surface and its quadrilateral piece.
 
     Returns
@@ -128,7 +128,7 @@ def mirror_symmetry(name: SurfaceName) -> MirrorSymmetry:
     Raises
     ------
     InvalidRequest
-        If the surface is unknown or no tetrahedron of mirror planes is known for it.
+        If the surface is unknown, lacks the reference, or no tetrahedron of mirror planes is known for it.
 
     Examples
     --------
@@ -141,7 +141,8 @@ def mirror_symmetry(name: SurfaceName) -> MirrorSymmetry:
         raise InvalidRequest(
             f"the {info.title} has no mirror tetrahedron; choose one of {', '.join(MIRROR_TETRAHEDRA)}"
         )
-    waves, corners = NODAL_WAVES[info.name], np.array(MIRROR_TETRAHEDRA[info.name])
+    check_reference(info, reference)
+    waves, corners = level_set_waves(info.name, reference), np.array(MIRROR_TETRAHEDRA[info.name])
     value = waves.value(corners)
     above, below = np.flatnonzero(value > 0), np.flatnonzero(value < 0)
     if len(above) != 2 or len(below) != 2:

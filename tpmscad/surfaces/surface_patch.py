@@ -9,7 +9,6 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cache, partial
-from typing import Annotated
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -17,8 +16,7 @@ from numpy.typing import ArrayLike
 from tpmscad._typing import Array
 from tpmscad.api.public_calls import validate_call
 from tpmscad.api.shared_arguments import Reference, SurfaceName
-from tpmscad.api.shared_kinds import RECORD, TEXT
-from tpmscad.catalogue import SurfaceRecord, find_surface
+from tpmscad.catalogue import check_reference, find_surface
 from tpmscad.errors import InvalidRequest
 from tpmscad.surfaces import minimal_patch, nodal_patch
 from tpmscad.surfaces.differential_geometry import SurfaceJet, min_curvature_radius
@@ -116,27 +114,3 @@ def primitive_patch(name: SurfaceName, reference: Reference = "minimal") -> Surf
         )
     evaluate = partial(nodal_patch.mid_and_normal, record.name)
     return SurfacePatch(record.name, reference, min_curvature_radius(evaluate), evaluate)
-
-
-@validate_call()
-def check_reference(
-    record: Annotated[SurfaceRecord, RECORD, "The surface."],
-    reference: Annotated[str, TEXT.described_as(example='"nodal"'), '"minimal" or "nodal".'],
-) -> None:
-    """Raise InvalidRequest unless lattices of a surface can be fitted to a reference.
-
-    Raises
-    ------
-    InvalidRequest
-        If `reference` is not among `record.references`. The message names the alternatives.
-
-    Examples
-    --------
-    >>> from tpmscad import surfaces
-    >>> surfaces.check_reference(surfaces.find_surface("gyroid"), "minimal")
-    """
-    if reference in record.references:
-        return
-    raise InvalidRequest(
-        f"reference {reference!r} of the {record.name} is unknown; choose one of {', '.join(record.references)}"
-    )

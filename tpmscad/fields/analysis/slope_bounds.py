@@ -20,6 +20,7 @@ from tpmscad.fields.kinds.expressions import CoordinateField, ExpressionField, F
 from tpmscad.fields.kinds.nodal_field import FORMULAS, NodalField
 from tpmscad.fields.kinds.primitive_regions import BoxRegion, CylinderRegion, HalfSpaceRegion, SphereRegion
 from tpmscad.fields.kinds.ramps import AffineFunction, RampField
+from tpmscad.minimal_series import expand_series
 
 SMOOTH_STEP_SLOPE = 1.875
 """Greatest derivative of 10 t^3 - 15 t^4 + 6 t^5 in [0, 1], at t = 1/2."""
@@ -85,8 +86,16 @@ def _(field: ExpressionField) -> FieldBounds:
 
 @bound_field.register
 def _(field: NodalField) -> FieldBounds:
-    inner, scale = bound_field(FORMULAS[field.name]), 2 * math.pi / np.array(field.period)
+    inner = bound_field(FORMULAS[field.name]) if field.reference == "nodal" else _bound_series(field.name)
+    scale = 2 * math.pi / np.array(field.period)
     return FieldBounds(inner.size, inner.slope * float(scale.max()), inner.rates * scale)
+
+
+def _bound_series(name: str) -> FieldBounds:
+    """The bounds of a minimal surface's series as a function of the angles: sums over its waves."""
+    vectors, amplitudes = expand_series(name)
+    sizes = np.abs(amplitudes)
+    return FieldBounds(float(sizes.sum()), float(sizes @ np.linalg.norm(vectors, axis=1)), sizes @ np.abs(vectors))
 
 
 @bound_field.register

@@ -119,7 +119,7 @@ def _check_range(phi: Field, low: float, high: float, what: str) -> None:
     """Raise InvalidRequest if nothing or everything of a catalogued surface lies between two thresholds."""
     if not isinstance(phi, NodalField):
         return
-    minimum, maximum = phi.info.value_range
+    minimum, maximum = phi.value_range
     if low >= maximum or high <= minimum:
         state = "leaves nothing solid"
     elif low <= minimum and high >= maximum:
