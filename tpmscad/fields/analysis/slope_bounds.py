@@ -20,6 +20,7 @@ from tpmscad.fields.kinds.expressions import CoordinateField, ExpressionField, F
 from tpmscad.fields.kinds.nodal_field import FORMULAS, NodalField
 from tpmscad.fields.kinds.primitive_regions import BoxRegion, CylinderRegion, HalfSpaceRegion, SphereRegion
 from tpmscad.fields.kinds.ramps import AffineFunction, RampField
+from tpmscad.fields.kinds.strut_graphs import StrutsField
 
 SMOOTH_STEP_SLOPE = 1.875
 """Greatest derivative of 10 t^3 - 15 t^4 + 6 t^5 in [0, 1], at t = 1/2."""
@@ -53,6 +54,7 @@ def bound_field(field: Field) -> FieldBounds:
 @bound_field.register(CylinderRegion)
 @bound_field.register(HalfSpaceRegion)
 @bound_field.register(SphereRegion)
+@bound_field.register(StrutsField)
 def _(field: Field) -> FieldBounds:
     return FieldBounds(math.inf, 1.0, np.ones(3))  # signed distances
 
