@@ -80,7 +80,7 @@ class _Facet:
 
 
 @dataclass(slots=True, eq=False)
-class _End:
+class StrutEnd:
     """One end of a strut: a frame about the strut, the borders of its cell, and where they are split.
 
     `sign`: +1 at the start, -1 at the end of the strut. cylinder: the envelope of the cell, planes and the ball; `ball` is the row
@@ -122,7 +122,7 @@ def build_strut_brep(
     node_radius: at least `radius`. The struts must not touch each other but in common nodes, see `find_contact`; a node that is
     not in a side must be clear of it.
     """
-    ends = _make_ends(points, struts, radius, node_radius, box)
+    ends = make_strut_ends(points, struts, radius, node_radius, box)
     facets: list[_Facet] = []
     cuts = [_choose_cuts(ends[s]) for s in range(len(struts))]
     _exchange_splits(ends, cuts, radius, node_radius)
@@ -147,9 +147,9 @@ def _sides_of(points: Array, box: tuple[Array, Array] | None) -> list[Array]:
     return [normals[row] for row in on]
 
 
-def _make_ends(
+def make_strut_ends(
     points: Array, struts: IntArray, radius: float, node_radius: float, box: tuple[Array, Array] | None
-) -> list[tuple[_End, _End]]:
+) -> list[tuple[StrutEnd, StrutEnd]]:
     """Both ends of every strut."""
     at: list[list[tuple[int, int]]] = [[] for _ in points]
     for s, (a, b) in enumerate(struts.tolist()):
@@ -179,7 +179,7 @@ def _make_ends(
             )
             start, stop = find_sector(x_axis, y_axis, normals[node][~leaning])
             pair.append(
-                _End(
+                StrutEnd(
                     node,
                     s,
                     sign,
@@ -197,7 +197,7 @@ def _make_ends(
     return made
 
 
-def _choose_cuts(pair: tuple[_End, _End]) -> tuple[float, ...]:
+def _choose_cuts(pair: tuple[StrutEnd, StrutEnd]) -> tuple[float, ...]:
     """The angles at which a strut begins, is cut and ends: a sector, or a turn cut in two, at breaks of its borders if it has some."""
     first = pair[0].cylinder.breaks
     start, stop = first[0], first[-1]
@@ -211,12 +211,12 @@ def _choose_cuts(pair: tuple[_End, _End]) -> tuple[float, ...]:
     return angles[0], angles[0] + (middle - angles[0]) % TWO_PI, angles[0] + TWO_PI
 
 
-def _cylinder_point(end: _End, angle: float, radius: float) -> Array:
+def _cylinder_point(end: StrutEnd, angle: float, radius: float) -> Array:
     """The point of a strut's border at an angle."""
     return np.asarray(end.center + radius * (end.across(angle) + end.cylinder.value(angle) * end.direction))
 
 
-def _ball_point(end: _End, angle: float, node_radius: float) -> Array:
+def _ball_point(end: StrutEnd, angle: float, node_radius: float) -> Array:
     """The point of the border of a strut's part of the ball at an angle."""
     if end.border is None:
         return np.asarray(end.center - node_radius * end.direction)
@@ -225,7 +225,7 @@ def _ball_point(end: _End, angle: float, node_radius: float) -> Array:
 
 
 def _exchange_splits(
-    ends: list[tuple[_End, _End]], cuts: list[tuple[float, ...]], radius: float, node_radius: float
+    ends: list[tuple[StrutEnd, StrutEnd]], cuts: list[tuple[float, ...]], radius: float, node_radius: float
 ) -> None:
     """Split the borders of neighbours where a strut is cut and where its own borders break."""
     by_place = {(end.node, end.strut): end for pair in ends for end in pair}
@@ -241,13 +241,13 @@ def _exchange_splits(
                         _split(by_place[end.node, end.others[row]], _ball_point(end, angle, node_radius))
 
 
-def _split(end: _End, point: Array) -> None:
+def _split(end: StrutEnd, point: Array) -> None:
     arm = point - end.center
     end.splits.append(float(np.arctan2(arm @ end.y_axis, arm @ end.x_axis)))
 
 
 def _bound_cylinder(
-    pair: tuple[_End, _End], cuts: Sequence[float], points: Array, struts: IntArray, radius: float
+    pair: tuple[StrutEnd, StrutEnd], cuts: Sequence[float], points: Array, struts: IntArray, radius: float
 ) -> Iterator[_Facet]:
     """The faces of one cylinder."""
     first = pair[0]
@@ -274,7 +274,7 @@ def _reversed(side: _Side) -> _Side:
     return _Side(side.curve, side.span, -side.sense, side.pcurve)
 
 
-def _border_side(end: _End, low: float, high: float, row: int, radius: float, length: float) -> _Side:
+def _border_side(end: StrutEnd, low: float, high: float, row: int, radius: float, length: float) -> _Side:
     """An arc of the border of a cylinder, in the direction of growing angles: of an ellipse in a plane through the node, or a circle."""
     a, b, c = end.cylinder.waves[row]
     steep = float(np.hypot(a, b))
@@ -300,7 +300,7 @@ def _border_side(end: _End, low: float, high: float, row: int, radius: float, le
     return _Side(curve, span, 1, _interpolate(place, span, measure, PCURVE_TOL * radius))
 
 
-def _bound_ball(end: _End, cuts: Sequence[float], radius: float, node_radius: float) -> Iterator[_Facet]:
+def _bound_ball(end: StrutEnd, cuts: Sequence[float], radius: float, node_radius: float) -> Iterator[_Facet]:
     """The faces of the part of a ball between a strut's circle and its neighbours, where the ball shows."""
     sphere = SphericalSurface(end.center, end.x_axis, end.axis, node_radius)
     begin = end.cylinder.waves[end.ball, 2]
@@ -329,7 +329,7 @@ def _bound_ball(end: _End, cuts: Sequence[float], radius: float, node_radius: fl
             yield _Facet(sphere, 1, SURFACE, [loop])
 
 
-def _meridian(end: _End, sphere: SphericalSurface, angle: float, top: float, node_radius: float) -> list[_Side]:
+def _meridian(end: StrutEnd, sphere: SphericalSurface, angle: float, top: float, node_radius: float) -> list[_Side]:
     """The arc from the border of the ball to the strut's circle at an angle; none where they meet."""
     low = -np.pi / 2 if end.border is None else float(np.arctan2(end.border.value(angle), 1.0))
     if top - low < SAME_ANGLE:
@@ -340,7 +340,7 @@ def _meridian(end: _End, sphere: SphericalSurface, angle: float, top: float, nod
     return [_Side(curve, (low, top), 1, line_segment((angle, end.sign * low), (angle, end.sign * top), (low, top)))]
 
 
-def _great_arc(end: _End, sphere: SphericalSurface, low: float, high: float, row: int, node_radius: float) -> _Side:
+def _great_arc(end: StrutEnd, sphere: SphericalSurface, low: float, high: float, row: int, node_radius: float) -> _Side:
     """An arc of a great circle that bounds a strut's part of a ball, in the direction of growing angles."""
     assert end.border is not None
     wave = end.border.waves[row]
