@@ -70,6 +70,7 @@ def struts(options: StrutOptions) -> Model:
         with stages("diameter"):
             field = _solve_diameter(graph[0], graph[1], options.node_radius, hi, fraction)
         notes = (f"struts of {2 * field.radius:.9g} mm fill {fraction:g} of the box",)
+    require_struts_apart(field)
     tol = DEFAULT_TOL_CELLS * float(edges.min()) if options.tol is None else options.tol
     model = solidify_crossing(field, ((0.0, 0.0, 0.0), tuple(hi.tolist())), tol, options.loose, stages)
     return replace(
@@ -98,7 +99,7 @@ def _solve_diameter(points: Array, edges: Array, node_radius: float, hi: Array, 
     """
     goal = fraction * float(np.prod(hi))
 
-    def measure(diameter: float) -> tuple[StrutsField, float]:
+    def measure(diameter: float, node_radius: float = node_radius) -> tuple[StrutsField, float]:
         field = make_struts(points, edges, diameter, node_radius)
         require_struts_apart(field)
         moments = integral_properties.integrate_faces(bound_struts_in_box(field, np.zeros(3), hi))
@@ -107,7 +108,7 @@ def _solve_diameter(points: Array, edges: Array, node_radius: float, hi: Array, 
     length = float(np.linalg.norm(points[edges[:, 0]] - points[edges[:, 1]], axis=1).sum())
     diameter = float(np.sqrt(4 * goal / (np.pi * length)))  # too thin or too thick by the nodes and the sides of the box
     thin = 0.1 * diameter
-    first, second = (measure(d)[1] / d**2 for d in (0.5 * thin, thin))
+    first, second = (measure(d, 0.0)[1] / d**2 for d in (0.5 * thin, thin))
     slope, base = (second - first) / (0.5 * thin), 2 * first - second
     roots = np.roots([slope, base, 0.0, -goal])
     real = np.sort(roots[(abs(roots.imag) < FRACTION_RTOL * abs(roots)) & (roots.real > 0)].real)
