@@ -109,7 +109,6 @@ class _Request:
     lo: Array
     hi: Array
     domain: SolidSet
-    in_body: bool
 
     def evaluate(self, sets: Iterable[T], domain: T, combine: Callable[[int, Sequence[T]], T]) -> T:
         """What the tree makes of the sets of its operands within the domain: one operation for both if it is an intersection."""
@@ -135,7 +134,8 @@ def combine_field_solids(
     fitted = [each for each in operands if isinstance(each, FieldPatches)]
     with stages("combine"):
         domain = make_box_set(lo, hi) if body is None else SolidSet(body.shape)
-        outcome = METHODS.run(_Request(tree, operands, lo, hi, domain, body is not None))
+        in_box = body is None and not isinstance(tree, Combination) and isinstance(operands[0], StrutsField)
+        outcome = (STRUT_METHODS if in_box else METHODS).run(_Request(tree, operands, lo, hi, domain))
     built = outcome.value
     if not built.n_solids:
         raise InvalidRequest("nothing of the field's solid lies in the domain: check its sign and the domain")
@@ -166,9 +166,9 @@ def _accept_struts(field: Field) -> StrutsField | None:
 
 def _close_struts_in_box(request: _Request) -> BrepSolids:
     """The solids of struts alone in a box, by their nodes; TrimmingError if sides of the box cut them elsewhere."""
-    if not isinstance(request.tree, Field) or not isinstance(request.operands[0], StrutsField) or request.in_body:
-        raise TrimmingError("the box cuts more than struts")
-    return _build_valid(bound_struts_in_box(request.operands[0], request.lo, request.hi))
+    (struts,) = request.operands
+    assert isinstance(struts, StrutsField)
+    return _build_valid(bound_struts_in_box(struts, request.lo, request.hi))
 
 
 def _build_valid(brep: Brep) -> BrepSolids:
@@ -278,12 +278,16 @@ def _make_quadric(request: _Request, q: QuadricLeaf, number: int) -> SolidSet:
 
 METHODS: Fallbacks[[_Request], BrepSolids | OcctSolids] = Fallbacks(
     (
-        Fallback("node by node", _close_struts_in_box, "a hundredth of a second for each strut"),
         Fallback("on the parameters of their patches", _combine_networks_of, "a second for a thousand patches"),
         Fallback("by the kernel's boolean", _combine_in_kernel, "10 ms for each patch that is cut"),
     )
 )
 """How the operands are combined."""
+
+STRUT_METHODS = Fallbacks(
+    (Fallback("node by node", _close_struts_in_box, "a hundredth of a second for each strut"), *METHODS.methods)
+)
+"""How struts alone are cut by a box."""
 
 
 def _measure_built(built: BrepSolids | OcctSolids) -> tuple[Betti, float]:
