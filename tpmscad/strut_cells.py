@@ -15,7 +15,14 @@ Point = tuple[float, float, float]
 Cell = tuple[tuple[Point, ...], tuple[tuple[int, int], ...]]
 
 CORNERS: tuple[Point, ...] = tuple((float(x), float(y), float(z)) for x, y, z in product((0, 1), repeat=3))
-FACE_CENTERS: tuple[Point, ...] = ((0.0, 0.5, 0.5), (1.0, 0.5, 0.5), (0.5, 0.0, 0.5), (0.5, 1.0, 0.5), (0.5, 0.5, 0.0), (0.5, 0.5, 1.0))
+FACE_CENTERS: tuple[Point, ...] = (
+    (0.0, 0.5, 0.5),
+    (1.0, 0.5, 0.5),
+    (0.5, 0.0, 0.5),
+    (0.5, 1.0, 0.5),
+    (0.5, 0.5, 0.0),
+    (0.5, 0.5, 1.0),
+)
 CENTER: Point = (0.5, 0.5, 0.5)
 
 SAME_LENGTH = 1e-9
@@ -84,8 +91,11 @@ def _diamond() -> Cell:
 
 
 def _kelvin() -> Cell:
-    offsets = {(a, b, c) for a, b, c in product((-0.5, -0.25, 0.0, 0.25, 0.5), repeat=3) if sorted(map(abs, (a, b, c))) == [0.0, 0.25, 0.5]}
-    return _join(tuple((0.5 + a, 0.5 + b, 0.5 + c) for a, b, c in sorted(offsets)), math.sqrt(2) / 4)
+    steps = product((0.0, 0.25, 0.5, 0.75, 1.0), repeat=3)
+    nodes = tuple(
+        (a, b, c) for a, b, c in steps if sorted((abs(a - 0.5), abs(b - 0.5), abs(c - 0.5))) == [0.0, 0.25, 0.5]
+    )
+    return _join(nodes, math.sqrt(2) / 4)
 
 
 def _rhombic_dodecahedron() -> Cell:
@@ -102,7 +112,9 @@ def _re_entrant(angle: float) -> Cell:
     """Upright walls in the middles of four faces, joined to the axis of the cell by struts that lean inwards."""
     inner = WALL_END + 0.5 * math.tan(math.radians(angle))
     axis = ((0.5, 0.5, 0.0), (0.5, 0.5, inner), (0.5, 0.5, 1 - inner), (0.5, 0.5, 1.0))
-    walls = tuple((x, y, z) for x, y in ((0.0, 0.5), (1.0, 0.5), (0.5, 0.0), (0.5, 1.0)) for z in (WALL_END, 1 - WALL_END))
+    walls = tuple(
+        (x, y, z) for x, y in ((0.0, 0.5), (1.0, 0.5), (0.5, 0.0), (0.5, 1.0)) for z in (WALL_END, 1 - WALL_END)
+    )
     struts = [(0, 1), (2, 3)]
     for k in range(4):
         low, high = 4 + 2 * k, 5 + 2 * k

@@ -58,7 +58,9 @@ def test_a_single_strut_is_a_capsule() -> None:
 
 
 def test_struts_that_cross_have_the_volume_of_steinmetz() -> None:
-    cross = fields.struts([[-5, 0, 0], [5, 0, 0], [0, -5, 0], [0, 5, 0], [0, 0, 0]], [[0, 4], [4, 1], [2, 4], [4, 3]], 2.0)
+    cross = fields.struts(
+        [[-5, 0, 0], [5, 0, 0], [0, -5, 0], [0, 5, 0], [0, 0, 0]], [[0, 4], [4, 1], [2, 4], [4, 3]], 2.0
+    )
     expected = 2 * (10 * np.pi + 4 / 3 * np.pi) - 16 / 3  # the common part of both cylinders
     assert volume(bound(cross)) == pytest.approx(expected, rel=1e-9)
 
@@ -93,7 +95,9 @@ def test_a_cell_of_bcc_has_as_few_faces_as_can_be() -> None:
 
 def test_struts_in_the_sides_of_the_box_are_halved() -> None:
     field = fields.strut_lattice("cubic", (10.0, 8.0, 6.0), 1.0)
-    whole = volume(bound(fields.strut_lattice("cubic", (10.0, 8.0, 6.0), 1.0, 2), (np.zeros(3), np.array([20.0, 16, 12]))))
+    whole = volume(
+        bound(fields.strut_lattice("cubic", (10.0, 8.0, 6.0), 1.0, 2), (np.zeros(3), np.array([20.0, 16, 12])))
+    )
     assert whole == pytest.approx(8 * volume(bound(field, (np.zeros(3), np.array([10.0, 8, 6])))), rel=1e-9)
 
 

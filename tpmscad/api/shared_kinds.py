@@ -116,7 +116,9 @@ def _read_domain(value: object) -> object:
     return read_corners(value) if isinstance(value, list | tuple) or hasattr(value, "ndim") else read_shape(value)
 
 
-ANGLE = ArgumentKind("a positive angle in degrees", "20.0", restrict(read_positive, lambda angle: angle < 90, "is no acute angle"))
+ANGLE = ArgumentKind(
+    "a positive angle in degrees", "20.0", restrict(read_positive, lambda angle: angle < 90, "is no acute angle")
+)
 DOMAIN = ArgumentKind(f"{BOX.text}, or {SHAPE.text}", BOX.example, _read_domain)
 FRACTION = ArgumentKind(
     "a number between 0 and 1", "0.3", restrict(read_positive, lambda number: number < 1, "must lie below 1")

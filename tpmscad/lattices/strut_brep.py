@@ -1,8 +1,8 @@
 """Round struts of one diameter on a graph as a boundary representation: cylinders, balls and the planes of a box, exactly.
 
-Each strut is a cylinder between the borders of its cells at both nodes (`strut_ends`), which are arcs of ellipses and circles; where
-balls show, each strut bounds a part of the ball between its circle and the cells of its neighbours. Faces that close on themselves
-are cut in two along the strut. Nodes in a side of the box, and struts along it, are cut by the side; the edges that are then used
+Each strut is a cylinder between the borders of its cells at both nodes (`strut_ends`), which are arcs of ellipses and circles;
+where balls show, each strut bounds a part of the ball between its circle and the cells of its neighbours. Faces that close
+on themselves are cut in two along the strut. Nodes in a side of the box, and struts along it, are cut by the side; the edges that are then used
 once bound the planar faces. No face is intersected with another: what must hold for that is checked by `find_contact`.
 """
 
@@ -57,7 +57,7 @@ PATH_POINTS = 17
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Side:
-    """A use of an edge to be: the curve on [span[0], span[1]], run backwards if `sense` is -1, and the pcurve on the same span."""
+    """A use of an edge to be: the curve on its span, run backwards if `sense` is -1, and the pcurve on the same span."""
 
     curve: EdgeCurve
     span: tuple[float, float]
@@ -83,8 +83,8 @@ class _Facet:
 class StrutEnd:
     """One end of a strut: a frame about the strut, the borders of its cell, and where they are split.
 
-    `sign`: +1 at the start, -1 at the end of the strut. cylinder: the envelope of the cell, planes and the ball; `ball` is the row
-    of the ball in it. border: the same without the ball, None if nothing bounds the ball. splits: further angles.
+    `sign`: +1 at the start, -1 at the end of the strut. cylinder: the envelope of the cell, planes and the ball; `ball` is
+    its row for the ball. border: the same without the ball, None if nothing bounds the ball. splits: further angles.
     """
 
     node: int
@@ -198,7 +198,7 @@ def make_strut_ends(
 
 
 def _choose_cuts(pair: tuple[StrutEnd, StrutEnd]) -> tuple[float, ...]:
-    """The angles at which a strut begins, is cut and ends: a sector, or a turn cut in two, at breaks of its borders if it has some."""
+    """The angles at which a strut begins, is cut and ends: a sector, or a turn cut in two."""
     first = pair[0].cylinder.breaks
     start, stop = first[0], first[-1]
     if stop - start < TWO_PI - SAME_ANGLE:
@@ -255,7 +255,10 @@ def _bound_cylinder(
     length = float((pair[1].center - first.center) @ first.axis)
     for start, stop in pairwise(cuts):
         chains = [
-            [_border_side(end, low, high, row, radius, length) for low, high, row in end.cylinder.pieces(start, stop, end.splits)]
+            [
+                _border_side(end, low, high, row, radius, length)
+                for low, high, row in end.cylinder.pieces(start, stop, end.splits)
+            ]
             for end in pair
         ]
         heights = [
@@ -275,7 +278,7 @@ def _reversed(side: _Side) -> _Side:
 
 
 def _border_side(end: StrutEnd, low: float, high: float, row: int, radius: float, length: float) -> _Side:
-    """An arc of the border of a cylinder, in the direction of growing angles: of an ellipse in a plane through the node, or a circle."""
+    """An arc of the border of a cylinder, in the direction of growing angles: of an ellipse or a circle."""
     a, b, c = end.cylinder.waves[row]
     steep = float(np.hypot(a, b))
     base = 0.0 if end.sign > 0 else length
@@ -318,7 +321,8 @@ def _bound_ball(end: StrutEnd, cuts: Sequence[float], radius: float, node_radius
                 border = []
             else:
                 border = [
-                    _great_arc(end, sphere, a, b, row, node_radius) for a, b, row in end.border.pieces(low, high, end.splits)
+                    _great_arc(end, sphere, a, b, row, node_radius)
+                    for a, b, row in end.border.pieces(low, high, end.splits)
                 ]
             meridians = [_meridian(end, sphere, angle, top, node_radius) for angle in (low, high)]
             # seen from outside, latitudes grow along the strut at its start, against it at its end
@@ -375,7 +379,7 @@ def _interpolate(
     for count in SPAN_COUNTS:
         knots = uniform_knots(count, PCURVE_DEGREE, domain=span)
         sites = greville_abscissae(knots, PCURVE_DEGREE)
-        poles = np.linalg.solve(design_matrix(knots, PCURVE_DEGREE, sites), place(sites))
+        poles = np.asarray(np.linalg.solve(design_matrix(knots, PCURVE_DEGREE, sites), place(sites)), float)
         curve = BSplineCurve(poles, knots, PCURVE_DEGREE)
         checks = np.linspace(*span, 5 * count + 8)
         if measure(curve(checks), checks) <= tol:
@@ -400,7 +404,8 @@ def _assemble(facets: Sequence[_Facet], radius: float) -> Brep:
     pool = _PointPool(np.concatenate([side.ends() for side in sides]), SAME_POINT * radius)
     numbers = pool.number.reshape(-1, 3)
     known: dict[tuple[int, int, int], int] = {}
-    edge_of, sense_of, rows = [], [], []
+    edge_of, sense_of = [], []
+    rows: list[tuple[_Side, int, int]] = []
     for side, (start, middle, end) in zip(sides, numbers.tolist(), strict=True):
         key = min(start, end), max(start, end), middle
         if key not in known:
@@ -426,7 +431,8 @@ def _with_matched_pcurves(
     end: IntArray,
 ) -> Brep:
     """The boundary representation, with every pcurve on the span of its edge's curve."""
-    pcurves, number, deviation = [], [], np.zeros(len(rows))
+    pcurves: list[BSplineCurve] = []
+    number, deviation = [], np.zeros(len(rows))
     carriers: list[Carrier] = []
     carrier_of, known = [], {}
     loop_start, use_start, at = [0], [0], 0
@@ -498,7 +504,7 @@ def _close_sides(
     tol = SAME_POINT * radius
     open_sides = [_reversed(sides[of_edge[e]]) for e in once.tolist()]
     lines = _find_lines(points, struts, radius, node_radius, box)
-    caps = []
+    caps: list[_Facet] = []
     for axis in range(3):
         for bound, sign in ((lo, -1), (hi, +1)):
             normal = sign * np.eye(3)[axis]
@@ -527,9 +533,7 @@ def _chain_caps(plane: Plane, sides: Sequence[_Side], tol: float) -> Iterator[_F
     pool = _PointPool(np.concatenate([side.ends() for side in sides]), tol)
     ends = pool.number.reshape(-1, 3)
     ends = np.array([row if side.sense > 0 else row[::-1] for row, side in zip(ends, sides, strict=True)])
-    paths = [
-        plane.parameters(side.curve(np.linspace(*side.span, PATH_POINTS)[:: side.sense])) for side in sides
-    ]
+    paths = [plane.parameters(side.curve(np.linspace(*side.span, PATH_POINTS)[:: side.sense])) for side in sides]
     for face in chain_faces(ends[:, 0], ends[:, 2], paths):
         yield _Facet(plane, 1, CAP, [[sides[i] for i in loop] for loop in face])
 

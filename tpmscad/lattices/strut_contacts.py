@@ -101,7 +101,14 @@ def _measure_nodes(points: Array, struts: IntArray, radius: float, node_radius: 
     t = np.clip(np.einsum("ni,ni->n", arm, along[strut]) / np.einsum("ni,ni->n", along[strut], along[strut]), 0, 1)
     distance = np.linalg.norm(arm - t[:, None] * along[strut], axis=1)
     at = int(np.argmin(distance))
-    return [Contact(points[node[at]], float(distance[at]), radius + node_radius, "a node touches a strut that does not end in it")]
+    return [
+        Contact(
+            points[node[at]],
+            float(distance[at]),
+            radius + node_radius,
+            "a node touches a strut that does not end in it",
+        )
+    ]
 
 
 def _segment_distances(p: Array, u: Array, q: Array, v: Array) -> Array:

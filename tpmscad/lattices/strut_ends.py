@@ -24,7 +24,7 @@ from tpmscad._typing import Array
 from tpmscad.brep.conics import TWO_PI
 
 SAME_ANGLE = 1e-7
-"""Radians up to which breaks of an envelope are one: a tenth of a micrometre on a strut of 1 mm is 1e-4, the kernel's tolerance 1e-7."""
+"""Radians up to which breaks of an envelope are one: on a strut of 1 mm the kernel's tolerance, 1e-7 mm, is 2e-7."""
 
 SAME_VALUE = 1e-9
 """Relative difference of functions that are equal: the first one counts."""
@@ -55,7 +55,7 @@ class Envelope:
         return float(wave_values(self.waves[self.winner(angle) if row is None else row], angle))
 
     def pieces(self, start: float, stop: float, splits: Sequence[float] = ()) -> list[tuple[float, float, int]]:
-        """The parts (from, to, row) of [start, stop], cut at the breaks and at further angles, a whole number of turns off or not."""
+        """The parts (from, to, row) of [start, stop], cut at the breaks and at further angles modulo a turn."""
         inner = []
         own = self.breaks if len(self.winners) > 1 else ()  # a turn with one winner has no break where it begins
         for angle in (*own, *splits):
@@ -115,13 +115,13 @@ def border_waves(direction: Array, x_axis: Array, y_axis: Array, others: Array) 
 
 
 def plane_waves(direction: Array, x_axis: Array, y_axis: Array, normals: Array) -> Array:
-    """The borders (k, 3) of a strut's end at planes through the node, with outward normals (k, 3) that the strut leans against."""
+    """The borders (k, 3) of a strut's end at planes through the node, with outward normals (k, 3), in none of which it lies."""
     scale = -normals @ direction
     return np.column_stack([normals @ x_axis / scale, normals @ y_axis / scale, np.zeros(len(normals))])
 
 
 def find_sector(x_axis: Array, y_axis: Array, normals: Array) -> tuple[float, float]:
-    """The angles phi, from and to, at which e(phi) points behind planes along the strut, by their orthogonal outward normals (k, 3).
+    """The angles phi, from and to, at which e(phi) points behind planes along the strut, of orthogonal normals (k, 3).
 
     A full turn from 0 if there are none, half a turn of one, a quarter of two.
     """

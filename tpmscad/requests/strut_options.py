@@ -36,9 +36,9 @@ class StrutOptions:
         NOT_NEGATIVE,
         "Radius of a ball at every node, mm; 0 is that of the struts. The ball meets the struts in sharp edges.",
     ] = 0.0
-    angle: Annotated[
-        float, ANGLE, "Of `re-entrant` alone: by which its struts lean inwards, degrees, up to 30."
-    ] = DEFAULT_ANGLE
+    angle: Annotated[float, ANGLE, "Of `re-entrant` alone: by which its struts lean inwards, degrees, up to 30."] = (
+        DEFAULT_ANGLE
+    )
     tol: Annotated[
         float | None,
         POSITIVE.described_as(example="0.01"),

@@ -6,11 +6,12 @@ from dataclasses import replace
 
 import numpy as np
 
-from tpmscad._typing import Array
+from tpmscad._typing import Array, IntArray
 from tpmscad.api.public_calls import validate_options
 from tpmscad.brep.moments import integral_properties
 from tpmscad.errors import InvalidRequest
-from tpmscad.fields.kinds.strut_graphs import StrutsField, make_strut_graph, struts as make_struts
+from tpmscad.fields.kinds.strut_graphs import StrutsField, make_strut_graph
+from tpmscad.fields.kinds.strut_graphs import struts as make_struts
 from tpmscad.kernel.measure.envelope import Envelope
 from tpmscad.requests.strut_options import StrutOptions
 from tpmscad.results.model import Model
@@ -91,7 +92,7 @@ def _resolve_fraction(options: StrutOptions) -> float | None:
     return 1.0 - options.porosity if options.porosity is not None else options.volume_fraction
 
 
-def _solve_diameter(points: Array, edges: Array, node_radius: float, hi: Array, fraction: float) -> StrutsField:
+def _solve_diameter(points: Array, edges: IntArray, node_radius: float, hi: Array, fraction: float) -> StrutsField:
     """The struts that fill a fraction of the box; InvalidRequest if they would touch each other.
 
     Without balls the volume is a d^2 - b d^3, exactly, as long as struts meet in their nodes only: the ends of equal struts are
@@ -106,7 +107,9 @@ def _solve_diameter(points: Array, edges: Array, node_radius: float, hi: Array, 
         return field, float(integral_properties.volume(moments)[0])
 
     length = float(np.linalg.norm(points[edges[:, 0]] - points[edges[:, 1]], axis=1).sum())
-    diameter = float(np.sqrt(4 * goal / (np.pi * length)))  # too thin or too thick by the nodes and the sides of the box
+    diameter = float(
+        np.sqrt(4 * goal / (np.pi * length))
+    )  # too thin or too thick by the nodes and the sides of the box
     thin = 0.1 * diameter
     first, second = (measure(d, 0.0)[1] / d**2 for d in (0.5 * thin, thin))
     slope, base = (second - first) / (0.5 * thin), 2 * first - second

@@ -64,8 +64,8 @@ from tpmscad.levelset.field_solid import find_sample_spacing
 from tpmscad.results.certificate import Check, PatchMeasures
 from tpmscad.solids.boolean_strategies import N_SAMPLE_LINES, POINTS_PER_LINE, estimate_fraction
 from tpmscad.solids.field_patches import N_QUADRATURE_LINES, FieldPatches, fit_field_patches
-from tpmscad.solids.strut_solids import bound_struts, bound_struts_in_box, require_struts_apart
 from tpmscad.solids.patch_measures import FIELD_VOLUME_RTOL, FROM_FIELD, TO_FIELD, check_field_tangent_jump
+from tpmscad.solids.strut_solids import bound_struts, bound_struts_in_box, require_struts_apart
 from tpmscad.stage_timer import StageTimer
 from tpmscad.trimming.network_boolean import Operation, combine_networks
 
@@ -284,7 +284,7 @@ METHODS: Fallbacks[[_Request], BrepSolids | OcctSolids] = Fallbacks(
 )
 """How the operands are combined."""
 
-STRUT_METHODS = Fallbacks(
+STRUT_METHODS: Fallbacks[[_Request], BrepSolids | OcctSolids] = Fallbacks(
     (Fallback("node by node", _close_struts_in_box, "a hundredth of a second for each strut"), *METHODS.methods)
 )
 """How struts alone are cut by a box."""

@@ -26,7 +26,7 @@ def require_struts_apart(field: StrutsField) -> None:
     largest = 2 * field.radius * contact.ratio * (1 - DIAMETER_DIGITS)
     remedy = f"a diameter of at most {largest:.4g}"
     if field.node_radius > field.radius:
-        remedy = f"a smaller node_radius than {field.node_radius:g}, or both it and the diameter {1 / contact.ratio:.4g} times smaller"
+        remedy = f"a node_radius below {field.node_radius:g}, or both {1 / contact.ratio:.4g} times smaller"
     raise InvalidRequest(
         f"{contact.what} near {place}: there is {contact.distance:.4g} for {contact.needed:.4g} that a diameter of "
         f"{2 * field.radius:g} needs. Give {remedy}, or leave short struts out of the graph"

@@ -49,7 +49,7 @@ class StrutsField(Field):
         return self.jet(x, y, z)[0]
 
     def jet(self, x: Array, y: Array, z: Array) -> FieldJet:
-        """Value and partial derivatives at coordinates that broadcast; on the axis of a strut the gradient is a unit vector across."""
+        """Value and partial derivatives at coordinates that broadcast; on an axis the gradient is a unit vector across."""
         points, shape = stack_points(x, y, z)
         start = self.points[self.edges[:, 0]]
         values, gradients = _measure_struts(
@@ -67,7 +67,7 @@ class StrutsField(Field):
         return f"StrutsField({len(self.points)} points, {len(self.edges)} struts, diameter={2 * self.radius:g})"
 
 
-@njit_cached
+@njit_cached  # type: ignore[untyped-decorator]  # numba has no types
 def _measure_struts(
     points: Array, start: Array, along: Array, nodes: Array, radius: float, node_radius: float
 ) -> tuple[Array, Array]:
@@ -98,7 +98,11 @@ def _measure_struts(
             if np.sqrt(best) - node_radius < values[k]:
                 distance = np.sqrt(best)
                 values[k] = distance - node_radius
-                gradients[k, 0], gradients[k, 1], gradients[k, 2] = x - nodes[node, 0], y - nodes[node, 1], z - nodes[node, 2]
+                gradients[k, 0], gradients[k, 1], gradients[k, 2] = (
+                    x - nodes[node, 0],
+                    y - nodes[node, 1],
+                    z - nodes[node, 2],
+                )
         if distance > 0:
             for c in range(3):
                 gradients[k, c] /= distance
@@ -110,7 +114,9 @@ def _measure_struts(
             length = np.sqrt((along[nearest] ** 2).sum())
             part = along[nearest, least] / length
             for c in range(3):
-                gradients[k, c] = ((1.0 if c == least else 0.0) - part * along[nearest, c] / length) / np.sqrt(1 - part * part)
+                gradients[k, c] = ((1.0 if c == least else 0.0) - part * along[nearest, c] / length) / np.sqrt(
+                    1 - part * part
+                )
     return values, gradients
 
 
@@ -151,7 +157,9 @@ def struts(
     outside = np.flatnonzero(((edges < 0) | (edges >= len(points))).any(axis=1))
     if len(outside):
         i, j = edges[outside[0]].tolist()
-        raise InvalidRequest(f"edge {outside[0]} joins nodes {i} and {j}: the nodes are numbered from 0 to {len(points) - 1}")
+        raise InvalidRequest(
+            f"edge {outside[0]} joins nodes {i} and {j}: the nodes are numbered from 0 to {len(points) - 1}"
+        )
     size = float(np.ptp(points, axis=0).max())
     length = np.linalg.norm(points[edges[:, 1]] - points[edges[:, 0]], axis=1)
     short = np.flatnonzero(length <= SAME_NODE * size)
@@ -199,7 +207,7 @@ def strut_lattice(
     diameter: Annotated[float, POSITIVE, "Diameter of the struts, model units."],
     cells: Annotated[int | Sequence[int], CELL_COUNTS, "Number of cells along every axis, or along each."] = (1, 1, 1),
     node_radius: NodeRadius = 0.0,
-    angle: Annotated[float, ANGLE, "Of the struts of `re-entrant`, by which they lean inwards, degrees, up to 30."] = DEFAULT_ANGLE,
+    angle: Annotated[float, ANGLE, "Degrees by which struts of `re-entrant` lean inwards, up to 30."] = DEFAULT_ANGLE,
 ) -> StrutsField:
     """Return a lattice of round struts in the box from the origin to `cells` x `cell`.
 
@@ -227,7 +235,9 @@ def make_strut_graph(
 ) -> tuple[Array, IntArray]:
     """The nodes (n, 3) and struts (m, 2) of whole cells."""
     if not 0 < angle <= LARGEST_ANGLE:
-        raise InvalidRequest(f"angle {angle:g} of the re-entrant cell must be more than 0 and at most {LARGEST_ANGLE:g} degrees")
+        raise InvalidRequest(
+            f"angle {angle:g} of the re-entrant cell must be more than 0 and at most {LARGEST_ANGLE:g} degrees"
+        )
     nodes, pairs = (np.array(each) for each in make_cell(kind, angle))
     edge = np.broadcast_to(np.asarray(cell, float), 3)
     counts = np.broadcast_to(np.asarray(cells, np.int64), 3)
