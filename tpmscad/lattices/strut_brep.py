@@ -2,8 +2,9 @@
 
 Each strut is a cylinder between the borders of its cells at both nodes (`strut_ends`), which are arcs of ellipses and circles;
 where balls show, each strut bounds a part of the ball between its circle and the cells of its neighbours. Faces that close
-on themselves are cut in two along the strut. Nodes in a side of the box, and struts along it, are cut by the side; the edges that are then used
-once bound the planar faces. No face is intersected with another: what must hold for that is checked by `find_contact`.
+on themselves are cut in two along the strut. Nodes in a side of the box, and struts along it, are cut by the side; the edges
+that are then used once bound the planar faces. No face is intersected with another: what must hold for that is checked by
+`find_contact`.
 """
 
 from __future__ import annotations
@@ -25,7 +26,7 @@ from tpmscad.brep.loops import chain_faces
 from tpmscad.lattices.strut_ends import (
     IN_PLANE,
     SAME_ANGLE,
-    Envelope,
+    UpperEnvelope,
     border_waves,
     find_envelope,
     find_sector,
@@ -95,8 +96,8 @@ class StrutEnd:
     x_axis: Array
     y_axis: Array
     others: tuple[int, ...]
-    cylinder: Envelope
-    border: Envelope | None
+    cylinder: UpperEnvelope
+    border: UpperEnvelope | None
     ball: int
     splits: list[float] = field(default_factory=list)
 

@@ -34,7 +34,7 @@ IN_PLANE = 1e-9
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Envelope:
+class UpperEnvelope:
     """The greatest of the functions A cos phi + B sin phi + C, rows of `waves` (k, 3), on [breaks[0], breaks[-1]].
 
     winners[i]: the row that is greatest between breaks[i] and breaks[i + 1]. Of a full turn breaks[-1] = breaks[0] + 2 pi.
@@ -71,7 +71,7 @@ def wave_values(wave: Array, angle: float | Array) -> Array:
     return np.asarray(wave[0] * np.cos(angle) + wave[1] * np.sin(angle) + wave[2])
 
 
-def find_envelope(waves: Array, start: float, stop: float) -> Envelope:
+def find_envelope(waves: Array, start: float, stop: float) -> UpperEnvelope:
     """The upper envelope of functions (k, 3), of which equal ones are won by the first, on [start, stop]."""
     angles = [start, stop]
     for i in range(len(waves)):
@@ -95,8 +95,8 @@ def find_envelope(waves: Array, start: float, stop: float) -> Envelope:
     if full and len(rows) > 1:
         if rows[0] == rows[-1]:  # the turn begins within a piece
             breaks, rows = breaks[1:], rows[1:]
-        return Envelope(waves, (*breaks, breaks[0] + TWO_PI), tuple(rows))
-    return Envelope(waves, (*breaks, stop), tuple(rows))
+        return UpperEnvelope(waves, (*breaks, breaks[0] + TWO_PI), tuple(rows))
+    return UpperEnvelope(waves, (*breaks, stop), tuple(rows))
 
 
 def _merge_angles(angles: Sequence[float]) -> list[float]:
@@ -133,7 +133,7 @@ def find_sector(x_axis: Array, y_axis: Array, normals: Array) -> tuple[float, fl
     return middle - half, middle + half
 
 
-def greatest_sum(first: Envelope, second: Envelope) -> float:
+def greatest_sum(first: UpperEnvelope, second: UpperEnvelope) -> float:
     """The greatest sum of two envelopes of the same sector: what two ends of a strut take of its length, in radii."""
     start, stop = first.breaks[0], first.breaks[-1]
     best = -np.inf
