@@ -2,9 +2,9 @@
 
     python -m benchmarks.struts [--kinds bcc,octet] [--cells 2] [--body] [--foam] [--wall]
 
-Every kind, sharp and with balls, in a box of cells of 10 mm with struts of 1 mm: faces, Betti numbers beside b1 = E - V + 1 of the
-graph, volume and its difference from 10^6 random points in standard errors, whether the file reads back valid, CPU seconds. --body:
-the same within a cylinder instead. --foam: the Voronoi foam of 100 random cells. --wall: octet fused with the wall of a gyroid.
+Every kind, sharp and with balls, in a box of cells of 10 mm with struts of 1 mm: faces, Betti numbers beside b1 = E - V + 1 of
+the graph, volume and its difference from 10^6 random points in standard errors, whether the file reads back valid, CPU seconds.
+--body: the same within a cylinder. --foam: the Voronoi foam of 100 cells. --wall: octet fused with the wall of a gyroid.
 """
 
 from __future__ import annotations
@@ -70,7 +70,9 @@ def make_foam(count: int, size: float, shortest: float, seed: int = 1) -> tuple[
         for a, b in zip(ridge, [*ridge[1:], ridge[0]], strict=True)
     }
     pairs = np.array(sorted(edges))
-    points = np.where(abs(found.vertices) < 1e-9, 0.0, np.where(abs(found.vertices - size) < 1e-9, size, found.vertices))
+    points = np.where(
+        abs(found.vertices) < 1e-9, 0.0, np.where(abs(found.vertices - size) < 1e-9, size, found.vertices)
+    )
     while True:
         length = np.linalg.norm(points[pairs[:, 0]] - points[pairs[:, 1]], axis=1)
         at = int(np.argmin(length))

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Annotated, Any
+from typing import Annotated, Any, NamedTuple
 
 import numpy as np
 
@@ -24,6 +24,9 @@ from tpmscad.strut_cells import DEFAULT_ANGLE, KINDS, LARGEST_ANGLE, make_cell
 SAME_NODE = 1e-9
 """In sizes of the graph: distance up to which nodes are one."""
 
+CELLS_ALONG_GRID = 24
+"""Cells along the longest edge of the grid by which near struts are found; 1000 struts then take as long as about 20."""
+
 STRAIGHT = 1e-9
 """Sine of the angle up to which two struts continue each other."""
 
@@ -35,6 +38,57 @@ NodeRadius = Annotated[
 ]
 
 
+class _NearStruts(NamedTuple):
+    """The struts that may be nearest to a point of each cell of a grid: `members[first[k] : first[k + 1]]` for cell k, ascending.
+
+    low, size (3,): corner of the grid, edges of a cell; counts (3,): of cells. Beyond the grid all struts are asked.
+    """
+
+    low: Array
+    size: Array
+    counts: IntArray
+    first: IntArray
+    members: IntArray
+
+
+def _find_near(points: Array, edges: IntArray, margin: float) -> _NearStruts:
+    """The grid of the struts between points, with a margin around these."""
+    low, high = points.min(axis=0) - margin, points.max(axis=0) + margin
+    counts = np.maximum(((high - low) / (high - low).max() * CELLS_ALONG_GRID).astype(np.int64), 1)
+    size = (high - low) / counts
+    start = points[edges[:, 0]]
+    return _NearStruts(low, size, counts, *_list_near(low, size, counts, start, points[edges[:, 1]] - start))
+
+
+@njit_cached  # type: ignore[untyped-decorator]  # numba has no types
+def _list_near(low: Array, size: Array, counts: IntArray, start: Array, along: Array) -> tuple[IntArray, IntArray]:
+    """The numbers of near struts of all cells, and where those of each begin."""
+    reach = np.sqrt((size**2).sum()) * (1 + 1e-9)
+    first = np.zeros(counts[0] * counts[1] * counts[2] + 1, np.int64)
+    members = np.empty(len(first) * 4 + len(start), np.int64)
+    distances = np.empty(len(start))
+    cell, total = 0, 0
+    for i in range(counts[0]):
+        for j in range(counts[1]):
+            for k in range(counts[2]):
+                x, y, z = low[0] + (i + 0.5) * size[0], low[1] + (j + 0.5) * size[1], low[2] + (k + 0.5) * size[2]
+                for s in range(len(start)):
+                    dx, dy, dz = x - start[s, 0], y - start[s, 1], z - start[s, 2]
+                    ax, ay, az = along[s, 0], along[s, 1], along[s, 2]
+                    t = min(max((dx * ax + dy * ay + dz * az) / (ax * ax + ay * ay + az * az), 0.0), 1.0)
+                    distances[s] = np.sqrt((dx - t * ax) ** 2 + (dy - t * ay) ** 2 + (dz - t * az) ** 2)
+                limit = distances.min() + reach  # the distance changes by half a diagonal at most, of both
+                for s in range(len(start)):
+                    if distances[s] <= limit:
+                        if total == len(members):
+                            members = np.concatenate((members, np.empty(len(members), np.int64)))
+                        members[total] = s
+                        total += 1
+                cell += 1
+                first[cell] = total
+    return first, members[:total].copy()
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class StrutsField(Field):
     """Distance to the struts (m, 2) between points (n, 3), less their radius, or to the points, less `node_radius`."""
@@ -43,6 +97,7 @@ class StrutsField(Field):
     edges: IntArray
     radius: float
     node_radius: float
+    near: _NearStruts
 
     def at(self, x: Array, y: Array, z: Array) -> Array:
         """Values at coordinates that broadcast."""
@@ -59,6 +114,7 @@ class StrutsField(Field):
             self.points,
             self.radius,
             self.node_radius,
+            *self.near,
         )
         gx, gy, gz = (gradients[:, axis].reshape(shape) for axis in range(3))
         return values.reshape(shape), gx, gy, gz
@@ -69,14 +125,31 @@ class StrutsField(Field):
 
 @njit_cached  # type: ignore[untyped-decorator]  # numba has no types
 def _measure_struts(
-    points: Array, start: Array, along: Array, nodes: Array, radius: float, node_radius: float
+    points: Array,
+    start: Array,
+    along: Array,
+    nodes: Array,
+    radius: float,
+    node_radius: float,
+    low: Array,
+    size: Array,
+    counts: IntArray,
+    first: IntArray,
+    members: IntArray,
 ) -> tuple[Array, Array]:
     """Values (n,) and gradients (n, 3) at points (n, 3)."""
     values, gradients = np.empty(len(points)), np.zeros((len(points), 3))
     for k in range(len(points)):
         x, y, z = points[k, 0], points[k, 1], points[k, 2]
         best, nearest = np.inf, -1
-        for s in range(len(start)):
+        i, j, m = (x - low[0]) / size[0], (y - low[1]) / size[1], (z - low[2]) / size[2]
+        within = 0 <= i < counts[0] and 0 <= j < counts[1] and 0 <= m < counts[2]
+        begin, end = 0, len(start)
+        if within:
+            cell = (int(i) * counts[1] + int(j)) * counts[2] + int(m)
+            begin, end = first[cell], first[cell + 1]
+        for each in range(begin, end):
+            s = members[each] if within else each
             dx, dy, dz = x - start[s, 0], y - start[s, 1], z - start[s, 2]
             ax, ay, az = along[s, 0], along[s, 1], along[s, 2]
             t = min(max((dx * ax + dy * ay + dz * az) / (ax * ax + ay * ay + az * az), 0.0), 1.0)
@@ -90,11 +163,11 @@ def _measure_struts(
         if node_radius > radius:
             best = np.inf
             node = 0
-            for i in range(len(nodes)):
-                dx, dy, dz = x - nodes[i, 0], y - nodes[i, 1], z - nodes[i, 2]
+            for n in range(len(nodes)):
+                dx, dy, dz = x - nodes[n, 0], y - nodes[n, 1], z - nodes[n, 2]
                 square = dx * dx + dy * dy + dz * dz
                 if square < best:
-                    best, node = square, i
+                    best, node = square, n
             if np.sqrt(best) - node_radius < values[k]:
                 distance = np.sqrt(best)
                 values[k] = distance - node_radius
@@ -178,7 +251,8 @@ def struts(
     if node_radius <= radius:
         ordered = _join_straight(points, ordered)
     used, numbers = np.unique(ordered, return_inverse=True)
-    return StrutsField(points[used], numbers.reshape(-1, 2), radius, max(node_radius, radius))
+    points, edges, node_radius = points[used], numbers.reshape(-1, 2), max(node_radius, radius)
+    return StrutsField(points, edges, radius, node_radius, _find_near(points, edges, 2 * node_radius))
 
 
 def _join_straight(points: Array, edges: IntArray) -> IntArray:
