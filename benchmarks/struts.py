@@ -54,7 +54,7 @@ def report(
 
 
 def make_foam(count: int, size: float, shortest: float, seed: int = 1) -> tuple[np.ndarray, np.ndarray]:
-    """Edges of the Voronoi cells of random points in a box, closed by its sides; edges shorter than `shortest` are shrunk to a node.
+    """Edges of the Voronoi cells of random points in a box; edges shorter than `shortest` are shrunk to a node.
 
     The points are mirrored in the sides, so that no edge crosses them.
     """
