@@ -31,6 +31,7 @@ GROUND = {
     "progress_display",
     "rigid_motion",
     "stage_timer",
+    "strut_cells",
 }
 """Modules that every room may import; they import nothing of the package but each other."""
 

@@ -24,6 +24,7 @@ from tpmscad.solids._fluid_domains import fluid_domains as fluid_domains
 from tpmscad.solids._infill import infill as infill
 from tpmscad.solids._lattice import lattice as lattice
 from tpmscad.solids._solidify import solidify as solidify
+from tpmscad.solids._struts import struts as struts
 from tpmscad.studies._check_print import PrintReport as PrintReport
 from tpmscad.studies._check_print import check_print as check_print
 from tpmscad.studies._design_derivatives import design_derivatives as design_derivatives

@@ -87,6 +87,18 @@ def _read_flow(value: object) -> dict[str, str]:
     return dict(value)
 
 
+def _read_pairs(value: object) -> object:
+    """An array (m, 2) of whole numbers."""
+    import numpy as np
+
+    array = np.asarray(value)
+    if array.ndim != 2 or array.shape[1] != 2 or not len(array):
+        raise InvalidValue(f"of shape {array.shape} must be pairs of whole numbers (m, 2)")
+    if array.dtype.kind not in "iu":
+        raise WrongType(f"holds {array.dtype}, no whole numbers")
+    return array
+
+
 def _read_refinement(value: object) -> int | tuple[int, int]:
     """Cuts in all directions, or along a wall and through it."""
     if isinstance(value, list | tuple) and len(value) == 2:
@@ -104,6 +116,9 @@ def _read_domain(value: object) -> object:
     return read_corners(value) if isinstance(value, list | tuple) or hasattr(value, "ndim") else read_shape(value)
 
 
+ANGLE = ArgumentKind(
+    "a positive angle in degrees", "20.0", restrict(read_positive, lambda angle: angle < 90, "is no acute angle")
+)
 DOMAIN = ArgumentKind(f"{BOX.text}, or {SHAPE.text}", BOX.example, _read_domain)
 FRACTION = ArgumentKind(
     "a number between 0 and 1", "0.3", restrict(read_positive, lambda number: number < 1, "must lie below 1")
@@ -139,6 +154,7 @@ PICTURE_SIZE = tuple_of(read_count, 2, "two whole numbers, width and height", "(
 UNBOUNDED_POINT = tuple_of(read_unbounded_number, 3, "three numbers, which may be infinite", "(0, 0, 0)")
 PAIR_OR_TRIPLE = array_kind("two or three numbers", "(0, 0)", 1)
 POINT_ROWS = array_kind("an array of points (n, 3)", "np.random.rand(50, 3)", 2)
+PAIR_ROWS = ArgumentKind("pairs of whole numbers (m, 2)", "[[0, 1], [1, 2]]", _read_pairs)
 POINT_VALUES = array_kind("an array (n,), a value for each point", "np.zeros(50)", 1)
 CONTROL_NET = array_kind("a control net (U, V, W, 3) of finite numbers", "np.random.rand(4, 4, 4, 3)", 4)
 MASK = ArgumentKind("an array of bools", "np.eye(4) > 0", _read_mask)

@@ -72,6 +72,15 @@ COMMANDS = (
     ),
     Command(
         MAKE,
+        "struts_command.struts",
+        "Make a lattice of round struts in a box.",
+        (
+            "struts octet --cell 10 --cells 2,2,2 --diameter 1 -o octet.step",
+            "struts kelvin --cell 8 --cells 3,3,3 --porosity 0.9 --node-radius 0.6 -o kelvin.stl",
+        ),
+    ),
+    Command(
+        MAKE,
         "infill_command.infill",
         "Fill the solid in a STEP file with a lattice.",
         (

@@ -17,6 +17,7 @@ import typer
 from tpmscad.api.argument_kinds import POINT
 from tpmscad.api.arguments import Argument, arguments_of
 from tpmscad.api.shared_kinds import (
+    ANGLE,
     ANYTHING,
     CELL_COUNTS,
     COUNT,
@@ -116,6 +117,7 @@ WRITTEN: Mapping[Any, tuple[Any, dict[str, Any]]] = {
     TEXT.read: (str | None, {}),
     LENGTHS.read: (Any, {"metavar": "L|X,Y,Z", "parser": parse_numbers}),
     CELL_COUNTS.read: (Any, {"metavar": "N|X,Y,Z", "parser": parse_numbers}),
+    ANGLE.read: (float | None, {"metavar": "DEGREES"}),
     OFFSET.read: (Any, {"metavar": "LO,HI", "parser": parse_numbers}),
     POINT.read: (Any, {"metavar": "X,Y,Z", "parser": parse_numbers}),
     FACES.read: (str, {"metavar": "FACES"}),
@@ -196,14 +198,16 @@ def take_output(
     return decorate
 
 
-def take_options_of(options: type, *, panel: str | None = None) -> Callable[[Callable[..., None]], Callable[..., None]]:
+def take_options_of(
+    options: type, *, panel: str | None = None, leave_out: tuple[str, ...] = ()
+) -> Callable[[Callable[..., None]], Callable[..., None]]:
     """Decorator of commands: the arguments that are given come as the dictionary `request`, before the options of its own.
 
-    The option --keep-loose stands for the argument `loose`.
+    The option --keep-loose stands for the argument `loose`. leave_out: arguments that the command declares itself.
     """
 
     def decorate(command: Callable[..., None]) -> Callable[..., None]:
-        derived = [a for a in arguments_of(options).values() if a.name not in NOT_OPTIONS]
+        derived = [a for a in arguments_of(options).values() if a.name not in (*NOT_OPTIONS, *leave_out)]
         names = [a.name for a in derived if a.name != "loose"]
         own = list(inspect.signature(command, eval_str=True).parameters.values())[1:]
         own = [p.replace(kind=Parameter.KEYWORD_ONLY) for p in own]

@@ -35,6 +35,8 @@ from tpmscad.fields.kinds.ramps import ramp as ramp
 from tpmscad.fields.kinds.sampled_data import sampled as sampled
 from tpmscad.fields.kinds.scattered_data import scattered as scattered
 from tpmscad.fields.kinds.segmentation_labels import labels as labels
+from tpmscad.fields.kinds.strut_graphs import strut_lattice as strut_lattice
+from tpmscad.fields.kinds.strut_graphs import struts as struts
 from tpmscad.fields.kinds.thresholds import pore as pore
 from tpmscad.fields.kinds.thresholds import rod as rod
 from tpmscad.fields.kinds.thresholds import sheet as sheet

@@ -19,7 +19,8 @@ from tpmscad.fields.analysis.outermost_extremes import expose_extremes, list_lea
 from tpmscad.fields.analysis.quadric_leaves import find_quadric
 from tpmscad.fields.field import Field, MinMaxField
 from tpmscad.fields.kinds.booleans import join_extremes
-from tpmscad.fields.kinds.linear_extension import extend_linearly
+from tpmscad.fields.kinds.linear_extension import LinearExtension, extend_linearly
+from tpmscad.fields.kinds.strut_graphs import StrutsField
 from tpmscad.levelset.boundary_level_sets import check_separation, sample_level_set
 
 
@@ -29,6 +30,18 @@ class Combination:
 
     sign: int
     parts: tuple[Combination | Field, ...]
+
+
+def find_struts(field: Field) -> StrutsField | None:
+    """The struts of a field that is nothing else, within the box beyond which it may be extended."""
+    if isinstance(field, LinearExtension):
+        return find_struts(field.field)
+    return field if isinstance(field, StrutsField) else None
+
+
+def is_exact(field: Field) -> bool:
+    """Whether a field is bounded by surfaces that need no fit: a quadric, or struts on a graph."""
+    return find_quadric(field) is not None or find_struts(field) is not None
 
 
 class _LeafSamples:
@@ -86,7 +99,7 @@ def _leave_out(field: Field, samples: _LeafSamples) -> Field | bool:
         if isinstance(first, bool) or isinstance(second, bool):
             return not neutral
         return MinMaxField(first, second, field.sign)
-    exact = find_quadric(field) is not None
+    exact = is_exact(field)
     if not keeps_sign(field, samples.lo, samples.hi) if exact else len(samples.of(field)) > 0:
         return field
     return bool(field(0.5 * (samples.lo + samples.hi)) < 0)
@@ -95,22 +108,24 @@ def _leave_out(field: Field, samples: _LeafSamples) -> Field | bool:
 def has_meeting_quadrics(field: Field, lo: Array, hi: Array, tol: float) -> bool:
     """Whether a quadric is known to come as near as `tol` to another leaf where both bound the solid in the box.
 
-    By bounds on slopes, without samples; False if a leaf has none.
+    By bounds on slopes, without samples; False if a leaf has none. True if there are struts, whose cylinders meet.
     """
     tree = expose_extremes(field)
-    exact = [find_quadric(leaf) is not None for leaf in list_leaves(tree)]
+    if any(find_struts(leaf) is not None for leaf in list_leaves(tree)):
+        return True
+    exact = [is_exact(leaf) for leaf in list_leaves(tree)]
     return any(exact) and has_slope_bounds(tree) and find_meeting_leaves(tree, lo, hi, tol, exact) is not None
 
 
 def _split(field: Field, samples: _LeafSamples) -> Combination | Field:
     if not isinstance(field, MinMaxField):
         return field
-    exact = all(find_quadric(leaf) is not None for leaf in list_leaves(field))
+    exact = all(map(is_exact, list_leaves(field)))
     if not (exact or has_meeting_quadrics(field, samples.lo, samples.hi, samples.tol) or samples.cross(field)):
         return field
     parts = [_split(operand, samples) for operand in list_operands(field)]
-    smooth = [part for part in parts if not isinstance(part, Combination) and find_quadric(part) is None]
-    others = [part for part in parts if isinstance(part, Combination) or find_quadric(part) is not None]
+    smooth = [part for part in parts if not isinstance(part, Combination) and not is_exact(part)]
+    others = [part for part in parts if isinstance(part, Combination) or is_exact(part)]
     return Combination(field.sign, (*_group(field.sign, smooth, samples), *others))
 
 

@@ -113,12 +113,12 @@ def solidify(
         )
     stages = StageTimer(progress)
     if has_meeting_quadrics(as_field(field), *validate_box(*parse_corners(domain), tol), tol):
-        return _solidify_crossing(as_field(field), domain, tol, loose, stages)
+        return solidify_crossing(as_field(field), domain, tol, loose, stages)
     field, specks = drop_specks(as_field(field), *parse_corners(domain), loose)
     try:
         found = fit_field_patches(field, *parse_corners(domain), tol, stages, executor=executor)
     except CrossingSurfaces:
-        return _solidify_crossing(as_field(field), domain, tol, loose, stages)
+        return solidify_crossing(as_field(field), domain, tol, loose, stages)
     with stages("build"):
         brep, built, dropped = drop_loose_pieces(
             found.fitted.brep, build_solids(found.fitted.brep, found.moments), loose
@@ -143,7 +143,7 @@ def solidify(
     )
 
 
-def _solidify_crossing(field: Field, domain: BoxCorners, tol: float, loose: str, stages: StageTimer) -> Model:
+def solidify_crossing(field: Field, domain: BoxCorners, tol: float, loose: str, stages: StageTimer) -> Model:
     """The solid of a field whose level sets cross, in a box."""
     combined = combine_field_solids(field, *parse_corners(domain), tol, stages)
     built, patches, trimmed_by = combined.built, combined.patches, KERNEL_BOOLEAN

@@ -39,6 +39,7 @@ from tpmscad.fields.analysis.slope_bounds import bound_slope
 from tpmscad.fields.data.field_notes import collect_notes
 from tpmscad.fields.field import Field
 from tpmscad.fields.kinds.linear_extension import extend_level_sets_linearly
+from tpmscad.fields.kinds.strut_graphs import StrutsField
 from tpmscad.kernel.body_import.body_brep import brep_from_shape
 from tpmscad.kernel.body_import.cad_body import CadBody
 from tpmscad.kernel.boolean.boolean_operations import OcctSolids, betti_numbers
@@ -58,12 +59,13 @@ from tpmscad.kernel.measure.validity import is_brep_valid
 from tpmscad.kernel.occt.bounding_boxes import enclosing_box
 from tpmscad.kernel.occt.exploration import faces_of
 from tpmscad.kernel.step.face_labels import label_outer_faces
-from tpmscad.levelset.crossing_operands import Combination, list_fields, split_crossing_operands, widen_box
+from tpmscad.levelset.crossing_operands import Combination, find_struts, list_fields, split_crossing_operands, widen_box
 from tpmscad.levelset.field_solid import find_sample_spacing
 from tpmscad.results.certificate import Check, PatchMeasures
 from tpmscad.solids.boolean_strategies import N_SAMPLE_LINES, POINTS_PER_LINE, estimate_fraction
 from tpmscad.solids.field_patches import N_QUADRATURE_LINES, FieldPatches, fit_field_patches
 from tpmscad.solids.patch_measures import FIELD_VOLUME_RTOL, FROM_FIELD, TO_FIELD, check_field_tangent_jump
+from tpmscad.solids.strut_solids import bound_struts, bound_struts_in_box, require_struts_apart
 from tpmscad.stage_timer import StageTimer
 from tpmscad.trimming.network_boolean import Operation, combine_networks
 
@@ -90,8 +92,8 @@ class CombinedSolids:
     measures: PatchMeasures
 
 
-Operand = FieldPatches | QuadricLeaf
-"""What a leaf of the tree was made into: fitted patches, or an exact quadric."""
+Operand = FieldPatches | QuadricLeaf | StrutsField
+"""What a leaf of the tree was made into: fitted patches, an exact quadric, or struts, whose boundary is exact."""
 
 
 ExactOrCut = SolidSet | tuple[Brep, bool]
@@ -126,13 +128,14 @@ def combine_field_solids(
     with stages("split"):
         tree = split_crossing_operands(field, lo, hi, tol, find_sample_spacing(field, lo, hi))
     operands = [
-        find_quadric(each) or _fit_operand(each, lo, hi, tol, stages, number)
+        find_quadric(each) or _accept_struts(each) or _fit_operand(each, lo, hi, tol, stages, number)
         for number, each in enumerate(list_fields(tree))
     ]
     fitted = [each for each in operands if isinstance(each, FieldPatches)]
     with stages("combine"):
         domain = make_box_set(lo, hi) if body is None else SolidSet(body.shape)
-        outcome = METHODS.run(_Request(tree, operands, lo, hi, domain))
+        in_box = body is None and not isinstance(tree, Combination) and isinstance(operands[0], StrutsField)
+        outcome = (STRUT_METHODS if in_box else METHODS).run(_Request(tree, operands, lo, hi, domain))
     built = outcome.value
     if not built.n_solids:
         raise InvalidRequest("nothing of the field's solid lies in the domain: check its sign and the domain")
@@ -153,21 +156,47 @@ def combine_field_solids(
     return CombinedSolids(built, patches, measures)
 
 
-def _combine_networks_of(request: _Request) -> BrepSolids:
-    """The solids by cuts of patches, planes and quadrics by each other; InvalidRequest if no operand has patches."""
-    if not any(isinstance(operand, FieldPatches) for operand in request.operands):
-        raise InvalidRequest("planes, spheres and cylinders alone are combined by the kernel, which is exact")
-    sets: list[ExactOrCut] = [
-        (operand.fitted.brep, False) if isinstance(operand, FieldPatches) else _make_quadric(request, operand, number)
-        for number, operand in enumerate(request.operands)
-    ]
-    found = request.evaluate(sets, request.domain, _combine_mixed)
-    assert not isinstance(found, SolidSet)
-    brep = _tag_sides(found[0], request.lo, request.hi)
+def _accept_struts(field: Field) -> StrutsField | None:
+    """The struts of a field of nothing else; InvalidRequest if they touch each other."""
+    struts = find_struts(field)
+    if struts is not None:
+        require_struts_apart(struts)
+    return struts
+
+
+def _close_struts_in_box(request: _Request) -> BrepSolids:
+    """The solids of struts alone in a box, by their nodes; TrimmingError if sides of the box cut them elsewhere."""
+    (struts,) = request.operands
+    assert isinstance(struts, StrutsField)
+    return _build_valid(bound_struts_in_box(struts, request.lo, request.hi))
+
+
+def _build_valid(brep: Brep) -> BrepSolids:
+    """The solids of a boundary representation; TrimmingError if the kernel rejects a face."""
     built = build_solids(brep)
     if not is_brep_valid(brep, built.known_faces):
         raise TrimmingError("the kernel rejects a face of the result")
     return built
+
+
+def _combine_networks_of(request: _Request) -> BrepSolids:
+    """The solids by cuts of patches, planes and quadrics by each other; InvalidRequest if all operands are single quadrics."""
+    if all(isinstance(operand, QuadricLeaf) for operand in request.operands):
+        raise InvalidRequest("planes, spheres and cylinders alone are combined by the kernel, which is exact")
+    sets: list[ExactOrCut] = []
+    for number, operand in enumerate(request.operands):
+        if isinstance(operand, QuadricLeaf):
+            sets.append(_make_quadric(request, operand, number))
+        else:
+            sets.append((_bound_operand(operand), False))
+    found = request.evaluate(sets, request.domain, _combine_mixed)
+    assert not isinstance(found, SolidSet)
+    return _build_valid(_tag_sides(found[0], request.lo, request.hi))
+
+
+def _bound_operand(operand: FieldPatches | StrutsField) -> Brep:
+    """The boundary of an operand."""
+    return bound_struts(operand) if isinstance(operand, StrutsField) else operand.fitted.brep
 
 
 def _combine_mixed(sign: int, sets: Sequence[ExactOrCut]) -> ExactOrCut:
@@ -220,9 +249,9 @@ def _tag_sides(brep: Brep, lo: Array, hi: Array) -> Brep:
 def _combine_in_kernel(request: _Request) -> OcctSolids:
     """The solids by the kernel's general fuse, without labels."""
     sets = [
-        SolidSet(build_solids(operand.fitted.brep, operand.moments).shape)
-        if isinstance(operand, FieldPatches)
-        else _make_quadric(request, operand, number)
+        _make_quadric(request, operand, number)
+        if isinstance(operand, QuadricLeaf)
+        else SolidSet(build_solids(_bound_operand(operand)).shape)
         for number, operand in enumerate(request.operands)
     ]
     return OcctSolids(list_solids(request.evaluate(sets, request.domain, combine_sets).shape))
@@ -254,6 +283,11 @@ METHODS: Fallbacks[[_Request], BrepSolids | OcctSolids] = Fallbacks(
     )
 )
 """How the operands are combined."""
+
+STRUT_METHODS: Fallbacks[[_Request], BrepSolids | OcctSolids] = Fallbacks(
+    (Fallback("node by node", _close_struts_in_box, "a hundredth of a second for each strut"), *METHODS.methods)
+)
+"""How struts alone are cut by a box."""
 
 
 def _measure_built(built: BrepSolids | OcctSolids) -> tuple[Betti, float]:

@@ -20,6 +20,7 @@ from tpmscad.fields.kinds.expressions import CoordinateField, ExpressionField, F
 from tpmscad.fields.kinds.nodal_field import FORMULAS, NodalField
 from tpmscad.fields.kinds.primitive_regions import BoxRegion, CylinderRegion, HalfSpaceRegion, SphereRegion
 from tpmscad.fields.kinds.ramps import AffineFunction, RampField
+from tpmscad.fields.kinds.strut_graphs import StrutsField
 from tpmscad.minimal_series import expand_series
 
 SMOOTH_STEP_SLOPE = 1.875
@@ -54,6 +55,7 @@ def bound_field(field: Field) -> FieldBounds:
 @bound_field.register(CylinderRegion)
 @bound_field.register(HalfSpaceRegion)
 @bound_field.register(SphereRegion)
+@bound_field.register(StrutsField)
 def _(field: Field) -> FieldBounds:
     return FieldBounds(math.inf, 1.0, np.ones(3))  # signed distances
 

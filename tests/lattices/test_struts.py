@@ -1,0 +1,139 @@
+"""Struts on graphs as boundary representations: envelopes, volumes, topology, contacts."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from tpmscad import fields
+from tpmscad.brep import connectivity
+from tpmscad.brep.boundary_representation import Brep
+from tpmscad.brep.moments import integral_properties
+from tpmscad.errors import InvalidRequest
+from tpmscad.fields.kinds.strut_graphs import StrutsField
+from tpmscad.lattices.strut_brep import build_strut_brep
+from tpmscad.lattices.strut_contacts import find_contact
+from tpmscad.lattices.strut_ends import find_envelope, wave_values
+from tpmscad.strut_cells import KINDS
+
+BOX = np.zeros(3), np.full(3, 10.0)
+
+
+def bound(field: StrutsField, box: tuple[np.ndarray, np.ndarray] | None = None) -> Brep:
+    return build_strut_brep(field.points, field.edges, field.radius, field.node_radius, box)
+
+
+def volume(brep: Brep) -> float:
+    assert not len(connectivity.find_unmatched_edges(brep))
+    return float(integral_properties.volume(integral_properties.integrate_faces(brep))[0])
+
+
+def sample_volume(field: StrutsField, lo: np.ndarray, hi: np.ndarray) -> tuple[float, float]:
+    """The volume of a field in a box by random points, and its standard error."""
+    inside = (field(lo + (hi - lo) * np.random.default_rng(5).random((200_000, 3))) < 0).mean()
+    whole = float(np.prod(hi - lo))
+    return inside * whole, whole * float(np.sqrt(inside * (1 - inside) / 200_000))
+
+
+def star(directions: np.ndarray, diameter: float, node_radius: float) -> StrutsField:
+    ends = 12 * directions / np.linalg.norm(directions, axis=1)[:, None]
+    edges = [[0, k + 1] for k in range(len(ends))]
+    return fields.struts(np.concatenate([np.zeros((1, 3)), ends]), edges, diameter, node_radius)
+
+
+@given(st.lists(st.tuples(*[st.floats(-2, 2)] * 3), min_size=1, max_size=8))
+def test_the_envelope_is_the_greatest_of_its_functions(rows: list[tuple[float, float, float]]) -> None:
+    waves = np.array(rows)
+    found = find_envelope(waves, 0.0, 2 * np.pi)
+    angles = np.linspace(0, 2 * np.pi, 101)
+    expected = wave_values(waves.T[:, :, None], angles).max(axis=0)
+    np.testing.assert_allclose([found.value(a) for a in angles], expected, atol=1e-6)
+
+
+def test_a_single_strut_is_a_capsule() -> None:
+    capsule = fields.struts([[1, 2, 3], [4, 6, 3]], [[0, 1]], 2.0)
+    assert volume(bound(capsule)) == pytest.approx(np.pi * 5 + 4 / 3 * np.pi, rel=1e-9)
+
+
+def test_struts_that_cross_have_the_volume_of_steinmetz() -> None:
+    cross = fields.struts(
+        [[-5, 0, 0], [5, 0, 0], [0, -5, 0], [0, 5, 0], [0, 0, 0]], [[0, 4], [4, 1], [2, 4], [4, 3]], 2.0
+    )
+    expected = 2 * (10 * np.pi + 4 / 3 * np.pi) - 16 / 3  # the common part of both cylinders
+    assert volume(bound(cross)) == pytest.approx(expected, rel=1e-9)
+
+
+@settings(max_examples=15, deadline=None)
+@given(st.integers(2, 7), st.integers(0, 1000), st.sampled_from([0.0, 0.6, 0.9, 1.6]))
+def test_a_node_of_any_struts_is_closed_and_has_the_fields_volume(count: int, seed: int, node_radius: float) -> None:
+    directions = np.random.default_rng(seed).normal(size=(count, 3))
+    field = star(directions, 1.0, node_radius)
+    contact = find_contact(field.points, field.edges, field.radius, field.node_radius)
+    if contact is not None and contact.ratio <= 1:
+        return
+    expected, error = sample_volume(field, np.full(3, -14.0), np.full(3, 14.0))
+    assert abs(volume(bound(field)) - expected) < 5 * error
+
+
+@pytest.mark.parametrize("node_radius", [0.0, 0.9])
+@pytest.mark.parametrize("kind", KINDS)
+def test_a_cell_of_every_kind_fills_what_its_field_does(kind: str, node_radius: float) -> None:
+    field = fields.strut_lattice(kind, 10.0, 1.0, node_radius=node_radius)
+    brep = bound(field, BOX)
+    expected, error = sample_volume(field, *BOX)
+    assert abs(volume(brep) - expected) < 4 * error
+    assert (brep.vertices >= -1e-9).all()
+    assert (brep.vertices <= 10 + 1e-9).all()
+
+
+def test_a_cell_of_bcc_has_as_few_faces_as_can_be() -> None:
+    brep = bound(fields.strut_lattice("bcc", 10.0, 1.0), BOX)
+    assert len(brep.faces) == 8 * 2 + 8 * 3  # half cylinders, and three sides of the box at each corner
+
+
+def test_struts_in_the_sides_of_the_box_are_halved() -> None:
+    field = fields.strut_lattice("cubic", (10.0, 8.0, 6.0), 1.0)
+    whole = volume(
+        bound(fields.strut_lattice("cubic", (10.0, 8.0, 6.0), 1.0, 2), (np.zeros(3), np.array([20.0, 16, 12])))
+    )
+    assert whole == pytest.approx(8 * volume(bound(field, (np.zeros(3), np.array([10.0, 8, 6])))), rel=1e-9)
+
+
+def test_collinear_struts_are_one_without_a_seam() -> None:
+    bent = fields.struts([[0, 0, 0], [3, 0, 0], [9, 0, 0]], [[0, 1], [1, 2]], 1.0)
+    assert bent.edges.tolist() == [[0, 1]]
+    assert len(bent.points) == 2
+    beaded = fields.struts([[0, 0, 0], [3, 0, 0], [9, 0, 0]], [[0, 1], [1, 2]], 1.0, 0.8)
+    assert len(beaded.edges) == 2
+
+
+@pytest.mark.parametrize(
+    ("points", "edges", "message"),
+    [
+        ([[0, 0, 0], [1, 0, 0]], [[0, 2]], "edge 0 joins nodes 0 and 2: the nodes are numbered from 0 to 1"),
+        ([[0, 0, 0], [1, 0, 0], [1, 0, 0]], [[0, 1], [1, 2]], "edge 1 between nodes 1 and 2 has no length"),
+        ([[0, 0, 0], [1, 0, 0]], [[0, 1], [1, 0]], "edge 1 joins nodes 1 and 0 once more"),
+        ([[0, 0, 0], [1, 0, 0]], [[0.0, 1.0]], "holds float64, no whole numbers"),
+        ([[0, 0], [1, 0]], [[0, 1]], r"points \(2, 2\)"),
+    ],
+)
+def test_a_graph_that_is_none_is_refused(points: object, edges: object, message: str) -> None:
+    with pytest.raises(InvalidRequest, match=message):
+        fields.struts(points, edges, 0.1)
+
+
+@pytest.mark.parametrize(
+    ("points", "edges", "ratio"),
+    [
+        ([[0, 0, 0], [9, 0, 0], [0, 0, 0.8], [9, 0, 0.8]], [[0, 1], [2, 3]], 0.8),  # side by side
+        ([[0, 0, 0], [9, 0, 0], [4, -3, 0.9], [4, 3, 0.9]], [[0, 1], [2, 3]], 0.9),  # across
+        ([[0, 0, 0], [9, 0, 0], [4, 0, 0.7], [4, 0, 6]], [[0, 1], [2, 3]], 0.7),  # an end above a strut
+        ([[0, 0, 0], [0.5, 0, 0], [0, 5, 0], [0.5, 5, 0]], [[0, 1], [0, 2], [1, 3]], 0.5),  # shorter than its joints
+    ],
+)
+def test_struts_that_touch_are_found(points: list[list[float]], edges: list[list[int]], ratio: float) -> None:
+    contact = find_contact(np.array(points, float), np.array(edges), 0.5, 0.5)
+    assert contact is not None
+    assert contact.ratio == pytest.approx(ratio)

@@ -1,0 +1,59 @@
+"""Strut lattices by the kernel: valid, exact, combined with other fields, and what is refused."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import tpmscad
+from tpmscad import fields
+from tpmscad.errors import InvalidRequest
+
+pytestmark = pytest.mark.kernel
+
+
+def test_a_lattice_meets_its_certificate_and_survives_step(tmp_path: Path) -> None:
+    model = tpmscad.struts("bcc", cell=10, cells=(2, 1, 1), diameter=1)
+    certificate = model.certificate
+    assert certificate.met, certificate.shortfalls
+    assert certificate.betti == (1, 3, 0)  # four paths from one centre to the other: 16 struts, 14 nodes
+    assert certificate.max_deviation == 0
+    model.export_step(tmp_path / "struts.step")
+    found = tpmscad.check_step(tmp_path / "struts.step")
+    assert found.ok
+    assert found.shape.faces == certificate.n_faces
+    assert found.shape.volume == pytest.approx(certificate.volume, rel=1e-9)
+
+
+@pytest.mark.parametrize("node_radius", [0.0, 1.1])
+def test_the_diameter_is_solved_for(node_radius: float) -> None:
+    model = tpmscad.struts("octahedron", cell=(8, 9, 10), porosity=0.9, node_radius=node_radius)
+    assert model.certificate.met
+    assert model.volume == pytest.approx(72, rel=1e-8)
+
+
+def test_struts_are_cut_by_a_body() -> None:
+    body = fields.sphere((5.0, 5.2, 4.9), 4.0)
+    field = fields.strut_lattice("bcc", 10.0, 1.0)
+    model = tpmscad.infill(body, field, tol=0.02)
+    assert model.certificate.met, model.certificate.shortfalls
+    points = 10 * np.random.default_rng(2).random((400_000, 3))
+    share = ((field(points) < 0) & (body(points) < 0)).mean()
+    assert abs(model.volume / 1000 - share) < 4 * np.sqrt(share / 400_000)
+
+
+@pytest.mark.parametrize(
+    ("keywords", "message"),
+    [
+        ({}, "exactly one of diameter, volume_fraction and porosity, not none"),
+        ({"diameter": 1, "porosity": 0.9}, "not diameter and porosity"),
+        ({"diameter": 11}, "a diameter of at most 9.99"),
+        ({"volume_fraction": 0.99}, "give a smaller one|a diameter of at most"),
+        ({"volume_fraction": 0.001, "node_radius": 2}, "the balls fill more"),
+    ],
+)
+def test_what_struts_cannot_be_is_refused(keywords: dict[str, float], message: str) -> None:
+    with pytest.raises(InvalidRequest, match=message):
+        tpmscad.struts("cubic", cell=10, **keywords)

@@ -1,0 +1,323 @@
+"""Round struts along the edges of a graph, with balls at its nodes, as a signed distance: exact outside.
+
+Lattices of unit cells (`tpmscad.strut_cells`) and graphs of any kind, Voronoi and Delaunay among them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Annotated, Any, NamedTuple
+
+import numpy as np
+
+from tpmscad._compiled_loops import njit_cached
+from tpmscad._typing import Array, IntArray
+from tpmscad.api.argument_kinds import choice_of
+from tpmscad.api.public_calls import validate_call
+from tpmscad.api.shared_kinds import ANGLE, CELL_COUNTS, LENGTHS, NOT_NEGATIVE, PAIR_ROWS, POINT_ROWS, POSITIVE
+from tpmscad.errors import InvalidRequest, format_point
+from tpmscad.fields.field import Field
+from tpmscad.fields.tape.evaluation import FieldJet, stack_points
+from tpmscad.strut_cells import DEFAULT_ANGLE, KINDS, LARGEST_ANGLE, make_cell
+
+SAME_NODE = 1e-9
+"""In sizes of the graph: distance up to which nodes are one."""
+
+CELLS_ALONG_GRID = 24
+"""Cells along the longest edge of the grid by which near struts are found; 1000 struts then take as long as about 20."""
+
+STRAIGHT = 1e-9
+"""Sine of the angle up to which two struts continue each other."""
+
+NodeRadius = Annotated[
+    float,
+    NOT_NEGATIVE,
+    "Radius of the ball at every node, model units; 0, or less than half the diameter, is that of the struts, which rounds free "
+    "ends and fills the outer side of joints.",
+]
+
+
+class _NearStruts(NamedTuple):
+    """The struts that may be nearest to a point of each cell of a grid: `members[first[k] : first[k + 1]]` for cell k, ascending.
+
+    low, size (3,): corner of the grid, edges of a cell; counts (3,): of cells. Beyond the grid all struts are asked.
+    """
+
+    low: Array
+    size: Array
+    counts: IntArray
+    first: IntArray
+    members: IntArray
+
+
+def _find_near(points: Array, edges: IntArray, margin: float) -> _NearStruts:
+    """The grid of the struts between points, with a margin around these."""
+    low, high = points.min(axis=0) - margin, points.max(axis=0) + margin
+    counts = np.maximum(((high - low) / (high - low).max() * CELLS_ALONG_GRID).astype(np.int64), 1)
+    size = (high - low) / counts
+    start = points[edges[:, 0]]
+    return _NearStruts(low, size, counts, *_list_near(low, size, counts, start, points[edges[:, 1]] - start))
+
+
+@njit_cached  # type: ignore[untyped-decorator]  # numba has no types
+def _list_near(low: Array, size: Array, counts: IntArray, start: Array, along: Array) -> tuple[IntArray, IntArray]:
+    """The numbers of near struts of all cells, and where those of each begin."""
+    reach = np.sqrt((size**2).sum()) * (1 + 1e-9)
+    first = np.zeros(counts[0] * counts[1] * counts[2] + 1, np.int64)
+    members = np.empty(len(first) * 4 + len(start), np.int64)
+    distances = np.empty(len(start))
+    cell, total = 0, 0
+    for i in range(counts[0]):
+        for j in range(counts[1]):
+            for k in range(counts[2]):
+                x, y, z = low[0] + (i + 0.5) * size[0], low[1] + (j + 0.5) * size[1], low[2] + (k + 0.5) * size[2]
+                for s in range(len(start)):
+                    dx, dy, dz = x - start[s, 0], y - start[s, 1], z - start[s, 2]
+                    ax, ay, az = along[s, 0], along[s, 1], along[s, 2]
+                    t = min(max((dx * ax + dy * ay + dz * az) / (ax * ax + ay * ay + az * az), 0.0), 1.0)
+                    distances[s] = np.sqrt((dx - t * ax) ** 2 + (dy - t * ay) ** 2 + (dz - t * az) ** 2)
+                limit = distances.min() + reach  # the distance changes by half a diagonal at most, of both
+                for s in range(len(start)):
+                    if distances[s] <= limit:
+                        if total == len(members):
+                            members = np.concatenate((members, np.empty(len(members), np.int64)))
+                        members[total] = s
+                        total += 1
+                cell += 1
+                first[cell] = total
+    return first, members[:total].copy()
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class StrutsField(Field):
+    """Distance to the struts (m, 2) between points (n, 3), less their radius, or to the points, less `node_radius`."""
+
+    points: Array
+    edges: IntArray
+    radius: float
+    node_radius: float
+    near: _NearStruts
+
+    def at(self, x: Array, y: Array, z: Array) -> Array:
+        """Values at coordinates that broadcast."""
+        return self.jet(x, y, z)[0]
+
+    def jet(self, x: Array, y: Array, z: Array) -> FieldJet:
+        """Value and partial derivatives at coordinates that broadcast; on an axis the gradient is a unit vector across."""
+        points, shape = stack_points(x, y, z)
+        start = self.points[self.edges[:, 0]]
+        values, gradients = _measure_struts(
+            np.ascontiguousarray(points),
+            start,
+            self.points[self.edges[:, 1]] - start,
+            self.points,
+            self.radius,
+            self.node_radius,
+            *self.near,
+        )
+        gx, gy, gz = (gradients[:, axis].reshape(shape) for axis in range(3))
+        return values.reshape(shape), gx, gy, gz
+
+    def __repr__(self) -> str:
+        return f"StrutsField({len(self.points)} points, {len(self.edges)} struts, diameter={2 * self.radius:g})"
+
+
+@njit_cached  # type: ignore[untyped-decorator]  # numba has no types
+def _measure_struts(
+    points: Array,
+    start: Array,
+    along: Array,
+    nodes: Array,
+    radius: float,
+    node_radius: float,
+    low: Array,
+    size: Array,
+    counts: IntArray,
+    first: IntArray,
+    members: IntArray,
+) -> tuple[Array, Array]:
+    """Values (n,) and gradients (n, 3) at points (n, 3)."""
+    values, gradients = np.empty(len(points)), np.zeros((len(points), 3))
+    for k in range(len(points)):
+        x, y, z = points[k, 0], points[k, 1], points[k, 2]
+        best, nearest = np.inf, -1
+        i, j, m = (x - low[0]) / size[0], (y - low[1]) / size[1], (z - low[2]) / size[2]
+        within = 0 <= i < counts[0] and 0 <= j < counts[1] and 0 <= m < counts[2]
+        begin, end = 0, len(start)
+        if within:
+            cell = (int(i) * counts[1] + int(j)) * counts[2] + int(m)
+            begin, end = first[cell], first[cell + 1]
+        for each in range(begin, end):
+            s = members[each] if within else each
+            dx, dy, dz = x - start[s, 0], y - start[s, 1], z - start[s, 2]
+            ax, ay, az = along[s, 0], along[s, 1], along[s, 2]
+            t = min(max((dx * ax + dy * ay + dz * az) / (ax * ax + ay * ay + az * az), 0.0), 1.0)
+            dx, dy, dz = dx - t * ax, dy - t * ay, dz - t * az
+            square = dx * dx + dy * dy + dz * dz
+            if square < best:
+                best, nearest = square, s
+                gradients[k, 0], gradients[k, 1], gradients[k, 2] = dx, dy, dz
+        distance = np.sqrt(best)
+        values[k] = distance - radius
+        if node_radius > radius:
+            best = np.inf
+            node = 0
+            for n in range(len(nodes)):
+                dx, dy, dz = x - nodes[n, 0], y - nodes[n, 1], z - nodes[n, 2]
+                square = dx * dx + dy * dy + dz * dz
+                if square < best:
+                    best, node = square, n
+            if np.sqrt(best) - node_radius < values[k]:
+                distance = np.sqrt(best)
+                values[k] = distance - node_radius
+                gradients[k, 0], gradients[k, 1], gradients[k, 2] = (
+                    x - nodes[node, 0],
+                    y - nodes[node, 1],
+                    z - nodes[node, 2],
+                )
+        if distance > 0:
+            for c in range(3):
+                gradients[k, c] /= distance
+        else:  # any unit vector across
+            least = 0
+            for c in range(1, 3):
+                if abs(along[nearest, c]) < abs(along[nearest, least]):
+                    least = c
+            length = np.sqrt((along[nearest] ** 2).sum())
+            part = along[nearest, least] / length
+            for c in range(3):
+                gradients[k, c] = ((1.0 if c == least else 0.0) - part * along[nearest, c] / length) / np.sqrt(
+                    1 - part * part
+                )
+    return values, gradients
+
+
+@validate_call()
+def struts(
+    points: Annotated[Any, POINT_ROWS, "Nodes (n, 3), model units."],
+    edges: Annotated[Any, PAIR_ROWS, "The two nodes of each strut, by their numbers from 0: (m, 2)."],
+    diameter: Annotated[float, POSITIVE, "Diameter of the struts, model units."],
+    node_radius: NodeRadius = 0.0,
+) -> StrutsField:
+    """Return round struts along the edges of a graph.
+
+    Returns
+    -------
+    StrutsField
+        The signed distance, exact outside. `points` and `edges` are those in use: without nodes that no strut reaches, and
+        with one strut in place of two that continue each other.
+
+    Raises
+    ------
+    InvalidRequest
+        If an edge names no node, has no length or is given twice.
+
+    Notes
+    -----
+    `tpmscad.solidify` and `tpmscad.infill` make exact solids of cylinders and balls of it.
+
+    Examples
+    --------
+    >>> from tpmscad import fields
+    >>> tripod = fields.struts([[0, 0, 0], [9, 0, 0], [0, 9, 0], [0, 0, 9]], [[0, 1], [0, 2], [0, 3]], 2.0)
+    >>> float(tripod((5.0, 3.0, 0.0)))
+    2.0
+    """
+    points, edges = np.asarray(points, float), np.asarray(edges, np.int64)
+    if points.shape[1:] != (3,) or edges.shape[1:] != (2,):
+        raise InvalidRequest(f"points {points.shape} and edges {edges.shape} must be arrays (n, 3) and (m, 2)")
+    outside = np.flatnonzero(((edges < 0) | (edges >= len(points))).any(axis=1))
+    if len(outside):
+        i, j = edges[outside[0]].tolist()
+        raise InvalidRequest(
+            f"edge {outside[0]} joins nodes {i} and {j}: the nodes are numbered from 0 to {len(points) - 1}"
+        )
+    size = float(np.ptp(points, axis=0).max())
+    length = np.linalg.norm(points[edges[:, 1]] - points[edges[:, 0]], axis=1)
+    short = np.flatnonzero(length <= SAME_NODE * size)
+    if len(short):
+        i, j = edges[short[0]].tolist()
+        raise InvalidRequest(
+            f"edge {short[0]} between nodes {i} and {j} has no length, at {format_point(points[i], 6)}: leave it out"
+        )
+    ordered = np.sort(edges, axis=1)
+    unique, first = np.unique(ordered, axis=0, return_index=True)
+    if len(unique) < len(edges):
+        again = int(np.setdiff1d(np.arange(len(edges)), first)[0])
+        i, j = edges[again].tolist()
+        raise InvalidRequest(f"edge {again} joins nodes {i} and {j} once more: give each strut once")
+    radius = diameter / 2
+    if node_radius <= radius:
+        ordered = _join_straight(points, ordered)
+    used, numbers = np.unique(ordered, return_inverse=True)
+    points, edges, node_radius = points[used], numbers.reshape(-1, 2), max(node_radius, radius)
+    return StrutsField(points, edges, radius, node_radius, _find_near(points, edges, 2 * node_radius))
+
+
+def _join_straight(points: Array, edges: IntArray) -> IntArray:
+    """The edges with one in place of two that continue each other at a node without others."""
+    at: dict[int, set[int]] = {}
+    for i, j in edges.tolist():
+        at.setdefault(i, set()).add(j)
+        at.setdefault(j, set()).add(i)
+    for node in list(at):
+        if len(at[node]) != 2:
+            continue
+        i, j = sorted(at[node])
+        back, on = points[i] - points[node], points[j] - points[node]
+        cross = np.linalg.norm(np.cross(back, on))
+        if back @ on < 0 and cross <= STRAIGHT * np.linalg.norm(back) * np.linalg.norm(on) and j not in at[i]:
+            at[i] = (at[i] - {node}) | {j}
+            at[j] = (at[j] - {node}) | {i}
+            del at[node]
+    return np.array(sorted((i, j) for i, others in at.items() for j in others if i < j), np.int64)
+
+
+@validate_call()
+def strut_lattice(
+    kind: Annotated[str, choice_of(*KINDS), "Kind of cell."],
+    cell: Annotated[float | Sequence[float], LENGTHS, "Edge length of the cell, or one for each axis, model units."],
+    diameter: Annotated[float, POSITIVE, "Diameter of the struts, model units."],
+    cells: Annotated[int | Sequence[int], CELL_COUNTS, "Number of cells along every axis, or along each."] = (1, 1, 1),
+    node_radius: NodeRadius = 0.0,
+    angle: Annotated[float, ANGLE, "Degrees by which struts of `re-entrant` lean inwards, up to 30."] = DEFAULT_ANGLE,
+) -> StrutsField:
+    """Return a lattice of round struts in the box from the origin to `cells` x `cell`.
+
+    Returns
+    -------
+    StrutsField
+        The signed distance, exact outside; struts in the sides of the box reach beyond them by half their diameter.
+
+    Raises
+    ------
+    InvalidRequest
+        If the angle is none of a re-entrant cell.
+
+    Examples
+    --------
+    >>> from tpmscad import fields
+    >>> float(fields.strut_lattice("bcc", 10.0, 1.0)((5.0, 5.0, 5.0)))
+    -0.5
+    """
+    return struts(*make_strut_graph(kind, cell, cells, angle), diameter, node_radius)
+
+
+def make_strut_graph(
+    kind: str, cell: float | Sequence[float], cells: int | Sequence[int], angle: float = DEFAULT_ANGLE
+) -> tuple[Array, IntArray]:
+    """The nodes (n, 3) and struts (m, 2) of whole cells."""
+    if not 0 < angle <= LARGEST_ANGLE:
+        raise InvalidRequest(
+            f"angle {angle:g} of the re-entrant cell must be more than 0 and at most {LARGEST_ANGLE:g} degrees"
+        )
+    nodes, pairs = (np.array(each) for each in make_cell(kind, angle))
+    edge = np.broadcast_to(np.asarray(cell, float), 3)
+    counts = np.broadcast_to(np.asarray(cells, np.int64), 3)
+    origins = np.stack(np.meshgrid(*map(np.arange, counts), indexing="ij"), axis=-1).reshape(-1, 1, 3)
+    placed = (origins + nodes).reshape(-1, 3)
+    _, first, number = np.unique((placed / SAME_NODE**0.5).round(), axis=0, return_index=True, return_inverse=True)
+    struts_of_cells = (len(nodes) * np.arange(len(origins))[:, None, None] + pairs).reshape(-1, 2)
+    edges = np.unique(np.sort(number.ravel()[struts_of_cells], axis=1), axis=0)
+    return placed[first] * edge, edges

@@ -1,0 +1,594 @@
+"""Round struts of one diameter on a graph as a boundary representation: cylinders, balls and the planes of a box, exactly.
+
+Each strut is a cylinder between the borders of its cells at both nodes (`strut_ends`), which are arcs of ellipses and circles;
+where balls show, each strut bounds a part of the ball between its circle and the cells of its neighbours. Faces that close
+on themselves are cut in two along the strut. Nodes in a side of the box, and struts along it, are cut by the side; the edges
+that are then used once bound the planar faces. No face is intersected with another: what must hold for that is checked by
+`find_contact`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, field
+from itertools import pairwise
+
+import numpy as np
+from scipy.sparse import coo_matrix
+from scipy.sparse.csgraph import connected_components
+from scipy.spatial import cKDTree
+
+from tpmscad._typing import Array, IntArray
+from tpmscad.brep.boundary_representation import Brep, Edges, EdgeUses, Faces
+from tpmscad.brep.carriers import Carrier, Circle, CylindricalSurface, EdgeCurve, Ellipse, Plane, SphericalSurface
+from tpmscad.brep.conics import TWO_PI
+from tpmscad.brep.loops import chain_faces
+from tpmscad.lattices.strut_ends import (
+    IN_PLANE,
+    SAME_ANGLE,
+    UpperEnvelope,
+    border_waves,
+    find_envelope,
+    find_sector,
+    plane_waves,
+)
+from tpmscad.rigid_motion import Motion
+from tpmscad.splines.basis import design_matrix
+from tpmscad.splines.bspline import BSplineCurve, line_segment
+from tpmscad.splines.knots import greville_abscissae, uniform_knots
+
+CAP, SURFACE = "cap", "surface"
+"""Tags of faces in the sides of the box, and of all others."""
+
+SAME_POINT = 1e-7
+"""In radii: distance up to which vertices are one."""
+
+ON_SIDE = 1e-9
+"""In sizes of the box: distance of a node from a side of the box up to which it lies in it."""
+
+PCURVE_TOL = 1e-10
+"""In radii: greatest distance of a pcurve's image from its edge."""
+
+PCURVE_DEGREE = 7
+SPAN_COUNTS = (1, 2, 4, 8, 16, 32, 64, 128)
+
+PATH_POINTS = 17
+"""Points of an edge in the polygon that stands for it where planar faces are nested."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Side:
+    """A use of an edge to be: the curve on its span, run backwards if `sense` is -1, and the pcurve on the same span."""
+
+    curve: EdgeCurve
+    span: tuple[float, float]
+    sense: int
+    pcurve: BSplineCurve | None
+
+    def ends(self) -> Array:
+        """Start, middle and end (3, 3) of the curve on its span."""
+        return self.curve(np.array([self.span[0], 0.5 * sum(self.span), self.span[1]]))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Facet:
+    """A face to be."""
+
+    carrier: Carrier
+    sense: int
+    tag: str
+    loops: list[list[_Side]]
+
+
+@dataclass(slots=True, eq=False)
+class StrutEnd:
+    """One end of a strut: a frame about the strut, the borders of its cell, and where they are split.
+
+    `sign`: +1 at the start, -1 at the end of the strut. cylinder: the envelope of the cell, planes and the ball; `ball` is
+    its row for the ball. border: the same without the ball, None if nothing bounds the ball. splits: further angles.
+    """
+
+    node: int
+    strut: int
+    sign: int
+    center: Array
+    axis: Array
+    x_axis: Array
+    y_axis: Array
+    others: tuple[int, ...]
+    cylinder: UpperEnvelope
+    border: UpperEnvelope | None
+    ball: int
+    splits: list[float] = field(default_factory=list)
+
+    @property
+    def direction(self) -> Array:
+        """The unit vector along the strut, away from the node."""
+        return self.sign * self.axis
+
+    def across(self, angle: float) -> Array:
+        """The unit vector across the strut."""
+        return np.asarray(np.cos(angle) * self.x_axis + np.sin(angle) * self.y_axis)
+
+
+def build_strut_brep(
+    points: Array,
+    struts: IntArray,
+    radius: float,
+    node_radius: float,
+    box: tuple[Array, Array] | None = None,
+) -> Brep:
+    """The boundary of struts (m, 2) between points (n, 3), with balls at the nodes; cut by the sides of a box that they lie in.
+
+    node_radius: at least `radius`. The struts must not touch each other but in common nodes, see `find_contact`; a node that is
+    not in a side must be clear of it.
+    """
+    ends = make_strut_ends(points, struts, radius, node_radius, box)
+    facets: list[_Facet] = []
+    cuts = [_choose_cuts(ends[s]) for s in range(len(struts))]
+    _exchange_splits(ends, cuts, radius, node_radius)
+    for pair, cut in zip(ends, cuts, strict=True):
+        facets += _bound_cylinder(pair, cut, points, struts, radius)
+        for end in pair:
+            facets += _bound_ball(end, cut, radius, node_radius)
+    brep = _assemble(facets, radius)
+    if box is None:
+        return brep
+    return _close_sides(brep, facets, points, struts, radius, node_radius, box)
+
+
+def _sides_of(points: Array, box: tuple[Array, Array] | None) -> list[Array]:
+    """For each point, the outward normals (k, 3) of the sides of the box that it lies in."""
+    if box is None:
+        return [np.zeros((0, 3))] * len(points)
+    lo, hi = box
+    tol = ON_SIDE * float((hi - lo).max())
+    normals = np.concatenate([-np.eye(3), np.eye(3)])
+    on = np.concatenate([np.abs(points - lo) <= tol, np.abs(points - hi) <= tol], axis=1)
+    return [normals[row] for row in on]
+
+
+def make_strut_ends(
+    points: Array, struts: IntArray, radius: float, node_radius: float, box: tuple[Array, Array] | None
+) -> list[tuple[StrutEnd, StrutEnd]]:
+    """Both ends of every strut."""
+    at: list[list[tuple[int, int]]] = [[] for _ in points]
+    for s, (a, b) in enumerate(struts.tolist()):
+        at[a].append((s, +1))
+        at[b].append((s, -1))
+    along = points[struts[:, 1]] - points[struts[:, 0]]
+    axes = along / np.linalg.norm(along, axis=1)[:, None]
+    normals = _sides_of(points, box)
+    begin = float(np.sqrt(max((node_radius / radius) ** 2 - 1.0, 0.0)))
+    made = []
+    for s, nodes in enumerate(struts.tolist()):
+        axis = axes[s]
+        x_axis = np.cross(axis, np.eye(3)[int(np.argmin(np.abs(axis)))])
+        x_axis /= np.linalg.norm(x_axis)
+        y_axis = np.cross(axis, x_axis)
+        pair = []
+        for node, sign in zip(nodes, (+1, -1), strict=True):
+            direction = sign * axis
+            others = tuple(other for other, _ in at[node] if other != s)
+            directions = np.array([way * axes[other] for other, way in at[node] if other != s]).reshape(-1, 3)
+            leaning = normals[node] @ direction < -IN_PLANE
+            borders = np.concatenate(
+                [
+                    border_waves(direction, x_axis, y_axis, directions),
+                    plane_waves(direction, x_axis, y_axis, normals[node][leaning]),
+                ]
+            )
+            start, stop = find_sector(x_axis, y_axis, normals[node][~leaning])
+            pair.append(
+                StrutEnd(
+                    node,
+                    s,
+                    sign,
+                    points[node],
+                    axis,
+                    x_axis,
+                    y_axis,
+                    others,
+                    find_envelope(np.concatenate([borders, [[0.0, 0.0, begin]]]), start, stop),
+                    find_envelope(borders, start, stop) if len(borders) else None,
+                    len(borders),
+                )
+            )
+        made.append((pair[0], pair[1]))
+    return made
+
+
+def _choose_cuts(pair: tuple[StrutEnd, StrutEnd]) -> tuple[float, ...]:
+    """The angles at which a strut begins, is cut and ends: a sector, or a turn cut in two."""
+    first = pair[0].cylinder.breaks
+    start, stop = first[0], first[-1]
+    if stop - start < TWO_PI - SAME_ANGLE:
+        return start, stop
+    known = [e.breaks[:-1] for end in pair for e in (end.cylinder, end.border) if e is not None and len(e.winners) > 1]
+    angles = known[0] if known else (0.0,)
+    opposite = [abs((angle - angles[0]) % TWO_PI - np.pi) for angle in angles]
+    nearest = int(np.argmin(opposite))
+    middle = angles[nearest] if opposite[nearest] < np.pi / 3 else angles[0] + np.pi
+    return angles[0], angles[0] + (middle - angles[0]) % TWO_PI, angles[0] + TWO_PI
+
+
+def _cylinder_point(end: StrutEnd, angle: float, radius: float) -> Array:
+    """The point of a strut's border at an angle."""
+    return np.asarray(end.center + radius * (end.across(angle) + end.cylinder.value(angle) * end.direction))
+
+
+def _ball_point(end: StrutEnd, angle: float, node_radius: float) -> Array:
+    """The point of the border of a strut's part of the ball at an angle."""
+    if end.border is None:
+        return np.asarray(end.center - node_radius * end.direction)
+    arm = end.across(angle) + end.border.value(angle) * end.direction
+    return np.asarray(end.center + node_radius * arm / np.linalg.norm(arm))
+
+
+def _exchange_splits(
+    ends: list[tuple[StrutEnd, StrutEnd]], cuts: list[tuple[float, ...]], radius: float, node_radius: float
+) -> None:
+    """Split the borders of neighbours where a strut is cut and where its own borders break."""
+    by_place = {(end.node, end.strut): end for pair in ends for end in pair}
+    for pair, cut in zip(ends, cuts, strict=True):
+        for end in pair:
+            for angle in cut:
+                row = end.cylinder.winner(angle)
+                if row < len(end.others):
+                    _split(by_place[end.node, end.others[row]], _cylinder_point(end, angle, radius))
+                if row == end.ball and end.border is not None:
+                    row = end.border.winner(angle)
+                    if row < len(end.others):
+                        _split(by_place[end.node, end.others[row]], _ball_point(end, angle, node_radius))
+
+
+def _split(end: StrutEnd, point: Array) -> None:
+    arm = point - end.center
+    end.splits.append(float(np.arctan2(arm @ end.y_axis, arm @ end.x_axis)))
+
+
+def _bound_cylinder(
+    pair: tuple[StrutEnd, StrutEnd], cuts: Sequence[float], points: Array, struts: IntArray, radius: float
+) -> Iterator[_Facet]:
+    """The faces of one cylinder."""
+    first = pair[0]
+    carrier = CylindricalSurface(first.center, first.x_axis, first.axis, radius)
+    length = float((pair[1].center - first.center) @ first.axis)
+    for start, stop in pairwise(cuts):
+        chains = [
+            [
+                _border_side(end, low, high, row, radius, length)
+                for low, high, row in end.cylinder.pieces(start, stop, end.splits)
+            ]
+            for end in pair
+        ]
+        heights = [
+            [radius * first.cylinder.value(a), length - radius * pair[1].cylinder.value(a)] for a in (start, stop)
+        ]
+        lower, upper = chains[0], [_reversed(side) for side in reversed(chains[1])]
+        rulings = []
+        for angle, (low, high) in zip((start, stop), heights, strict=True):
+            foot = first.center + radius * first.across(angle)
+            line = line_segment(foot + low * first.axis, foot + high * first.axis, (low, high))
+            rulings.append(_Side(line, (low, high), 1, line_segment((angle, low), (angle, high), (low, high))))
+        yield _Facet(carrier, 1, SURFACE, [[*lower, rulings[1], *upper, _reversed(rulings[0])]])
+
+
+def _reversed(side: _Side) -> _Side:
+    return _Side(side.curve, side.span, -side.sense, side.pcurve)
+
+
+def _border_side(end: StrutEnd, low: float, high: float, row: int, radius: float, length: float) -> _Side:
+    """An arc of the border of a cylinder, in the direction of growing angles: of an ellipse or a circle."""
+    a, b, c = end.cylinder.waves[row]
+    steep = float(np.hypot(a, b))
+    base = 0.0 if end.sign > 0 else length
+    if steep < SAME_ANGLE:
+        center = end.center + radius * c * end.direction
+        height = base + end.sign * radius * c
+        curve: EdgeCurve = Circle(center, end.x_axis, end.axis, radius)
+        return _Side(curve, (low, high), 1, line_segment((low, height), (high, height), (low, high)))
+    phase = float(np.arctan2(b, a))
+    major = end.across(phase) + steep * end.direction
+    minor = end.across(phase + np.pi / 2)
+    size = float(np.linalg.norm(major))
+    curve = Ellipse(end.center, major / size, np.cross(major / size, minor), radius * size, radius)
+
+    def place(t: Array) -> Array:
+        return np.column_stack([t + phase, base + end.sign * radius * steep * np.cos(t)])
+
+    def measure(uv: Array, t: Array) -> float:
+        return float(np.abs(uv - place(t)).max() * max(1.0, radius))
+
+    span = low - phase, high - phase
+    return _Side(curve, span, 1, _interpolate(place, span, measure, PCURVE_TOL * radius))
+
+
+def _bound_ball(end: StrutEnd, cuts: Sequence[float], radius: float, node_radius: float) -> Iterator[_Facet]:
+    """The faces of the part of a ball between a strut's circle and its neighbours, where the ball shows."""
+    sphere = SphericalSurface(end.center, end.x_axis, end.axis, node_radius)
+    begin = end.cylinder.waves[end.ball, 2]
+    top = float(np.arctan2(begin, 1.0))  # latitude of the circle, towards the strut
+    for start, stop in pairwise(cuts):
+        shown = [(low, high) for low, high, row in end.cylinder.pieces(start, stop) if row == end.ball]
+        for low, high in shown:
+            circle = Circle(end.center + radius * begin * end.direction, end.x_axis, end.axis, radius)
+            inner = end.cylinder.pieces(low, high, end.splits)
+            upper = [
+                _Side(circle, (a, b), 1, line_segment((a, end.sign * top), (b, end.sign * top), (a, b)))
+                for a, b, _ in inner
+            ]
+            if end.border is None:
+                border = []
+            else:
+                border = [
+                    _great_arc(end, sphere, a, b, row, node_radius)
+                    for a, b, row in end.border.pieces(low, high, end.splits)
+                ]
+            meridians = [_meridian(end, sphere, angle, top, node_radius) for angle in (low, high)]
+            # seen from outside, latitudes grow along the strut at its start, against it at its end
+            if end.sign > 0:
+                loop = [*border, *meridians[1], *map(_reversed, reversed(upper)), *map(_reversed, meridians[0])]
+            else:
+                loop = [*upper, *map(_reversed, meridians[1]), *map(_reversed, reversed(border)), *meridians[0]]
+            yield _Facet(sphere, 1, SURFACE, [loop])
+
+
+def _meridian(end: StrutEnd, sphere: SphericalSurface, angle: float, top: float, node_radius: float) -> list[_Side]:
+    """The arc from the border of the ball to the strut's circle at an angle; none where they meet."""
+    low = -np.pi / 2 if end.border is None else float(np.arctan2(end.border.value(angle), 1.0))
+    if top - low < SAME_ANGLE:
+        return []
+    # the parameter is the latitude towards the strut
+    across = end.across(angle)
+    curve = Circle(end.center, across, np.cross(across, end.direction), node_radius)
+    return [_Side(curve, (low, top), 1, line_segment((angle, end.sign * low), (angle, end.sign * top), (low, top)))]
+
+
+def _great_arc(end: StrutEnd, sphere: SphericalSurface, low: float, high: float, row: int, node_radius: float) -> _Side:
+    """An arc of a great circle that bounds a strut's part of a ball, in the direction of growing angles."""
+    assert end.border is not None
+    wave = end.border.waves[row]
+
+    def direction(angle: float) -> Array:
+        arm = end.across(angle) + (wave[0] * np.cos(angle) + wave[1] * np.sin(angle)) * end.direction
+        return np.asarray(arm / np.linalg.norm(arm))
+
+    first = direction(low)
+    normal = np.cross(first, direction(0.5 * (low + high)))
+    normal /= np.linalg.norm(normal)
+    last = direction(high)
+    turn = float(np.arctan2(last @ np.cross(normal, first), last @ first)) % TWO_PI
+    curve = Circle(end.center, first, normal, node_radius)
+
+    def place(t: Array) -> Array:
+        uv = sphere.parameters(curve(t))
+        guess = low + (high - low) * t / turn
+        uv[:, 0] += TWO_PI * np.round((guess - uv[:, 0]) / TWO_PI)
+        return uv
+
+    def measure(uv: Array, t: Array) -> float:
+        return float(np.linalg.norm(sphere(*uv.T) - curve(t), axis=1).max())
+
+    return _Side(curve, (0.0, turn), 1, _interpolate(place, (0.0, turn), measure, PCURVE_TOL * node_radius))
+
+
+def _interpolate(
+    place: Callable[[Array], Array], span: tuple[float, float], measure: Callable[[Array, Array], float], tol: float
+) -> BSplineCurve:
+    """The pcurve through points `place(t)` (n, 2), with as many spans as `measure(uv, t)` needs to be within tol."""
+    for count in SPAN_COUNTS:
+        knots = uniform_knots(count, PCURVE_DEGREE, domain=span)
+        sites = greville_abscissae(knots, PCURVE_DEGREE)
+        poles = np.asarray(np.linalg.solve(design_matrix(knots, PCURVE_DEGREE, sites), place(sites)), float)
+        curve = BSplineCurve(poles, knots, PCURVE_DEGREE)
+        checks = np.linspace(*span, 5 * count + 8)
+        if measure(curve(checks), checks) <= tol:
+            break
+    return curve
+
+
+class _PointPool:
+    """Points that are one within a distance, numbered."""
+
+    def __init__(self, points: Array, tol: float) -> None:
+        pairs = cKDTree(points).query_pairs(tol, output_type="ndarray")
+        graph = coo_matrix((np.ones(len(pairs)), (pairs[:, 0], pairs[:, 1])), shape=(len(points),) * 2)
+        _, self.number = connected_components(graph, directed=False)
+        _, first = np.unique(self.number, return_index=True)
+        self.points = points[first]
+
+
+def _assemble(facets: Sequence[_Facet], radius: float) -> Brep:
+    """The faces on common edges and vertices: sides of faces with the same ends and middle are one edge."""
+    sides = [side for facet in facets for loop in facet.loops for side in loop]
+    pool = _PointPool(np.concatenate([side.ends() for side in sides]), SAME_POINT * radius)
+    numbers = pool.number.reshape(-1, 3)
+    known: dict[tuple[int, int, int], int] = {}
+    edge_of, sense_of = [], []
+    rows: list[tuple[_Side, int, int]] = []
+    for side, (start, middle, end) in zip(sides, numbers.tolist(), strict=True):
+        key = min(start, end), max(start, end), middle
+        if key not in known:
+            known[key] = len(rows)
+            rows.append((side, start, end))
+        edge_of.append(known[key])
+        sense_of.append(side.sense if rows[known[key]][1] == start else -side.sense)
+    curves = tuple(side.curve for side, _, _ in rows)
+    used, ends = np.unique(np.array([(a, b) for _, a, b in rows]), return_inverse=True)
+    start, end = ends.reshape(-1, 2).T
+    return _with_matched_pcurves(facets, sides, edge_of, sense_of, rows, curves, pool.points[used], start, end)
+
+
+def _with_matched_pcurves(
+    facets: Sequence[_Facet],
+    sides: Sequence[_Side],
+    edge_of: Sequence[int],
+    sense_of: Sequence[int],
+    rows: Sequence[tuple[_Side, int, int]],
+    curves: tuple[EdgeCurve, ...],
+    vertices: Array,
+    start: IntArray,
+    end: IntArray,
+) -> Brep:
+    """The boundary representation, with every pcurve on the span of its edge's curve."""
+    pcurves: list[BSplineCurve] = []
+    number, deviation = [], np.zeros(len(rows))
+    carriers: list[Carrier] = []
+    carrier_of, known = [], {}
+    loop_start, use_start, at = [0], [0], 0
+    for facet in facets:
+        if id(facet.carrier) not in known:
+            known[id(facet.carrier)] = len(carriers)
+            carriers.append(facet.carrier)
+        carrier_of.append(known[id(facet.carrier)])
+        for loop in facet.loops:
+            for side in loop:
+                row = rows[edge_of[at]][0]
+                if side.pcurve is None:
+                    number.append(-1)
+                else:
+                    number.append(len(pcurves))
+                    pcurves.append(_on_span(side.pcurve, row.span, same_way=sense_of[at] == side.sense))
+                    t = np.linspace(*row.span, 9)
+                    off = np.linalg.norm(facet.carrier(*pcurves[-1](t).T) - row.curve(t), axis=1).max()
+                    deviation[edge_of[at]] = max(deviation[edge_of[at]], off)
+                at += 1
+            use_start.append(at)
+        loop_start.append(len(use_start) - 1)
+    n, m = len(facets), len(rows)
+    tags = np.array([[SURFACE, CAP].index(facet.tag) for facet in facets], np.int64)
+    return Brep(
+        tuple(carriers),
+        curves,
+        tuple(pcurves),
+        vertices,
+        Edges(np.arange(m), Motion.identity(m), np.array([side.span for side, _, _ in rows]), start, end, deviation),
+        EdgeUses(np.array(edge_of), np.array(sense_of), np.array(number)),
+        Faces(
+            np.array(carrier_of),
+            Motion.identity(n),
+            np.array([facet.sense for facet in facets]),
+            tags,
+            np.array(loop_start),
+            np.array(use_start),
+        ),
+        (SURFACE, CAP),
+    )
+
+
+def _on_span(curve: BSplineCurve, span: tuple[float, float], *, same_way: bool) -> BSplineCurve:
+    """The curve with its parameter moved, and reversed if it runs the other way, to another span of the same length."""
+    low, high = curve.domain
+    relative = (curve.knots - low) / (high - low)
+    poles = curve.poles
+    if not same_way:
+        relative, poles = 1.0 - relative[::-1], poles[::-1].copy()
+    return BSplineCurve(poles, span[0] + (span[1] - span[0]) * relative, curve.degree)
+
+
+def _close_sides(
+    open_brep: Brep,
+    facets: Sequence[_Facet],
+    points: Array,
+    struts: IntArray,
+    radius: float,
+    node_radius: float,
+    box: tuple[Array, Array],
+) -> Brep:
+    """The boundary representation with the planar faces in the sides of the box, bounded by the edges that are used once."""
+    sides = [side for facet in facets for loop in facet.loops for side in loop]
+    uses = open_brep.uses
+    once = np.flatnonzero(np.bincount(uses.edge, minlength=len(open_brep.edges)) == 1)
+    of_edge = {int(uses.edge[k]): k for k in range(len(uses))}
+    lo, hi = box
+    tol = SAME_POINT * radius
+    open_sides = [_reversed(sides[of_edge[e]]) for e in once.tolist()]
+    lines = _find_lines(points, struts, radius, node_radius, box)
+    caps: list[_Facet] = []
+    for axis in range(3):
+        for bound, sign in ((lo, -1), (hi, +1)):
+            normal = sign * np.eye(3)[axis]
+            x_axis = np.eye(3)[(axis + 1) % 3]
+            plane = Plane(bound[axis] * np.eye(3)[axis], x_axis, normal)
+            own = [
+                _Side(side.curve, side.span, side.sense, None)
+                for side in open_sides
+                if (np.abs(side.ends()[:, axis] - bound[axis]) <= tol).all()
+            ]
+            for start, end in lines:
+                if abs(start[axis] - bound[axis]) > tol or abs(end[axis] - bound[axis]) > tol:
+                    continue
+                length = float(np.linalg.norm(end - start))
+                inwards = np.sign(0.5 * (lo + hi) - start) * (np.abs(end - start) <= tol) * (np.arange(3) != axis)
+                sense = 1 if np.cross(normal, end - start) @ inwards > 0 else -1
+                own.append(_Side(line_segment(start, end, (0.0, length)), (0.0, length), sense, None))
+            caps += _chain_caps(plane, own, tol)
+    return _assemble([*facets, *caps], radius)
+
+
+def _chain_caps(plane: Plane, sides: Sequence[_Side], tol: float) -> Iterator[_Facet]:
+    """The planar faces on the left of directed sides."""
+    if not sides:
+        return
+    pool = _PointPool(np.concatenate([side.ends() for side in sides]), tol)
+    ends = pool.number.reshape(-1, 3)
+    ends = np.array([row if side.sense > 0 else row[::-1] for row, side in zip(ends, sides, strict=True)])
+    paths = [plane.parameters(side.curve(np.linspace(*side.span, PATH_POINTS)[:: side.sense])) for side in sides]
+    for face in chain_faces(ends[:, 0], ends[:, 2], paths):
+        yield _Facet(plane, 1, CAP, [[sides[i] for i in loop] for loop in face])
+
+
+def _find_lines(
+    points: Array, struts: IntArray, radius: float, node_radius: float, box: tuple[Array, Array]
+) -> list[tuple[Array, Array]]:
+    """The parts of the edges of the box that lie in the solid, from start to end."""
+    lo, hi = box
+    tol = ON_SIDE * float((hi - lo).max())
+    corners = np.stack([lo, hi])
+    neighbours: list[list[int]] = [[] for _ in points]
+    for a, b in struts.tolist():
+        neighbours[a].append(b)
+        neighbours[b].append(a)
+    lines = []
+    for axis in range(3):
+        first, second = (axis + 1) % 3, (axis + 2) % 3
+        for i, j in np.ndindex(2, 2):
+            on = np.flatnonzero(
+                (np.abs(points[:, first] - corners[i, first]) <= tol)
+                & (np.abs(points[:, second] - corners[j, second]) <= tol)
+            )
+            spans = []
+            for node in on.tolist():
+                if not neighbours[node]:
+                    continue
+                ways = points[neighbours[node]] - points[node]
+                ways = ways / np.linalg.norm(ways, axis=1)[:, None]
+                reach = []
+                for sign in (-1, +1):
+                    cosine = sign * ways[:, axis]
+                    along = np.flatnonzero(cosine > 1 - IN_PLANE)
+                    if len(along):
+                        reach.append(points[neighbours[node][along[0]], axis])
+                        continue
+                    sine = np.sqrt(1 - cosine[cosine > 0] ** 2)
+                    far = max([node_radius, *(radius / sine)])
+                    reach.append(float(np.clip(points[node, axis] + sign * far, lo[axis], hi[axis])))
+                spans.append(tuple(reach))
+            for low, high in _unite_spans(spans):
+                start = np.zeros(3)
+                start[[first, second]] = corners[i, first], corners[j, second]
+                end = start.copy()
+                start[axis], end[axis] = low, high
+                lines.append((start, end))
+    return lines
+
+
+def _unite_spans(spans: Sequence[tuple[float, float]]) -> list[tuple[float, float]]:
+    united: list[tuple[float, float]] = []
+    for low, high in sorted(spans):
+        if united and low <= united[-1][1]:
+            united[-1] = united[-1][0], max(high, united[-1][1])
+        else:
+            united.append((low, high))
+    return united
