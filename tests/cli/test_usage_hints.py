@@ -65,7 +65,7 @@ def read_error(line: str, capsys: pytest.CaptureFixture[str]) -> str:
         ("latice gyroid", "Did you mean 'lattice'"),
         ("version", "`tpmscad --version`"),
         ("convert a.step a.stl", "-o part.stl"),
-        ("knit gyroid", "the commands are lattice, infill"),
+        ("knit gyroid", "the commands are lattice, struts, infill"),
         ("export a.step a.stl", "No such command 'export': the commands that make solids"),
     ],
 )

@@ -213,6 +213,18 @@ SAME = {
         ("by = 'ball'\nspan = [-3, 3]\nvalues = [0, 1]", fields.ramp(BALL, (-3, 3), (0, 1))),
         ("by = 'y'\nspan = [-3, 3]\nvalues = [0, 1]\nsmooth = false", fields.ramp("y", (-3, 3), (0, 1), smooth=False)),
     ],
+    "struts": [
+        (
+            "points = [[0, 0, 0], [2, 0, 0], [0, 2, 1]]\nedges = [[0, 1], [1, 2]]\ndiameter = 0.5",
+            fields.struts([(0, 0, 0), (2, 0, 0), (0, 2, 1)], [(0, 1), (1, 2)], 0.5),
+        )
+    ],
+    "strut_lattice": [
+        (
+            "structure = 'bcc'\ncell = 3\ncells = [1, 2, 1]\ndiameter = 0.4",
+            fields.strut_lattice("bcc", cell=3, cells=(1, 2, 1), diameter=0.4),
+        )
+    ],
     "translate": [("of = 'gyroid'\nvector = [1, 2, 3]", fields.translate(GYROID, (1, 2, 3)))],
     "rotate": [("field = 'ball'\naxis = 'y'\nangle = 30", fields.rotate(BALL, "y", 30))],
     "scale": [("of = 'gyroid'\nfactor = 2", fields.scale(GYROID, 2))],

@@ -276,7 +276,7 @@ def _join_straight(points: Array, edges: IntArray) -> IntArray:
 
 @validate_call()
 def strut_lattice(
-    kind: Annotated[str, choice_of(*KINDS), "Kind of cell."],
+    structure: Annotated[str, choice_of(*KINDS), "Kind of cell."],
     cell: Annotated[float | Sequence[float], LENGTHS, "Edge length of the cell, or one for each axis, model units."],
     diameter: Annotated[float, POSITIVE, "Diameter of the struts, model units."],
     cells: Annotated[int | Sequence[int], CELL_COUNTS, "Number of cells along every axis, or along each."] = (1, 1, 1),
@@ -301,7 +301,7 @@ def strut_lattice(
     >>> float(fields.strut_lattice("bcc", 10.0, 1.0)((5.0, 5.0, 5.0)))
     -0.5
     """
-    return struts(*make_strut_graph(kind, cell, cells, angle), diameter, node_radius)
+    return struts(*make_strut_graph(structure, cell, cells, angle), diameter, node_radius)
 
 
 def make_strut_graph(
