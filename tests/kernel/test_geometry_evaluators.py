@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from OCP.BRepAdaptor import BRepAdaptor_Surface
 
+from tpmscad.kernel.occt.evaluator_tables import pack_curves, pack_surfaces
 from tpmscad.kernel.occt.geometry_evaluators import SplineSurfaceEvaluator, edge_evaluator, face_evaluator
 from tpmscad.splines.bspline import BSplineSurface
 
@@ -61,3 +62,20 @@ def test_derivatives_of_faces_and_edges_are_those_of_differences(name: str) -> N
         ahead, behind = evaluate(t + STEP)[0], evaluate(t - STEP)[0]
         np.testing.assert_allclose((ahead - behind) / (2 * STEP), slope, atol=1e-6)
         assert max(bd.Vertex(*p).distance(edge) for p in points.tolist()) < 1e-6
+
+
+def test_tables_give_what_their_surfaces_and_curves_give() -> None:
+    solids = [make() for make in SOLIDS.values()]
+    faces = [face_evaluator(face.wrapped) for solid in solids for face in solid.faces()]
+    curves = [edge_evaluator(edge.wrapped) for solid in solids for edge in solid.edges()]
+    rng = np.random.default_rng(5)
+    which, uv = rng.integers(0, len(faces), 400), rng.uniform(-0.1, 1.1, (400, 2))
+    table = pack_surfaces(faces)
+    for packed, numbers in ((table, which), (table.select(np.arange(len(faces))[::-1]), len(faces) - 1 - which)):
+        for k, values in enumerate(packed(numbers, uv)):
+            expected = [faces[f](at[None])[k][0] for f, at in zip(which.tolist(), uv, strict=True)]
+            np.testing.assert_allclose(values, expected, atol=1e-12)
+    which, t = rng.integers(0, len(curves), 300), rng.uniform(0.0, 1.0, 300)
+    for k, values in enumerate(pack_curves(curves).select(np.arange(len(curves)))(which, t)):
+        expected = [curves[e](at[None])[k][0] for e, at in zip(which.tolist(), t, strict=True)]
+        np.testing.assert_allclose(values, expected, atol=1e-12)

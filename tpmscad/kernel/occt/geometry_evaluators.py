@@ -126,8 +126,8 @@ def _evaluate_surface(
     basis_u, slope_u = np.empty(degree_u + 1), np.empty(degree_u + 1)
     basis_v, slope_v = np.empty(degree_v + 1), np.empty(degree_v + 1)
     for i in range(len(uv)):
-        first_u = _evaluate_basis(knots_u, degree_u, uv[i, 0], basis_u, slope_u)
-        first_v = _evaluate_basis(knots_v, degree_v, uv[i, 1], basis_v, slope_v)
+        first_u = evaluate_basis(knots_u, degree_u, uv[i, 0], basis_u, slope_u)
+        first_v = evaluate_basis(knots_v, degree_v, uv[i, 1], basis_v, slope_v)
         for axis in range(3):
             x, xu, xv = 0.0, 0.0, 0.0
             for a in range(degree_u + 1):
@@ -153,9 +153,9 @@ def _evaluate_grids(
     row = np.empty((poles.shape[1], 3))
     for i in range(n):
         for b in range(l):
-            first_v[b] = _evaluate_basis(knots_v, degree_v, v[i, b], basis_v[b], slope)
+            first_v[b] = evaluate_basis(knots_v, degree_v, v[i, b], basis_v[b], slope)
         for a in range(k):
-            first_u = _evaluate_basis(knots_u, degree_u, u[i, a], basis_u, slope)
+            first_u = evaluate_basis(knots_u, degree_u, u[i, a], basis_u, slope)
             for j in range(first_v[0], first_v[l - 1] + degree_v + 1):
                 for axis in range(3):
                     row[j, axis] = 0.0
@@ -170,7 +170,7 @@ def _evaluate_grids(
 
 
 @njit_cached
-def _evaluate_basis(
+def evaluate_basis(
     knots: Array, degree: int, t: float, basis: Array, slope: Array
 ) -> int:  # pragma: no cover - compiled
     """The degree + 1 basis functions that do not vanish at t, and their slopes; returns the number of the first (Cox-de Boor)."""

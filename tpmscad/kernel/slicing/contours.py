@@ -18,8 +18,8 @@ import numpy as np
 from tpmscad._typing import Array, BoolArray, IntArray
 from tpmscad.brep.loops import follow_cycles
 from tpmscad.kernel.export.solid_mesh import mesh_parametrically
-from tpmscad.kernel.occt.geometry_evaluators import SurfaceEvaluator
-from tpmscad.kernel.slicing.level_crossings import Crossings, find_crossings, group_by
+from tpmscad.kernel.occt.evaluator_tables import SurfaceTable
+from tpmscad.kernel.slicing.level_crossings import Crossings, find_crossings
 from tpmscad.kernel.slicing.level_refinement import resolve_levels
 from tpmscad.kernel.slicing.surface_triangulation import SurfaceTriangulation, triangulation_of
 from tpmscad.parallel import split_batches, task_runner
@@ -135,54 +135,52 @@ class _Arcs:
     unresolved: int
 
 
-def _split_chords(
-    crossings: Crossings, surfaces: Sequence[SurfaceEvaluator], levels: Array, chord_error: float, tol: float
-) -> _Arcs:
+def _split_chords(crossings: Crossings, surfaces: SurfaceTable, levels: Array, chord_error: float, tol: float) -> _Arcs:
     """Split all segments on their faces until their sagitta is within the chord error."""
     points, marks = [crossings.point], [crossings.level]
     tails, heads, beyonds, lengths = [], [], [], []
     count, unresolved = len(crossings.point), 0
-    for members in group_by(np.arange(len(crossings.face)), crossings.face):
-        surface = surfaces[int(crossings.face[members[0]])]
-        tail, head = crossings.tail[members], crossings.head[members]
-        level = crossings.level[tail]
-        a, b = crossings.point[tail], crossings.point[head]
-        uv_a, uv_b = crossings.tail_uv[members], crossings.head_uv[members]
-        for split in range(MAX_SPLITS + 1):
-            middle_uv, middle, found = _find_middle(surface, uv_a, uv_b, levels[level], tol)
-            chord = b - a
-            length = np.linalg.norm(chord, axis=1)
-            safe = np.where(length > tol, length, 1.0)
-            at = ((middle - a) * chord).sum(axis=1) / safe**2
-            offset = np.linalg.norm(middle - a - np.clip(at, 0.0, 1.0)[:, None] * chord, axis=1)
-            between = found & (np.minimum(at, 1.0 - at) > MIN_MIDDLE_FRACTION) & (length > tol)
-            at = np.where(between, at, 0.5)
-            sagitta = np.where(between, -_cross(chord, middle - a) / safe / (4.0 * at * (1.0 - at)), 0.0)
-            long = (np.abs(sagitta) > chord_error) | (found & (offset > chord_error))
-            if split == MAX_SPLITS:
-                unresolved += int(long.sum())
-                long[:] = False
-            kept = ~long
-            tails.append(tail[kept])
-            heads.append(head[kept])
-            slopes = (np.where(between[kept], _slopes(surface, uv[kept], chord[kept]), np.inf) for uv in (uv_a, uv_b))
-            beyonds.append(_areas_beyond(at[kept], sagitta[kept], length[kept], *slopes))
-            lengths.append((length + 8.0 / 3.0 * sagitta**2 / safe)[kept])
-            if not long.any():
-                break
-            new = count + np.arange(int(long.sum()))
-            count += len(new)
-            points.append(middle[long])
-            marks.append(level[long])
-            tail, head = np.concatenate([tail[long], new]), np.concatenate([new, head[long]])
-            a, b = np.concatenate([a[long], middle[long]]), np.concatenate([middle[long], b[long]])
-            uv_a, uv_b = (
-                np.concatenate([uv_a[long], middle_uv[long]]),
-                np.concatenate([middle_uv[long], uv_b[long]]),
-            )
-            level = np.concatenate([level[long], level[long]])
-    if not tails:
-        return _Arcs(points[0], marks[0], crossings.tail, crossings.head, np.zeros(0), np.zeros(0), 0)
+    face, tail, head = crossings.face, crossings.tail, crossings.head
+    level = crossings.level[tail]
+    a, b = crossings.point[tail], crossings.point[head]
+    uv_a, uv_b = crossings.tail_uv, crossings.head_uv
+    for split in range(MAX_SPLITS + 1):
+        middle_uv, middle, found = _find_middles(surfaces, face, uv_a, uv_b, levels[level], tol)
+        chord = b - a
+        length = np.linalg.norm(chord, axis=1)
+        safe = np.where(length > tol, length, 1.0)
+        at = ((middle - a) * chord).sum(axis=1) / safe**2
+        offset = np.linalg.norm(middle - a - np.clip(at, 0.0, 1.0)[:, None] * chord, axis=1)
+        between = found & (np.minimum(at, 1.0 - at) > MIN_MIDDLE_FRACTION) & (length > tol)
+        at = np.where(between, at, 0.5)
+        sagitta = np.where(between, -_cross(chord, middle - a) / safe / (4.0 * at * (1.0 - at)), 0.0)
+        long = (np.abs(sagitta) > chord_error) | (found & (offset > chord_error))
+        if split == MAX_SPLITS:
+            unresolved += int(long.sum())
+            long[:] = False
+        kept = np.flatnonzero(~long)
+        tails.append(tail[kept])
+        heads.append(head[kept])
+        slopes = [np.full(len(kept), np.inf), np.full(len(kept), np.inf)]
+        smooth = np.flatnonzero(between[kept])
+        for slope, uv in zip(slopes, (uv_a, uv_b), strict=True):
+            own = kept[smooth]
+            slope[smooth] = _slopes(surfaces, face[own], uv[own], chord[own])
+        beyonds.append(_areas_beyond(at[kept], sagitta[kept], length[kept], *slopes))
+        lengths.append((length + 8.0 / 3.0 * sagitta**2 / safe)[kept])
+        if not long.any():
+            break
+        new = count + np.arange(int(long.sum()))
+        count += len(new)
+        points.append(middle[long])
+        marks.append(level[long])
+        tail, head = np.concatenate([tail[long], new]), np.concatenate([new, head[long]])
+        a, b = np.concatenate([a[long], middle[long]]), np.concatenate([middle[long], b[long]])
+        uv_a, uv_b = (
+            np.concatenate([uv_a[long], middle_uv[long]]),
+            np.concatenate([middle_uv[long], uv_b[long]]),
+        )
+        level, face = np.tile(level[long], 2), np.tile(face[long], 2)
     return _Arcs(
         np.concatenate(points),
         np.concatenate(marks),
@@ -194,9 +192,9 @@ def _split_chords(
     )
 
 
-def _slopes(surface: SurfaceEvaluator, uv: Array, chord: Array) -> Array:
+def _slopes(surfaces: SurfaceTable, face: IntArray, uv: Array, chord: Array) -> Array:
     """Slopes against chords (n, 2), to their left, of contours at parameters (n, 2); infinite where the face is horizontal."""
-    _, xu, xv = surface(uv)
+    _, xu, xv = surfaces(face, uv)
     tangent = xv[:, 2, None] * xu[:, :2] - xu[:, 2, None] * xv[:, :2]
     along = (tangent * chord).sum(axis=1)
     return np.divide(_cross(chord, tangent), along, out=np.full(len(uv), np.inf), where=along != 0.0)
@@ -216,14 +214,14 @@ def _areas_beyond(at: Array, sagitta: Array, length: Array, slope_a: Array, slop
     return np.asarray(length**2 * (p / 6.0 + (rise - r) / 12.0 + r / 20.0))
 
 
-def _find_middle(
-    surface: SurfaceEvaluator, uv_a: Array, uv_b: Array, height: Array, tol: float
+def _find_middles(
+    surfaces: SurfaceTable, face: IntArray, uv_a: Array, uv_b: Array, height: Array, tol: float
 ) -> tuple[Array, Array, BoolArray]:
     """Parameters (n, 2) and point (n, 2) of the contour near the middle of segments, and whether it was found (n,)."""
     uv = 0.5 * (uv_a + uv_b)
     reach = np.linalg.norm(uv_b - uv_a, axis=1)
     for _ in range(NEWTON_STEPS):
-        x, xu, xv = surface(uv)
+        x, xu, xv = surfaces(face, uv)
         off = x[:, 2] - height
         if (np.abs(off) <= tol).all():
             break

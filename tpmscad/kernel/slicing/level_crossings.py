@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from tpmscad._typing import Array, IntArray
-from tpmscad.kernel.occt.geometry_evaluators import CurveEvaluator, SurfaceEvaluator
+from tpmscad.kernel.occt.evaluator_tables import CurveTable, SurfaceTable
 from tpmscad.kernel.slicing.surface_triangulation import SurfaceTriangulation
 
 MAX_ROOT_STEPS = 60
@@ -112,40 +112,33 @@ def number_sides(mesh: SurfaceTriangulation) -> Sides:
 def lines_of_sides(
     mesh: SurfaceTriangulation, sides: Sides, which: IntArray
 ) -> Iterator[tuple[IntArray, SideEvaluator]]:
-    """Positions in `which` (n,) of the sides on one face or edge, and the lines from their first nodes to their second ones."""
+    """Positions in `which` (n,) of the sides on faces and on edges, and the lines from their first nodes to their second ones."""
     segment, table = sides.segment[which], mesh.segments
     inside, outer = np.flatnonzero(segment < 0), np.flatnonzero(segment >= 0)
-    for members in group_by(inside, sides.face[which[inside]]):
-        uv = sides.uv[which[members]]
-        yield members, _line_on_face(mesh.surfaces[int(sides.face[which[members[0]]])], uv[:, 0], uv[:, 1] - uv[:, 0])
-    for members in group_by(outer, table.edge[segment[outer]]):
-        own = segment[members]
-        against = table.nodes[own, 0] != sides.nodes[which[members], 0]
+    if len(inside):
+        uv = sides.uv[which[inside]]
+        yield inside, _lines_on_faces(mesh.surfaces, sides.face[which[inside]], uv[:, 0], uv[:, 1] - uv[:, 0])
+    if len(outer):
+        own = segment[outer]
+        against = table.nodes[own, 0] != sides.nodes[which[outer], 0]
         begin, end = (table.parameters[own, np.where(against, 1 - k, k)] for k in (0, 1))
-        yield members, _line_on_edge(mesh.curves[int(table.edge[own[0]])], begin, end)
+        yield outer, _lines_on_edges(mesh.curves, table.edge[own], begin, end)
 
 
-def _line_on_face(surface: SurfaceEvaluator, start: Array, by: Array) -> SideEvaluator:
+def _lines_on_faces(surfaces: SurfaceTable, face: IntArray, start: Array, by: Array) -> SideEvaluator:
     def evaluate(t: Array, which: IntArray) -> tuple[Array, Array]:
-        x, xu, xv = surface(start[which] + t[:, None] * by[which])
+        x, xu, xv = surfaces(face[which], start[which] + t[:, None] * by[which])
         return x, xu[:, 2] * by[which, 0] + xv[:, 2] * by[which, 1]
 
     return evaluate
 
 
-def _line_on_edge(curve: CurveEvaluator, begin: Array, end: Array) -> SideEvaluator:
+def _lines_on_edges(curves: CurveTable, edge: IntArray, begin: Array, end: Array) -> SideEvaluator:
     def evaluate(t: Array, which: IntArray) -> tuple[Array, Array]:
-        x, slope = curve((1.0 - t) * begin[which] + t * end[which])
+        x, slope = curves(edge[which], (1.0 - t) * begin[which] + t * end[which])
         return x, slope[:, 2] * (end - begin)[which]
 
     return evaluate
-
-
-def group_by(items: IntArray, keys: IntArray) -> list[IntArray]:
-    """Items (n,) with equal keys together."""
-    order = np.argsort(keys, kind="stable")
-    starts = np.flatnonzero(np.diff(keys[order])) + 1
-    return np.split(items[order], starts) if len(items) else []
 
 
 def _find_roots(line: SideEvaluator, ends: Array, target: Array, tol: float) -> tuple[Array, Array]:

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from tpmscad._typing import Array, IntArray
 from tpmscad.kernel.export.solid_mesh import EdgeSegments
-from tpmscad.kernel.slicing.level_crossings import SideEvaluator, Sides, group_by, lines_of_sides, number_sides
+from tpmscad.kernel.slicing.level_crossings import SideEvaluator, Sides, lines_of_sides, number_sides
 from tpmscad.kernel.slicing.surface_triangulation import SurfaceTriangulation
 
 MAX_PASSES = 40
@@ -56,12 +56,8 @@ def resolve_levels(mesh: SurfaceTriangulation, levels: Array) -> SurfaceTriangul
 
 def _corner_gradients(mesh: SurfaceTriangulation, which: IntArray) -> Array:
     """Derivatives of the height with respect to u and v at the corners of some triangles (a,): (a, 3, 2)."""
-    found = np.empty((len(which), 3, 2))
-    for members in group_by(np.arange(len(which)), mesh.face[which]):
-        triangles = which[members]
-        _, xu, xv = mesh.surfaces[int(mesh.face[triangles[0]])](mesh.uv[triangles].reshape(-1, 2))
-        found[members] = np.stack([xu[:, 2], xv[:, 2]], axis=1).reshape(-1, 3, 2)
-    return found
+    _, xu, xv = mesh.surfaces(np.repeat(mesh.face[which], 3), mesh.uv[which].reshape(-1, 2))
+    return np.stack([xu[:, 2], xv[:, 2]], axis=1).reshape(-1, 3, 2)
 
 
 def _split_sides(
@@ -191,9 +187,7 @@ def _split_triangles(
     inside = weights.min(axis=1) > MIN_BARYCENTRIC
     which, weights = which[inside], weights[inside]
     uv = np.einsum("nk,nkd->nd", weights, mesh.uv[which])
-    point = np.empty((len(which), 3))
-    for members in group_by(np.arange(len(which)), mesh.face[which]):
-        point[members] = mesh.surfaces[int(mesh.face[which[members[0]]])](uv[members])[0]
+    point = mesh.surfaces(mesh.face[which], uv)[0]
     rank = np.searchsorted(levels, mesh.points[:, 2], side="right")[mesh.triangles[which]]
     reached = np.searchsorted(levels, point[:, 2], side="right")
     due = (reached > rank.max(axis=1)) | (reached < rank.min(axis=1))

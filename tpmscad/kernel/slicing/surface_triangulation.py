@@ -12,6 +12,7 @@ import numpy as np
 
 from tpmscad._typing import Array, IntArray
 from tpmscad.kernel.export.solid_mesh import EdgeSegments, ParametricMesh
+from tpmscad.kernel.occt.evaluator_tables import CurveTable, SurfaceTable, pack_curves, pack_surfaces
 from tpmscad.kernel.occt.geometry_evaluators import (
     CurveEvaluator,
     LineEvaluator,
@@ -32,7 +33,7 @@ class SurfaceTriangulation:
     """Triangles of a solid, and the surfaces and curves that their corners and sides lie on.
 
     points (n, 3), triangles (m, 3), face (m,), nodes, uv, segment and segments are those of `ParametricMesh`; surfaces and curves
-    are the evaluators of its faces and edges.
+    evaluate its faces and edges by number.
     """
 
     points: Array
@@ -42,8 +43,8 @@ class SurfaceTriangulation:
     uv: Array
     segment: IntArray
     segments: EdgeSegments
-    surfaces: tuple[SurfaceEvaluator, ...]
-    curves: tuple[CurveEvaluator, ...]
+    surfaces: SurfaceTable
+    curves: CurveTable
 
     @property
     def size(self) -> float:
@@ -54,8 +55,8 @@ class SurfaceTriangulation:
         """Lowest and highest point of the solid's boundary over each triangle, or beyond: (m, 2)."""
         z = self.points[self.triangles, 2]
         low, high = z.min(axis=1), z.max(axis=1)
-        of_face = np.array([_find_height_range(each) for each in self.surfaces])[self.face]
-        of_curve = np.array([*(_find_height_range(each) for each in self.curves), (np.inf, -np.inf)])
+        of_face = np.array([_find_height_range(each) for each in self.surfaces.evaluators])[self.face]
+        of_curve = np.array([*(_find_height_range(each) for each in self.curves.evaluators), (np.inf, -np.inf)])
         of_side = of_curve[np.where(self.segment >= 0, self.segments.edge[self.segment], -1)]
         margin = HEIGHT_MARGIN * self.size
         return np.stack(
@@ -84,8 +85,8 @@ class SurfaceTriangulation:
             segments=EdgeSegments(
                 of_segment, np.searchsorted(node, self.segments.nodes[own]), self.segments.parameters[own]
             ),
-            surfaces=tuple(self.surfaces[i] for i in face),
-            curves=tuple(self.curves[i] for i in edge),
+            surfaces=self.surfaces.select(face),
+            curves=self.curves.select(edge),
         )
 
 
@@ -99,8 +100,8 @@ def triangulation_of(mesh: ParametricMesh) -> SurfaceTriangulation:
         mesh.uv,
         mesh.segment,
         mesh.segments,
-        tuple(face_evaluator(face) for face in mesh.faces),
-        tuple(edge_evaluator(edge) for edge in mesh.edges),
+        pack_surfaces([face_evaluator(face) for face in mesh.faces]),
+        pack_curves([edge_evaluator(edge) for edge in mesh.edges]),
     )
 
 
