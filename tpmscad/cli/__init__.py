@@ -123,7 +123,7 @@ COMMANDS = (
         RECIPES,
         "reference_commands.template",
         "Print a commented recipe, or a table, to start from.",
-        ("template solidify > my.toml", "template sweep > designs.csv"),
+        ("template solidify -o my.toml", "template sweep > designs.csv"),
     ),
     Command(
         RECIPES,

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-import time
 from collections.abc import Callable
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 from tpmscad.cli.derived_options import take_output
@@ -32,10 +32,10 @@ from tpmscad.cli.options import (
 )
 from tpmscad.cli.output import (
     OutputRequest,
-    describe_file,
     progress_bar,
     report_unmet_request,
     summarise,
+    tell,
     write_model,
     write_report,
 )
@@ -139,7 +139,6 @@ def _run(title: str, read: ReadRun, writing: OutputRequest, dry_run: bool) -> No
     """Read a recipe and make its solid, or describe it in a dry run."""
     if not dry_run and writing.output is None:
         raise InvalidRequest("give `output`, the file to write, or `dry_run`, which makes no solid")
-    begun = time.monotonic()
     with report_unmet_request(writing.report), progress_bar(title, writing.quiet) as progress:
         run = read(progress)
         if dry_run:
@@ -148,7 +147,6 @@ def _run(title: str, read: ReadRun, writing: OutputRequest, dry_run: bool) -> No
         else:
             model, content = run.make(progress)
             write_model(model, writing, progress)
-            text = f"{summarise(model, verbose=writing.verbose)}\n{describe_file(writing.output, begun)}"
+            text = summarise(model, verbose=writing.verbose)
         write_report(writing.report, content)
-    if not writing.quiet:
-        print(speak_in_options(text, RENAMED_KEYWORDS))
+    tell(speak_in_options(text, RENAMED_KEYWORDS), replace(writing, output=None) if dry_run else writing)

@@ -8,7 +8,6 @@ from typing import Annotated
 import typer
 
 import tpmscad
-from tpmscad.atomic_file import validate_output_path
 from tpmscad.cli.derived_options import Request, take_options_of
 from tpmscad.cli.options import (
     MetricsOption,
@@ -26,6 +25,7 @@ from tpmscad.cli.output import (
     check_report,
     progress_bar,
     report_unmet_request,
+    tell,
     write_layers,
     write_report,
 )
@@ -110,11 +110,12 @@ def render(
     quiet: QuietOption = False,
 ) -> None:
     """Draw a STEP file as a PNG picture, without a display."""
-    validate_output_path(output, (".png",))
+    writing = OutputRequest(output, report, quiet, suffixes=(".png",))
     with report_unmet_request(report):
         with progress_bar(f"drawing {file.name}", quiet):
             tpmscad.render_step(file, output, **request)
         write_report(report, {"file": str(file), "picture": str(output), "bytes": output.stat().st_size})
+    tell("", writing)
 
 
 @take_options_of(SliceStepOptions)
