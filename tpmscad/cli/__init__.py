@@ -134,13 +134,13 @@ COMMANDS = (
     Command(
         LOOK,
         "step_file_commands.check",
-        "Read a STEP file and report its content.",
+        "Read a CAD file or triangles and report the content.",
         ("check gyroid.step", "check filled.step --metrics --within bracket.step --report filled.json"),
     ),
     Command(
         LOOK,
         "step_file_commands.render",
-        "Draw a STEP file as a PNG picture.",
+        "Draw a CAD file or triangles as a PNG picture.",
         (
             "render gyroid.step -o gyroid.png",
             "render exchanger.step --section z=5 --color-by piece --size 1600x1200 -o exchanger.png",
