@@ -45,6 +45,7 @@ def test_a_closed_mesh_of_every_format_is_ok_with_its_figures(suffix: str, tmp_p
     assert found.area == pytest.approx(124.0, rel=1e-6)
     np.testing.assert_allclose(found.bounds, [(-1, -1.5, -2.5), (11, 1.5, 2.5)], atol=1e-6)
     assert found.healing == ()
+    assert any("no length unit" in note for note in found.notes) == (suffix != ".3mf")
 
 
 @pytest.mark.parametrize(("without", "sides"), [(1, 3), (2, 4)])

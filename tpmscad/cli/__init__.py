@@ -238,13 +238,13 @@ def main(arguments: Sequence[str] | None = None) -> None:
     except (TpmscadError, OSError) as error:
         _exit_with_error(str(error), 1)
     except typer.TyperException as error:
-        _exit_with_usage_error(error)
+        _exit_with_usage_error(error, words)
     except typer.Abort:
         _exit_with_error("interrupted", INTERRUPTED)
     sys.exit(status or 0)
 
 
-def _exit_with_usage_error(error: typer.TyperException) -> NoReturn:
+def _exit_with_usage_error(error: typer.TyperException, words: Sequence[str]) -> NoReturn:
     """Exit with status 2 and the line of an error of usage; without arguments at all the help was asked for."""
     context = getattr(error, "ctx", None)
     if type(error).__name__ == "NoArgsIsHelpError" and context is not None:
@@ -256,7 +256,7 @@ def _exit_with_usage_error(error: typer.TyperException) -> NoReturn:
 
     if described := describe_bad_number(error):
         message = f"{message.split(': ')[0]}: {described}"
-    meant = hint_at_meaning(error)
+    meant = hint_at_meaning(error, words)
     if meant:  # better than the options that are spelled alike
         message = f"{re.split(r' .Possible options|. Did you mean', message)[0]}: {meant}"
     where = f" (see {context.command_path} --help)" if context is not None else ""

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 from tpmscad.cli.derived_options import take_output
@@ -72,7 +73,7 @@ def blend(
 
         return BlendRun.read(recipe, allow_errors=allow_errors, keep_loose=keep_loose, progress=progress)
 
-    _run(f"blending {recipe.name}", read, writing, dry_run)
+    _run("blending", recipe, read, writing, dry_run)
 
 
 @take_output(OptionalOutputOption)
@@ -132,14 +133,16 @@ def solidify(
             )
         return SolidRun.sample(file, **given, tol=tol, keep_loose=keep_loose)
 
-    _run(f"making {file.name}", read, writing, dry_run)
+    _run("making", file, read, writing, dry_run)
 
 
-def _run(title: str, read: ReadRun, writing: OutputRequest, dry_run: bool) -> None:
+def _run(verb: str, file: Path, read: ReadRun, writing: OutputRequest, dry_run: bool) -> None:
     """Read a recipe and make its solid, or describe it in a dry run."""
     if not dry_run and writing.output is None:
-        raise InvalidRequest("give `output`, the file to write, or `dry_run`, which makes no solid")
-    with report_unmet_request(writing.report), progress_bar(title, writing.quiet) as progress:
+        raise InvalidRequest(
+            f"give `output`, the file to write, as in -o {file.stem}.step, or `dry_run`, which makes no solid"
+        )
+    with report_unmet_request(writing.report), progress_bar(f"{verb} {file.name}", writing.quiet) as progress:
         run = read(progress)
         if dry_run:
             text, content = run.describe()

@@ -12,8 +12,12 @@ from tpmscad._typing import BoxCorners
 from tpmscad.brep.triangles.closed_mesh import SolidMesh
 from tpmscad.errors import InvalidRequest
 from tpmscad.fields.data.triangle_mesh import close_mesh, list_open_edges, read_triangles
+from tpmscad.kernel.measure.shape_report import note_missing_unit
 from tpmscad.result_display import fit_lines, format_html_table, split_columns
 from tpmscad.results.result_summary import count_pieces, format_size, round_corners
+
+SUFFIXES_WITH_UNIT = (".3mf",)
+"""Formats that state their unit; the triangles of others have numbers only."""
 
 
 @dataclass(frozen=True, slots=True, repr=False)
@@ -39,7 +43,7 @@ class MeshReport:
     healing : tuple of str
         What filling the mesh would repair, in words, or why it cannot; empty if nothing is wrong.
     notes : tuple of str
-        What a user should know of the file: another unit, triangles without area.
+        What a user should know of the file: another unit or none, triangles without area.
     """
 
     file: str
@@ -110,7 +114,8 @@ def report_mesh(path: Path) -> MeshReport:
         except InvalidRequest as error:
             healing = (f"impossible: {error}",)
     pieces = len(np.unique(solid.component))
+    units = ("mm",) if path.suffix.lower() in SUFFIXES_WITH_UNIT else ()
     return MeshReport(
         found.name, len(found.triangles), len(found.vertices), pieces, open_sides, volume, solid.area,
-        (tuple(low), tuple(high)), healing, found.notes,
+        (tuple(low), tuple(high)), healing, (*found.notes, *note_missing_unit(found.name, units)),
     )  # fmt: skip
