@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import inspect
 import traceback
 from collections.abc import Callable
@@ -14,12 +15,13 @@ import tpmscad
 from benchmarks import fuzz
 from tpmscad import fields
 from tpmscad.api.arguments import arguments_of
-from tpmscad.api.public_calls import validate_call
+from tpmscad.api.public_calls import validate_call, validate_options
 from tpmscad.api.shared_kinds import ANYTHING
 from tpmscad.errors import (
     InvalidRequest,
     MisusedCall,
     NestedTooDeeply,
+    NotMet,
     OutOfMemory,
     TpmscadError,
     UnexpectedError,
@@ -189,3 +191,21 @@ def test_a_refusal_inside_public_functions_that_call_each_other_has_one_frame_of
     with pytest.raises(InvalidRequest) as caught:
         outer()
     assert len(list(traceback.walk_tb(caught.value.__traceback__))) == 2
+
+
+def test_other_errors_keep_the_frames_of_the_package_and_hide_those_of_the_door() -> None:
+    @dataclasses.dataclass(frozen=True)
+    class Options:
+        value: Annotated[int, ANYTHING, "A number."]
+
+    @validate_options(Options, "measure(1)")
+    def measure(options: Options) -> None:
+        raise NotMet(f"{options.value} is too much")
+
+    with pytest.raises(NotMet) as caught:
+        measure(1)
+    frames = [frame for frame, _ in traceback.walk_tb(caught.value.__traceback__)]
+    door = [frame for frame in frames if frame.f_code.co_filename == validate_call.__code__.co_filename]
+    assert len(door) == 3
+    assert all(frame.f_locals["__tracebackhide__"] for frame in door)
+    assert frames[-1].f_code.co_name == "measure"
