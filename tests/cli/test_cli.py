@@ -414,6 +414,7 @@ def test_an_example_in_readme_guide_or_help_is_good_usage(
         "rho.npy",
         "rho.vtu",
         "labels.nii",
+        "scan.stl",
         "designs.csv",
     ):
         Path(name).touch()
