@@ -29,6 +29,7 @@ GROUND = {
     "minimal_series",
     "parallel",
     "progress_display",
+    "result_display",
     "rigid_motion",
     "stage_timer",
     "strut_cells",

@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import dataclasses
 import inspect
+import traceback
+from collections.abc import Callable
 from typing import Annotated, Any
 
 import numpy as np
@@ -12,12 +15,13 @@ import tpmscad
 from benchmarks import fuzz
 from tpmscad import fields
 from tpmscad.api.arguments import arguments_of
-from tpmscad.api.public_calls import validate_call
+from tpmscad.api.public_calls import validate_call, validate_options
 from tpmscad.api.shared_kinds import ANYTHING
 from tpmscad.errors import (
     InvalidRequest,
     MisusedCall,
     NestedTooDeeply,
+    NotMet,
     OutOfMemory,
     TpmscadError,
     UnexpectedError,
@@ -154,3 +158,54 @@ def test_hostile_values_give_results_or_refusals_only() -> None:
 def test_a_name_that_the_package_lacks_is_answered_with_the_nearest() -> None:
     with pytest.raises(AttributeError, match="no attribute 'fill'; did you mean 'infill'"):
         tpmscad.fill  # noqa: B018
+
+
+@pytest.mark.parametrize(
+    "refused",
+    [
+        lambda: tpmscad.lattice("gyroid", cell=-1),
+        lambda: tpmscad.lattice("gyroid", period=10),
+        lambda: tpmscad.lattice("gyro", cell=10, thickness=1),
+        lambda: tpmscad.lattice("gyroid", cell=10),
+        lambda: tpmscad.maps.cylinder(-1),
+        lambda: tpmscad.maps.cylinder(),
+        lambda: fields.tpms("gyroid")([1, 2]),
+        lambda: tpmscad.read_body("no_such_file.step"),
+    ],
+    ids=["value", "keyword", "choice", "combination", "map", "missing", "points", "file"],
+)
+def test_the_traceback_of_a_refusal_is_the_line_of_the_caller_and_one_hidden_frame(refused: Callable[[], Any]) -> None:
+    with pytest.raises(InvalidRequest) as caught:
+        refused()
+    frames = [frame for frame, _ in traceback.walk_tb(caught.value.__traceback__)]
+    assert len(frames) == 3  # this one, the lambda's, the door's
+    assert [frame.f_locals.get("__tracebackhide__", False) for frame in frames] == [False, False, True]
+    assert "During handling" not in "".join(traceback.format_exception(caught.value))
+
+
+def test_a_refusal_inside_public_functions_that_call_each_other_has_one_frame_of_the_door() -> None:
+    @validate_call("outer()")
+    def outer() -> Any:
+        return tpmscad.maps.cylinder(-1)
+
+    with pytest.raises(InvalidRequest) as caught:
+        outer()
+    assert len(list(traceback.walk_tb(caught.value.__traceback__))) == 2
+
+
+def test_other_errors_keep_the_frames_of_the_package_and_hide_those_of_the_door() -> None:
+    @dataclasses.dataclass(frozen=True)
+    class Options:
+        value: Annotated[int, ANYTHING, "A number."]
+
+    @validate_options(Options, "measure(1)")
+    def measure(options: Options) -> None:
+        raise NotMet(f"{options.value} is too much")
+
+    with pytest.raises(NotMet) as caught:
+        measure(1)
+    frames = [frame for frame, _ in traceback.walk_tb(caught.value.__traceback__)]
+    door = [frame for frame in frames if frame.f_code.co_filename == validate_call.__code__.co_filename]
+    assert len(door) == 3
+    assert all(frame.f_locals["__tracebackhide__"] for frame in door)
+    assert frames[-1].f_code.co_name == "measure"

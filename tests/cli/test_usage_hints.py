@@ -51,7 +51,13 @@ def read_error(line: str, capsys: pytest.CaptureFixture[str]) -> str:
         ("lattice gyroid --cell 10 --thickness 0,6 -o a.step", "'0,6' is not a number: write a decimal point"),
         ("lattice gyroid --cell 10 --thickness thin -o a.step", "--thickness': 'thin' is not a number ("),
         ("lattice gyroid --cell 10 --porosity 70% -o a.step", "'70%' is not a number: write 0.7"),
-        ("lattice gyroid --cell 10 --infill 30% -o a.step", "did you mean --volume-fraction or --porosity? "),
+        ("lattice gyroid --cell 10 --infill 30% -o a.step", "did you mean --volume-fraction 0.3? "),
+        ("lattice gyroid --cell 10 --infill=30 -o a.step", "did you mean --volume-fraction 0.3? "),
+        ("lattice gyroid --cell 10 --fill-density 0.25 -o a.step", "did you mean --volume-fraction 0.25? "),
+        ("lattice gyroid --cell 10 --infill 100% -o a.step", "did you mean --volume-fraction? "),
+        ("lattice gyroid --cell 10 --infill", "did you mean --volume-fraction? "),
+        ("homogenize gyroid --thickness 30%", "did you mean --volume-fraction? "),
+        ("homogenize gyroid --solid-fraction 0.4", "did you mean --volume-fraction 0.4? "),
         ("lattice gyroid --cell 10 --jobs 2.5 -o a.step", "'2.5' is not a whole number"),
         ("lattice gyriod --cell 10 -o a.step", "did you mean 'gyroid'?"),
         (
@@ -59,7 +65,13 @@ def read_error(line: str, capsys: pytest.CaptureFixture[str]) -> str:
             "the file comes first, as in `tpmscad infill body.step gyroid`",
         ),
         ("slice part.step -o a.cli", "'--height': as in `tpmscad slice gyroid.step --height 0.05 -o gyroid.cli`"),
-        ("lattice gyroid --cell 10 --thickness 1", "as in `tpmscad lattice gyroid --cell 10"),
+        ("lattice P --cell 10 --thickness 1", "'--output' / '-o': name the file to write, as in -o P.step ("),
+        ("lattice --thickness 1 --cell 10 diamond", "as in -o diamond.step ("),
+        ("infill part.step gyroid --cell 10", "as in -o part_gyroid.step ("),
+        ("slice part.step --height 1", "as in -o part.cli ("),
+        ("render part.step", "as in -o part.png ("),
+        ("mesh part.step --size 1", "as in -o part.msh ("),
+        ("solidify part.toml", "give --output, the file to write, as in -o part.step, or --dry-run"),
         ("sweep", "as in `tpmscad sweep designs.csv -o results.csv`"),
         ("gyroid --cell 10", "did you mean `tpmscad lattice gyroid`?"),
         ("latice gyroid", "Did you mean 'lattice'"),
@@ -76,6 +88,7 @@ def test_a_word_of_another_program_is_answered_with_ours(
     meant: str,
 ) -> None:
     Path("part.step").touch()
+    Path("part.toml").touch()
     assert meant in read_error(line, capsys)
     assert not recorder.called
 

@@ -2,7 +2,8 @@
 
 `public` is the decorator of public functions. On the way in, a call that does not fit is answered with the keyword that was meant
 and the call as it is written (MisusedCall), and every value is read as `tpmscad.api.argument_table` declares it (InvalidRequest).
-On the way out, an exception that is no TpmscadError becomes one, with the original as its cause.
+On the way out, an exception that is no TpmscadError becomes one, with the original as its cause. The traceback of an
+InvalidRequest is the caller's line and one frame of the door, which tools that honour `__tracebackhide__` (pytest, IPython) hide.
 """
 
 from __future__ import annotations
@@ -71,6 +72,7 @@ def validate_options(options: Callable[P, S], example: str) -> Callable[[Callabl
         guarded = translate_errors(function)
 
         def take_one_by_one(*args: P.args, **kwargs: P.kwargs) -> R:
+            __tracebackhide__ = True
             return guarded(options(*args, **kwargs))
 
         shown = signature(options).replace(return_annotation=signature(function).return_annotation)
@@ -88,6 +90,7 @@ def validate_method_options(
         guarded = translate_errors(function)
 
         def take_one_by_one(self: T, /, *args: P.args, **kwargs: P.kwargs) -> R:
+            __tracebackhide__ = True
             return guarded(self, options(*args, **kwargs))
 
         first = next(iter(signature(function).parameters.values()))
@@ -111,14 +114,15 @@ def _validate(
 
     @functools.wraps(function)
     def call(*args: Q.args, **kwargs: Q.kwargs) -> R:
+        __tracebackhide__ = True
         try:
             bound = shown.bind(*args, **kwargs)
         except TypeError as error:
             raise MisusedCall(_explain(name, shown, args, kwargs, str(error), written)) from None
-        for key, value in bound.arguments.items():
-            if key in arguments:
-                bound.arguments[key] = _read_argument(arguments[key], value)
         try:
+            for key, value in bound.arguments.items():
+                if key in arguments:
+                    bound.arguments[key] = _read_argument(arguments[key], value)
             return target(*bound.args, **bound.kwargs)
         except InvalidRequest as error:
             # Its message says what to change; frames inside the package say nothing to the caller. Its cause is kept.
@@ -160,8 +164,11 @@ def translate_errors(function: Callable[P, R]) -> Callable[P, R]:
 
     @functools.wraps(function)
     def call(*args: P.args, **kwargs: P.kwargs) -> R:
+        __tracebackhide__ = True
         try:
             return function(*args, **kwargs)
+        except InvalidRequest as error:
+            raise error.with_traceback(None) from error.__cause__
         except TpmscadError:
             raise
         except Exception as error:

@@ -123,7 +123,7 @@ COMMANDS = (
         RECIPES,
         "reference_commands.template",
         "Print a commented recipe, or a table, to start from.",
-        ("template solidify > my.toml", "template sweep > designs.csv"),
+        ("template solidify -o my.toml", "template sweep > designs.csv"),
     ),
     Command(
         RECIPES,
@@ -134,13 +134,13 @@ COMMANDS = (
     Command(
         LOOK,
         "step_file_commands.check",
-        "Read a STEP file and report its content.",
+        "Read a CAD file or triangles and report the content.",
         ("check gyroid.step", "check filled.step --metrics --within bracket.step --report filled.json"),
     ),
     Command(
         LOOK,
         "step_file_commands.render",
-        "Draw a STEP file as a PNG picture.",
+        "Draw a CAD file or triangles as a PNG picture.",
         (
             "render gyroid.step -o gyroid.png",
             "render exchanger.step --section z=5 --color-by piece --size 1600x1200 -o exchanger.png",
@@ -238,13 +238,13 @@ def main(arguments: Sequence[str] | None = None) -> None:
     except (TpmscadError, OSError) as error:
         _exit_with_error(str(error), 1)
     except typer.TyperException as error:
-        _exit_with_usage_error(error)
+        _exit_with_usage_error(error, words)
     except typer.Abort:
         _exit_with_error("interrupted", INTERRUPTED)
     sys.exit(status or 0)
 
 
-def _exit_with_usage_error(error: typer.TyperException) -> NoReturn:
+def _exit_with_usage_error(error: typer.TyperException, words: Sequence[str]) -> NoReturn:
     """Exit with status 2 and the line of an error of usage; without arguments at all the help was asked for."""
     context = getattr(error, "ctx", None)
     if type(error).__name__ == "NoArgsIsHelpError" and context is not None:
@@ -256,7 +256,7 @@ def _exit_with_usage_error(error: typer.TyperException) -> NoReturn:
 
     if described := describe_bad_number(error):
         message = f"{message.split(': ')[0]}: {described}"
-    meant = hint_at_meaning(error)
+    meant = hint_at_meaning(error, words)
     if meant:  # better than the options that are spelled alike
         message = f"{re.split(r' .Possible options|. Did you mean', message)[0]}: {meant}"
     where = f" (see {context.command_path} --help)" if context is not None else ""

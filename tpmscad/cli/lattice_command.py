@@ -14,7 +14,7 @@ import tpmscad
 from tpmscad.cli.derived_options import CELL_PANEL, Request, take_options_of, take_output
 from tpmscad.cli.option_language import RENAMED_KEYWORDS, speak_in_options
 from tpmscad.cli.options import InstancedOption, JobsOption, SlabOption
-from tpmscad.cli.output import OutputRequest, make_and_write, progress_bar, report_unmet_request, write_report
+from tpmscad.cli.output import OutputRequest, make_and_write, progress_bar, report_unmet_request, tell, write_report
 from tpmscad.errors import InvalidRequest
 from tpmscad.requests.lattice_options import LatticeOptions
 
@@ -86,8 +86,7 @@ def make_slabs(surface: str, request: Mapping[str, Any], writing: OutputRequest,
             **request,
         )
     write_report(writing.report, files.to_dict())
-    if not writing.quiet:
-        print(files)
+    tell(files, writing, parts=files.paths)
 
 
 def make_copies(surface: str, request: Mapping[str, Any], writing: OutputRequest) -> None:
@@ -102,8 +101,7 @@ def make_copies(surface: str, request: Mapping[str, Any], writing: OutputRequest
             **request,
         )
     write_report(writing.report, file.to_dict())
-    if not writing.quiet:
-        print(speak_in_options(file.summary(verbose=writing.verbose), RENAMED_KEYWORDS))
+    tell(speak_in_options(file.summary(verbose=writing.verbose), RENAMED_KEYWORDS), writing)
 
 
 def read_map(text: str, cell: Any, cells: Any) -> Any:

@@ -121,6 +121,9 @@ VerboseOption = Annotated[
     bool, result_option("--verbose", "-v", help="Tell every figure of the certificate, with its bound.")
 ]
 StepFileArgument = Annotated[Path, input_file("FILE.step", "A STEP, IGES or BREP file.")]
+AnyFileArgument = Annotated[
+    Path, input_file("FILE", "A STEP, IGES or BREP file, or triangles: .stl, .obj, .ply or .3mf.")
+]
 BodyArgument = Annotated[
     Path,
     input_file(

@@ -6,9 +6,9 @@ import json
 import math
 import sys
 import time
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -32,7 +32,10 @@ DOMAIN_SUFFIXES = tuple(suffix for suffix in MODEL_SUFFIXES if suffix != ".stl")
 
 @dataclass(frozen=True, slots=True)
 class OutputRequest:
-    """Where a result goes and how: the file (None: nowhere), the report, what is said, and the options of the format."""
+    """Where a result goes and how: the file (None: nowhere), the report, what is said, and the options of the format.
+
+    It is made as a command begins, and `begun` is that time on the monotonic clock.
+    """
 
     output: Path | None
     report: Path | None = None
@@ -43,6 +46,7 @@ class OutputRequest:
     instanced: bool = False
     verify: str | None = None
     suffixes: tuple[str, ...] = MODEL_SUFFIXES
+    begun: float = field(default_factory=time.monotonic, compare=False)
 
     def __post_init__(self) -> None:
         check_report(self.report)
@@ -142,13 +146,11 @@ def write_layers(slices: Any, source: Path, writing: OutputRequest) -> None:
             "unresolved": slices.unresolved,
         },
     )
-    if not writing.quiet:
-        print(slices)
+    tell(slices, writing)
 
 
 def write_triangles(part: Any, source: Path, writing: OutputRequest) -> None:
     """Write triangles to the output, and their figures to the report, and print a summary."""
-    begun = time.monotonic()
     part.write(writing.output)
     write_report(
         writing.report,
@@ -166,31 +168,35 @@ def write_triangles(part: Any, source: Path, writing: OutputRequest) -> None:
             "notes": list(part.notes),
         },
     )
-    if not writing.quiet:
-        print(part)
-        print(describe_file(writing.output, begun))
+    tell(part, writing)
 
 
-def describe_file(path: Path | None, begun: float) -> str:
-    """The line that tells a file, its size, and the time that passed since `begun` on the monotonic clock."""
-    if path is None:
-        return ""
-    size = path.stat().st_size
+def tell(text: Any, writing: OutputRequest, *, parts: Sequence[Path] = ()) -> None:
+    """Print what is said of a result, if anything, and the line of its file, or of the `parts` it consists of; unless `quiet`."""
+    if writing.quiet:
+        return
+    if str(text):
+        print(text)
+    if writing.output is not None:
+        print(describe_file(writing.output, writing.begun, parts))
+
+
+def describe_file(path: Path, begun: float, parts: Sequence[Path] = ()) -> str:
+    """The line that tells a file or its parts, the size, and the time that passed since `begun` on the monotonic clock."""
+    size = sum(part.stat().st_size for part in parts or [path])
     unit, scale = next((u, s) for u, s in (("MB", 1e6), ("kB", 1e3), ("bytes", 1.0)) if size >= s or s == 1.0)
-    return f"wrote       {path}, {size / scale:.3g} {unit}, after {time.monotonic() - begun:.1f} s in all"
+    count = f" in {len(parts)} files" if len(parts) > 1 else ""
+    return f"wrote       {path}, {size / scale:.3g} {unit}{count}, after {time.monotonic() - begun:.1f} s in all"
 
 
 def make_and_write(title: str, make: Callable[[Progress], Any], writing: OutputRequest) -> None:
     """Make a model, write it and its certificate (that of an exchanger with its domains) as JSON, and print its summary."""
-    begun = time.monotonic()
     with report_unmet_request(writing.report):
         with progress_bar(title, writing.quiet) as progress:
             model = make(progress)
             write_model(model, writing, progress)
         write_report(writing.report, model.to_dict() if hasattr(model, "domains") else model.certificate.to_dict())
-    if not writing.quiet:
-        print(summarise(model, verbose=writing.verbose))
-        print(describe_file(writing.output, begun))
+    tell(summarise(model, verbose=writing.verbose), writing)
 
 
 def summarise(model: Any, *, verbose: bool) -> str:

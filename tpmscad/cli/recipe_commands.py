@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-import time
 from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 from tpmscad.cli.derived_options import take_output
@@ -32,10 +33,10 @@ from tpmscad.cli.options import (
 )
 from tpmscad.cli.output import (
     OutputRequest,
-    describe_file,
     progress_bar,
     report_unmet_request,
     summarise,
+    tell,
     write_model,
     write_report,
 )
@@ -72,7 +73,7 @@ def blend(
 
         return BlendRun.read(recipe, allow_errors=allow_errors, keep_loose=keep_loose, progress=progress)
 
-    _run(f"blending {recipe.name}", read, writing, dry_run)
+    _run("blending", recipe, read, writing, dry_run)
 
 
 @take_output(OptionalOutputOption)
@@ -132,15 +133,16 @@ def solidify(
             )
         return SolidRun.sample(file, **given, tol=tol, keep_loose=keep_loose)
 
-    _run(f"making {file.name}", read, writing, dry_run)
+    _run("making", file, read, writing, dry_run)
 
 
-def _run(title: str, read: ReadRun, writing: OutputRequest, dry_run: bool) -> None:
+def _run(verb: str, file: Path, read: ReadRun, writing: OutputRequest, dry_run: bool) -> None:
     """Read a recipe and make its solid, or describe it in a dry run."""
     if not dry_run and writing.output is None:
-        raise InvalidRequest("give `output`, the file to write, or `dry_run`, which makes no solid")
-    begun = time.monotonic()
-    with report_unmet_request(writing.report), progress_bar(title, writing.quiet) as progress:
+        raise InvalidRequest(
+            f"give `output`, the file to write, as in -o {file.stem}.step, or `dry_run`, which makes no solid"
+        )
+    with report_unmet_request(writing.report), progress_bar(f"{verb} {file.name}", writing.quiet) as progress:
         run = read(progress)
         if dry_run:
             text, content = run.describe()
@@ -148,7 +150,6 @@ def _run(title: str, read: ReadRun, writing: OutputRequest, dry_run: bool) -> No
         else:
             model, content = run.make(progress)
             write_model(model, writing, progress)
-            text = f"{summarise(model, verbose=writing.verbose)}\n{describe_file(writing.output, begun)}"
+            text = summarise(model, verbose=writing.verbose)
         write_report(writing.report, content)
-    if not writing.quiet:
-        print(speak_in_options(text, RENAMED_KEYWORDS))
+    tell(speak_in_options(text, RENAMED_KEYWORDS), replace(writing, output=None) if dry_run else writing)

@@ -4,11 +4,16 @@ from __future__ import annotations
 
 import json
 import shutil
+from pathlib import Path
 from typing import Annotated, Literal
 
 import typer
 
+from tpmscad.atomic_file import atomic_write
 from tpmscad.catalogue import CATALOGUE
+from tpmscad.cli.options import QuietOption, output_option
+from tpmscad.cli.output import OutputRequest, tell
+from tpmscad.errors import InvalidRequest
 
 MIN_WIDTH, MAX_WIDTH = 60, 100
 """Columns of printed text: those of the terminal, within these limits."""
@@ -17,6 +22,9 @@ JsonOption = Annotated[bool, typer.Option("--json", help="Print the whole catalo
 TemplateArgument = Annotated[
     Literal["blend", "solidify", "sweep"],
     typer.Argument(help="The command that the recipe or table is for.", metavar="blend|solidify|sweep"),
+]
+TemplateFileOption = Annotated[
+    Path | None, output_option("Write it to a file, .toml or for sweeps .csv, instead of printing it.")
 ]
 KindArgument = Annotated[
     str | None, typer.Argument(metavar="[KIND]", help="One kind of field, such as `rod`; all if it is left out.")
@@ -71,11 +79,22 @@ CATALOGUE_NOTE = """Thickest wall: --thickness stays below it, times the edge of
 wall would fold. --json prints the formulas, too."""
 
 
-def template(recipe: TemplateArgument) -> None:
+def template(recipe: TemplateArgument, output: TemplateFileOption = None, quiet: QuietOption = False) -> None:
     """Print a commented recipe, or a table, that runs as it is: save it, change it, and hand it to the command of that name."""
+    writing = OutputRequest(output, quiet=quiet, suffixes=(".csv",) if recipe == "sweep" else (".toml",))
+    if output is not None and output.exists():
+        raise InvalidRequest(
+            f"{output} exists and may be your own work: give `output` another name, or delete the file"
+        )
     from tpmscad.recipe.key_reference import read_template  # loads NumPy
 
-    print(read_template(recipe), end="")
+    text = read_template(recipe)
+    if output is None:
+        print(text, end="")
+        return
+    with atomic_write(output) as aside:
+        aside.write_text(text, encoding="utf-8", newline="\n")
+    tell("", writing)
 
 
 def recipe_keys(kind: KindArgument = None) -> None:

@@ -9,10 +9,9 @@ from typing import Annotated, Literal
 import typer
 
 import tpmscad
-from tpmscad.atomic_file import validate_output_path
 from tpmscad.cli.derived_options import Request, SurfaceArgument, take_options_of
 from tpmscad.cli.options import QuietOption, ReportOption, StepFileArgument, output_option, result_option
-from tpmscad.cli.output import progress_bar, report_unmet_request, write_report
+from tpmscad.cli.output import OutputRequest, progress_bar, report_unmet_request, tell, write_report
 from tpmscad.errors import InvalidRequest
 from tpmscad.requests.study_options import HomogenizeOptions, MeshStepOptions
 
@@ -74,7 +73,7 @@ def mesh(
 
     Domains that touch share their nodes if they come from a .brep file, which keeps the faces that solids share.
     """
-    validate_output_path(output, (".msh", ".inp", ".vtu"))
+    writing = OutputRequest(output, report, quiet, suffixes=(".msh", ".inp", ".vtu"))
     with report_unmet_request(report):
         with progress_bar(f"meshing {file.name}", quiet):
             from tpmscad.studies._mesh_step import mesh_step  # loads the kernel
@@ -98,12 +97,9 @@ def mesh(
                 "mismatch": found.mismatch,
             },
         )
-    if not quiet:
-        print(found)
-        if len(found.cell_groups) > 1 and file.suffix.lower() != ".brep":
-            print(
-                "the solids share no nodes, as STEP has no common faces: write the domains as .brep and mesh that file"
-            )
+    apart = len(found.cell_groups) > 1 and file.suffix.lower() != ".brep"
+    note = "\nthe solids share no nodes, as STEP has no common faces: write the domains as .brep and mesh that file"
+    tell(f"{found}{note if apart else ''}", writing)
 
 
 @take_options_of(HomogenizeOptions, panel="Lattice and material")
@@ -114,16 +110,14 @@ def homogenize(
     quiet: QuietOption = False,
 ) -> None:
     """Compute stiffness and conductivity of a lattice that repeats, with an error by refinement; needs scikit-fem."""
-    if output is not None:
-        validate_output_path(output, (".inp", ".csv"))
+    writing = OutputRequest(output, report, quiet, suffixes=(".inp", ".csv"))
     with report_unmet_request(report):
         with progress_bar(f"homogenising {request['surface']}", quiet) as progress:
             found = tpmscad.homogenize(request.pop("surface"), **request, progress=progress)
         if output is not None:
             found.write(output)
         write_report(report, found.to_dict())
-    if not quiet:
-        print(found)
+    tell(found, writing)
 
 
 def permeability(

@@ -8,9 +8,9 @@ from typing import Annotated
 import typer
 
 import tpmscad
-from tpmscad.atomic_file import validate_output_path
 from tpmscad.cli.derived_options import Request, take_options_of
 from tpmscad.cli.options import (
+    AnyFileArgument,
     MetricsOption,
     PictureOption,
     QuietOption,
@@ -26,12 +26,14 @@ from tpmscad.cli.output import (
     check_report,
     progress_bar,
     report_unmet_request,
+    tell,
     write_layers,
     write_report,
 )
 from tpmscad.errors import TpmscadError
 from tpmscad.requests.study_options import PrintOptions, RenderStepOptions, SliceStepOptions
 
+TRIANGLE_SUFFIXES = (".stl", ".obj", ".ply", ".3mf")
 VerboseCheckOption = Annotated[
     bool, result_option("--verbose", "-v", help="Tell shells, edges, centroid and tolerance, too.")
 ]
@@ -58,7 +60,7 @@ SlicesOption = Annotated[
 @take_options_of(PrintOptions, panel=PRINT_PANEL)
 def check(
     limits: Request,
-    file: StepFileArgument,
+    file: AnyFileArgument,
     solid: SolidOption = None,
     faces: FacesOption = False,
     metrics: MetricsOption = False,
@@ -68,7 +70,7 @@ def check(
     verbose: VerboseCheckOption = False,
     quiet: QuietOption = False,
 ) -> None:
-    """Read a CAD file with the kernel: solids, faces, validity, closedness, volume, area, units, tolerances, healing.
+    """Read a CAD file or triangles: solids, faces, validity, closedness, volume, area, units, tolerances, healing.
 
     With --print, check it before printing, too; exit status 1 if a limit is not kept.
     """
@@ -76,6 +78,11 @@ def check(
     if limits and not printing:
         given = ", ".join(f"--{name.replace('_', '-')}" for name in limits)
         raise typer.BadParameter(f"{given} limits the check before printing: add --print")
+    if file.suffix.lower() in TRIANGLE_SUFFIXES and (metrics or within or printing):
+        raise typer.BadParameter(
+            f"--metrics, --within and --print measure the faces of CAD solids, which the triangles of {file.name} are not: "
+            "leave them out, or check the STEP file"
+        )
     with progress_bar(f"reading {file.name}", quiet):
         found = tpmscad.check_step(file, faces=faces, solid=solid)
     content, text = found.to_dict(), found.summary(verbose=verbose)
@@ -104,17 +111,18 @@ def check(
 @take_options_of(RenderStepOptions)
 def render(
     request: Request,
-    file: StepFileArgument,
+    file: AnyFileArgument,
     output: PictureOption,
     report: ReportOption = None,
     quiet: QuietOption = False,
 ) -> None:
-    """Draw a STEP file as a PNG picture, without a display."""
-    validate_output_path(output, (".png",))
+    """Draw a CAD file, or triangles as they are, as a PNG picture, without a display."""
+    writing = OutputRequest(output, report, quiet, suffixes=(".png",))
     with report_unmet_request(report):
         with progress_bar(f"drawing {file.name}", quiet):
             tpmscad.render_step(file, output, **request)
         write_report(report, {"file": str(file), "picture": str(output), "bytes": output.stat().st_size})
+    tell("", writing)
 
 
 @take_options_of(SliceStepOptions)

@@ -9,7 +9,7 @@ import typer
 
 import tpmscad
 from tpmscad.cli.options import JobsOption, QuietOption, ReportOption, input_file, output_option
-from tpmscad.cli.output import check_report, progress_bar, write_report
+from tpmscad.cli.output import OutputRequest, progress_bar, tell, write_report
 from tpmscad.errors import NotMet
 
 TableArgument = Annotated[
@@ -49,11 +49,10 @@ def sweep(
     """Make and measure every design of a table; after an interruption the same command goes on."""
     from tpmscad.parallel import start_processes  # loads NumPy
 
-    check_report(report)
+    writing = OutputRequest(output, report, quiet, suffixes=(".csv",))
     with progress_bar(f"sweep of {table.name}", quiet) as progress, start_processes(jobs) as executor:
         results = tpmscad.sweep(table, executor, output, metrics=metrics, properties=properties, progress=progress)
     write_report(report, results.to_dict())
-    if not quiet:
-        print(results)
+    tell(results, writing)
     if not results.met:
         raise NotMet(f"{len(results.failures)} of {len(results.rows)} designs miss the request: see {output}")

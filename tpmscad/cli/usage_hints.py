@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Mapping, Sequence
+from pathlib import Path
 from typing import Any
 
 from tpmscad.api.public_calls import SYNONYMS
@@ -14,9 +15,7 @@ from tpmscad.errors import InvalidRequest
 OPTION_SYNONYMS: Mapping[str, tuple[str, ...]] = {
     **{f"--{word.replace('_', '-')}": (f"--{keyword.replace('_', '-')}",) for word, keyword in SYNONYMS.items()},
     "--density": ("--volume-fraction", "--porosity"),
-    "--infill": ("--volume-fraction", "--porosity"),
-    "--fill": ("--volume-fraction", "--porosity"),
-    "--fill-density": ("--volume-fraction", "--porosity"),
+    **dict.fromkeys(("--infill", "--infill-density", "--fill", "--fill-density"), ("--volume-fraction",)),
     "--solid-fraction": ("--volume-fraction",),
     "--thickness": ("--volume-fraction",),  # of commands without a length
     "--void-fraction": ("--porosity",),
@@ -102,15 +101,17 @@ _UNKNOWN_COMMAND = re.compile(r"No such command '([^']*)'")
 _MISSING_FILE = re.compile(r"Invalid value for 'BODY\.step': file '(?P<name>.*)' does not exist")
 
 
-def hint_at_meaning(error: Any) -> str:
-    """What was probably meant by a request that a command line cannot be parsed as; "" if nothing is known."""
+def hint_at_meaning(error: Any, words: Sequence[str] = ()) -> str:
+    """What was probably meant by a request that a command line, its `words`, cannot be parsed as; "" if nothing is known."""
     context, message = getattr(error, "ctx", None), str(error.format_message())
     command = context.command if context is not None else None
     if (option := getattr(error, "option_name", None)) and command is not None:
-        return _hint_at_option(option, [name for parameter in command.params for name in parameter.opts])
+        return _hint_at_option(option, [name for parameter in command.params for name in parameter.opts], words)
     if message.startswith("Missing") and command is not None:
         lines = (line.strip() for line in (command.epilog or "").splitlines())
-        example = next((line for line in lines if line.startswith(f"tpmscad {command.name} ")), None)
+        example = next((line for line in lines if line.startswith(f"tpmscad {command.name} ")), "")
+        if "--output" in message and (name := _propose_output(context, example)):
+            return f"name the file to write, as in -o {name}"
         return f"as in `{example}`" if example else ""
     if match := _UNKNOWN_COMMAND.search(message):
         known = f"the commands are {', '.join(getattr(command, 'commands', ()))}"
@@ -130,10 +131,30 @@ def describe_bad_number(error: Any) -> str:
     return f"{refused['input']!r} is not {expected}{remedy_for_number(refused['input'])}" if expected else ""
 
 
-def _hint_at_option(option: str, known: Sequence[str]) -> str:
-    """The options of a command that stand for the word of another program."""
+def _propose_output(context: Any, example: str) -> str:
+    """A name of the file to write: the operands that were given, with the ending of the example's file; "" without operands."""
+    operands = [p.name for p in context.command.params if p.param_type_name == "argument"]
+    stems = [Path(str(value)).stem for name in operands if (value := context.params.get(name)) is not None]
+    return "_".join(stems) + Path(example).suffix if stems else ""
+
+
+def _hint_at_option(option: str, known: Sequence[str], words: Sequence[str]) -> str:
+    """The options of a command that stand for the word of another program; for a density of slicers with its value."""
     found = [name for name in OPTION_SYNONYMS.get(option, ()) if name in known]
+    if found == ["--volume-fraction"] and option != "--thickness" and (share := _read_share(option, words)):
+        return f"did you mean --volume-fraction {share}?"
     return f"did you mean {' or '.join(found)}?" if found else OPTION_REMEDIES.get(option, "")
+
+
+def _read_share(option: str, words: Sequence[str]) -> str:
+    """The value of an option, a percentage as slicers write it, as a share of one; "" if it is something else."""
+    line = " ".join(words).replace("=", " ")
+    match = re.search(rf"(?<!\S){re.escape(option)} (?P<number>\d*\.?\d+)(?P<percent>\s?%)?(?!\S)", line)
+    if match is None:
+        return ""
+    value = float(match["number"])
+    value = value / 100.0 if match["percent"] or value > 1.0 else value
+    return f"{value:g}" if 0.0 < value < 1.0 else ""
 
 
 def _hint_at_command(word: str) -> str:

@@ -7,24 +7,30 @@ from typing import Annotated
 
 from tpmscad.api.public_calls import validate_call
 from tpmscad.api.shared_kinds import COUNT, FLAG, PATH
+from tpmscad.errors import InvalidRequest
+from tpmscad.fields.data.triangle_mesh import is_mesh_path
+from tpmscad.files.mesh_report import MeshReport, report_mesh
 from tpmscad.kernel.body_import.isolated_reader import check_foreign_step
 from tpmscad.kernel.measure.shape_report import StepReport
 
 
 @validate_call()
 def check_step(
-    path: Annotated[str | Path, PATH, "The STEP, IGES or BREP file."],
+    path: Annotated[
+        str | Path, PATH, "The STEP, IGES or BREP file, or triangles: ``.stl``, ``.obj``, ``.ply`` or ``.3mf``."
+    ],
     *,
     faces: Annotated[
         bool, FLAG, "Tell each face, too: the label that it has as a face of a filled body, its kind, area and place."
     ] = False,
     solid: Annotated[int | None, COUNT, "Report on this solid only, by its number from 1."] = None,
-) -> StepReport:
-    """Read a CAD file with the kernel and report its content.
+) -> StepReport | MeshReport:
+    """Read a CAD file with the kernel, or a file of triangles, and report its content.
 
     Returns
     -------
-    StepReport
+    StepReport or MeshReport
+        Of triangles: their number, pieces, open sides, volume, area and box, as they are. Of a CAD file:
         Products, units and `shape`: numbers of solids, shells and faces, validity, closedness, volume, area and tolerances; the
         list of `solids`; and `healing`, what `read_body` repairs of a file that is not `ok`, which is reported as it is.
         `ok` is True if the file holds valid closed solids; `to_dict()` is what ``tpmscad check --report`` writes.
@@ -40,4 +46,8 @@ def check_step(
     >>> tpmscad.check_step("gyroid.step").ok  # doctest: +SKIP
     True
     """
+    if is_mesh_path(path):
+        if faces or solid is not None:
+            raise InvalidRequest(f"`faces` and `solid` are of CAD files: leave them out for the triangles of {path}")
+        return report_mesh(Path(path))
     return check_foreign_step(path, faces=faces, solid=solid)

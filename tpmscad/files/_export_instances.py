@@ -23,6 +23,7 @@ from tpmscad.kernel.step.part21 import STEP_SUFFIXES, find_schema
 from tpmscad.kernel.step.product_entities import arrange_cells
 from tpmscad.requests.lattice_options import LatticeOptions
 from tpmscad.requests.lattice_request import resolve_lattice_request
+from tpmscad.result_display import fit_lines, format_html_table, split_columns
 from tpmscad.results.certificate import Certificate
 from tpmscad.results.loose_pieces import KEEP
 from tpmscad.solids._lattice import make_lattice
@@ -32,7 +33,7 @@ MAX_COPIES = 100_000
 """Copies in one file; OCCT takes 0.2 ms to place and measure each, and CAD systems far longer to draw them."""
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, repr=False)
 class InstancedFile:
     """A STEP file that stores one cell and places it many times.
 
@@ -83,7 +84,14 @@ class InstancedFile:
         )
 
     def __str__(self) -> str:
-        return self.summary()
+        return fit_lines([self.summary()], ".summary()")
+
+    def __repr__(self) -> str:
+        return str(self)
+
+    def _repr_html_(self) -> str:
+        first, *lines = self.summary().splitlines()
+        return format_html_table(first, split_columns("\n".join(lines)))
 
 
 @dataclass(frozen=True)

@@ -32,11 +32,12 @@ from tpmscad.kernel.step.part21 import STEP_SUFFIXES, find_schema
 from tpmscad.parallel import run_as_completed
 from tpmscad.requests.lattice_options import LatticeOptions
 from tpmscad.requests.lattice_request import resolve_lattice_request
+from tpmscad.result_display import fit_lines, format_html_table
 from tpmscad.results.loose_pieces import KEEP
 from tpmscad.stage_timer import StageTimer
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, repr=False)
 class SlabFiles:
     """The files of a lattice in slabs.
 
@@ -87,7 +88,16 @@ class SlabFiles:
             for s in self.slabs
         ]
         kept = f", {len(self.reused)} of them from an earlier run" if self.reused else ""
-        return "\n".join([head, *rows, f"{len(rows)} slabs{kept}, volume {self.volume:.9g} mm3"])
+        total = f"{len(rows)} slabs{kept}, volume {self.volume:.9g} mm3"
+        return fit_lines([head, *rows], self.manifest.name, tail=[total])
+
+    def __repr__(self) -> str:
+        return str(self)
+
+    def _repr_html_(self) -> str:
+        head = ("file", "corner, mm", "cells", "faces", "volume, mm3", "MB", "s")
+        rows = [(s.file, s.origin, s.cells, s.faces, s.volume, s.size / 1e6, s.seconds) for s in self.slabs]
+        return format_html_table(str(self).splitlines()[-1], rows, head)
 
 
 @dataclass(frozen=True, slots=True)

@@ -17,6 +17,7 @@ from tpmscad.meshing.library_meshes import make_meshio_mesh, make_skfem_mesh, wr
 from tpmscad.meshing.mesh_arrays import MeshArrays
 from tpmscad.meshing.msh_files import write_msh
 from tpmscad.meshing.openfoam_case import write_openfoam_case
+from tpmscad.result_display import list_names
 
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
@@ -144,7 +145,7 @@ class VolumeMesh(MeshArrays):
 
     def __repr__(self) -> str:
         counts = ", ".join(f"{len(nodes)} {kind}" for kind, nodes in self.cells.items())
-        groups = ", ".join([*self.cell_groups, *self.facet_groups]) or "none"
+        groups = list_names([*self.cell_groups, *self.facet_groups]) or "none"
         periodic = f"\nperiodic along {', '.join(self.periodic)}" if self.periodic else ""
         head = f"{self.name}: {counts}, {len(self.points)} nodes, volume {self.volume:.9g}"
         straight = f"\n{self.straightened} edges on faces are straight instead of curved" if self.straightened else ""

@@ -25,6 +25,7 @@ from tpmscad.kernel.measure.shape_extents import shape_bounds
 from tpmscad.kernel.measure.shape_report import ShapeReport, check_shape
 from tpmscad.kernel.measure.validity import is_brep_valid
 from tpmscad.kernel.occt.construction import make_compound
+from tpmscad.result_display import fit_lines, format_html_table, split_columns
 
 CHIP_VOLUME_FRACTION = 1e-2
 """Fraction of the largest piece's volume below which the notes call a piece a chip."""
@@ -196,7 +197,11 @@ class Certificate:
         return "\n".join(lines)
 
     def __str__(self) -> str:
-        return self.summary()
+        return fit_lines([self.summary()], ".summary()")
+
+    def _repr_html_(self) -> str:
+        first, *lines = self.summary().splitlines()
+        return format_html_table(first, split_columns("\n".join(lines)))
 
     def __repr__(self) -> str:
         verdict = "met" if self.met else f"NOT met ({len(self.shortfalls)} shortfalls)"

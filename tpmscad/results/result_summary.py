@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from tpmscad._typing import BoxCorners
+from tpmscad.result_display import format_html_table
 from tpmscad.results.certificate import Certificate
 
 MAX_SHORTFALLS = 4
@@ -64,19 +65,11 @@ def format_html(shape: Any, name: str, box: BoxCorners, certificate: Certificate
         ("size", f"{format_size(box)} mm"),
         ("request", "met" if certificate.met else "NOT met: " + "; ".join(certificate.shortfalls)),
         ("deviation", f"{certificate.max_deviation:.3g} of {certificate.tol:g} from the {certificate.reference}"),
-        ("volume", f"{certificate.volume:.7g} mm<sup>3</sup>"),
-        ("area", f"{certificate.area:.7g} mm<sup>2</sup>"),
+        ("volume", f"{certificate.volume:.7g} mm3"),
+        ("area", f"{certificate.area:.7g} mm2"),
         ("pieces", str(len(certificate.pieces))),
         ("faces", str(certificate.n_faces)),
     ]
     rows += [("note", note) for note in certificate.notes]
-    cells = "".join(f"<tr><th>{key}</th><td>{_escape(value)}</td></tr>" for key, value in rows)
-    return (
-        f'<div><b>{escape(name)}</b><br><img src="data:image/png;base64,{encoded}" alt="{escape(name)}">'
-        f"<table>{cells}</table></div>"
-    )
-
-
-def _escape(value: str) -> str:
-    """Text for HTML, in which powers stay."""
-    return escape(value).replace("&lt;sup&gt;", "<sup>").replace("&lt;/sup&gt;", "</sup>")
+    picture = f'<img src="data:image/png;base64,{encoded}" alt="{escape(name)}">'
+    return f"<div>{picture}{format_html_table(name, rows)}</div>"

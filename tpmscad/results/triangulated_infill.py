@@ -18,6 +18,7 @@ from tpmscad.kernel.render.picture import draw_scene
 from tpmscad.kernel.render.scene import Scene
 from tpmscad.kernel.step.face_labels import find_label_colour
 from tpmscad.requests.study_options import TrianglesFileOptions, TrianglesPictureOptions
+from tpmscad.result_display import fit_lines
 from tpmscad.results.result_summary import count_pieces, format_size, round_corners
 
 LABELS = ("surface", "body")
@@ -128,12 +129,13 @@ class TriangulatedInfill:
     def __repr__(self) -> str:
         (x0, y0, z0), (x1, y1, z1) = round_corners(self.bounding_box)
         size, pieces = format_size(self.bounding_box), count_pieces(self.n_pieces)
-        return "\n".join(
+        return fit_lines(
             [
                 f"{self.name}: {size} mm, {pieces}, {len(self.triangles)} triangles",
                 f"  box     ({x0:.6g}, {y0:.6g}, {z0:.6g}) to ({x1:.6g}, {y1:.6g}, {z1:.6g})",
                 f"  volume  {self.volume:.7g}, area {self.area:.7g}, within {self.deviation:g} mm of the exact faces",
                 f"  cells   {self.whole_cells} whole, {self.cut_cells} cut by the body",
                 *(f"  note    {note}" for note in self.notes),
-            ]
+            ],
+            ".notes",
         )

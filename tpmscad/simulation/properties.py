@@ -12,6 +12,7 @@ from tpmscad._typing import Array
 from tpmscad.api.public_calls import validate_call
 from tpmscad.api.shared_kinds import PATH, POINTS
 from tpmscad.atomic_file import atomic_write, validate_output_path
+from tpmscad.result_display import format_html_table
 from tpmscad.simulation.periodic_cell import VOIGT, IsotropicMaterial
 
 
@@ -223,4 +224,12 @@ class HomogenizedProperties:
             f"K {self.bulk_modulus:.5g}, {self.hashin_shtrikman_ratio:.4f} of the Hashin-Shtrikman bound\n"
             f"conductivity {k.mean():.5g} of the solid's, {self.conductivity_ratio:.4f} of the Hashin-Shtrikman bound\n"
             f"relative error {self.error:.1e}, {self.cells} elements, {self.unknowns} unknowns, {self.seconds:.0f} s"
+        )
+
+    def _repr_html_(self) -> str:
+        head, *lines = str(self).splitlines()
+        axes = ["xyz"[a] + "xyz"[b] for a, b in VOIGT]
+        rows = [(axis, *row) for axis, row in zip(axes, self.stiffness, strict=True)]
+        return format_html_table(head, rows, ("stiffness", *axes)) + format_html_table(
+            "", [("", line) for line in lines]
         )

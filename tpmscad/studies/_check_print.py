@@ -26,6 +26,7 @@ from tpmscad.kernel.printability.cavities import find_cavities
 from tpmscad.kernel.printability.least_widths import measure_least_widths
 from tpmscad.kernel.printability.overhang import measure_overhang
 from tpmscad.requests.study_options import CheckPrintOptions
+from tpmscad.result_display import format_html_table
 
 CONTACT_SPACING_FRACTION = 0.4
 """Greatest distance of the samples by which touching solids are found, in units of volume / area, half the wall of a sheet."""
@@ -157,6 +158,14 @@ class PrintReport:
                 f"walls and gaps to {100 * self.resolution:g} %, {self.plate_area:.6g} mm2 on the build plate",
             ]
         )
+
+    def _repr_html_(self) -> str:
+        head = ("check", "kept", "value", "proven bound", "limit", "place, mm")
+        rows = [
+            (TITLES[found.check], found.met, found.value, found.bound, found.limit, found.place)
+            for found in self.findings
+        ]
+        return format_html_table(str(self).splitlines()[0], rows, head)
 
 
 @validate_options(CheckPrintOptions, 'check_print("part.step", min_wall=0.3)')

@@ -19,6 +19,7 @@ from tpmscad.api.shared_kinds import FLAG, NOT_NEGATIVE, NUMBER, POSITIVE, TEXT
 from tpmscad.catalogue import find_surface
 from tpmscad.errors import InvalidRequest
 from tpmscad.meshing.volume_mesh import VolumeMesh
+from tpmscad.result_display import format_html_table
 from tpmscad.simulation.periodic_cell import IsotropicMaterial
 from tpmscad.simulation.shape_derivatives import differentiate_cell
 from tpmscad.solids._lattice import lattice
@@ -62,6 +63,11 @@ class DesignDerivatives:
             more = "".join(f", {key}" for key in of if key not in ("volume", "area"))
             lines.append(f"  {name:<10} volume {of['volume']:.6g}, area {of['area']:.6g}{more}")
         return "\n".join(lines)
+
+    def _repr_html_(self) -> str:
+        rows = [("value", self.volume, self.area)]
+        rows += [(f"by {name}, per mm", of["volume"], of["area"]) for name, of in self.derivatives.items()]
+        return format_html_table("one cell and its derivatives", rows, ("", "volume, mm3", "area, mm2"))
 
 
 @validate_call()

@@ -24,6 +24,7 @@ from tpmscad.kernel.measure.shape_report import ShapeReport
 from tpmscad.kernel.measure.shape_sampling import sample_faces
 from tpmscad.kernel.occt.exploration import faces_of
 from tpmscad.kernel.printability.least_widths import measure_least_widths
+from tpmscad.result_display import format_html_table, split_columns
 from tpmscad.results.model import Model
 from tpmscad.studies._check_print import read_closed_solids, refuse_touching_solids
 
@@ -115,6 +116,9 @@ class Metrics:
 
     def __repr__(self) -> str:
         return str(self)
+
+    def _repr_html_(self) -> str:
+        return format_html_table(self.envelope, split_columns(str(self)))
 
 
 @validate_call()

@@ -14,6 +14,7 @@ from tpmscad.api.public_calls import validate_call
 from tpmscad.api.shared_arguments import ProgressKeyword
 from tpmscad.api.shared_kinds import ANYTHING, POSITIVE
 from tpmscad.errors import InvalidRequest
+from tpmscad.result_display import format_html_table
 from tpmscad.results.model import Model
 from tpmscad.simulation.permeability import permeability as solve_flow
 from tpmscad.stage_timer import StageTimer
@@ -75,6 +76,10 @@ class ChannelPermeability:
                 f"relative error {self.error:.1e}, {self.cells} elements, {self.seconds:.0f} s",
             ]
         )
+
+    def _repr_html_(self) -> str:
+        caption = f"{self.name}: permeability, mm2, relative error {self.error:.1e}"
+        return format_html_table(caption, [(axis, *row) for axis, row in zip("xyz", self.permeability, strict=True)])
 
 
 @validate_call()

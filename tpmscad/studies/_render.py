@@ -10,6 +10,7 @@ import re
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import partial
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -20,6 +21,7 @@ from tpmscad.api.public_calls import validate_options
 from tpmscad.atomic_file import atomic_write, validate_output_path
 from tpmscad.brep.solid_names import strip_place
 from tpmscad.errors import InvalidRequest
+from tpmscad.fields.data.triangle_mesh import is_mesh_path
 from tpmscad.kernel.body_import.isolated_reader import read_foreign_coloured_solids
 from tpmscad.kernel.occt.construction import make_compound
 from tpmscad.kernel.occt.exploration import faces_of
@@ -36,6 +38,7 @@ from tpmscad.kernel.render.scene import Scene, pieces_of
 from tpmscad.kernel.step.face_labels import find_label_colour
 from tpmscad.requests.study_options import PiecesPictureOptions, RenderOptions
 from tpmscad.simulation.properties import HomogenizedProperties
+from tpmscad.studies.mesh_picture import draw_triangle_file
 
 COLOURINGS = ("piece", "tag", "deviation", "curvature")
 VALUE_COLOURINGS = ("deviation", "curvature")
@@ -62,7 +65,7 @@ CURVATURE_SHARE = 0.99
 
 @validate_options(RenderOptions, 'render(model, "part.png", section="z")')
 def render(options: RenderOptions) -> None:
-    """Draw a model, a shape or a STEP file as a PNG picture, without a display.
+    """Draw a model, a shape, a CAD file or a file of triangles as a PNG picture, without a display.
 
     Raises
     ------
@@ -94,6 +97,8 @@ def _draw(source: Any, options: PiecesPictureOptions) -> bytes:
         raise InvalidRequest(
             f"color_by {color_by!r} is unknown; choose one of {', '.join(map(repr, COLOURINGS))}, or None"
         )
+    if is_mesh_path(source):
+        return draw_triangle_file(Path(source), options)
     if isinstance(source, HomogenizedProperties):
         if color_by is not None or hide:
             raise InvalidRequest(

@@ -1,4 +1,4 @@
-"""Pictures of STEP files."""
+"""Pictures of files."""
 
 from __future__ import annotations
 
@@ -12,13 +12,13 @@ from tpmscad.studies._render import render
 
 @validate_options(RenderStepOptions, 'render_step("part.step", "part.png", section="z")')
 def render_step(options: RenderStepOptions) -> None:
-    """Draw a STEP file as a PNG picture, without a display.
+    """Draw a CAD file (STEP, IGES, BREP), or triangles (STL, OBJ, PLY, 3MF) as they are, as a PNG picture, without a display.
 
     Raises
     ------
     InvalidRequest
-        If there is no such file, it is not a STEP file, the kernel cannot read it or finds no solid in it, or an argument is not
-        understood.
+        If there is no such file, it is none of a known format or cannot be read, it holds no solid and no triangle, or an
+        argument is not understood.
 
     Examples
     --------

@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, fields
 from typing import Any
 
+from tpmscad.result_display import fit_lines, format_html_table
 from tpmscad.simulation.flow_correlations import FlowCorrelation
 
 SOLVE_FLOW = "solve the flow: `tpmscad.fluid_domains(...)`, its `mesh(size, order=1)`, and `write_openfoam` of that"
@@ -162,6 +163,7 @@ class FlowEstimate:
             f"{self.name}: porosity {self.porosity:.4f}, hydraulic diameter {self.hydraulic_diameter:.4g} mm, "
             f"length {self.length:.4g} mm",
             f"velocity {self.velocity:.4g} m/s{flow}, Reynolds number {self.reynolds:.4g}{prandtl}",
+            *([self.remedy] if self.remedy else []),
         ]
         for title, rows in (
             ("pressure drop", self.pressure_drops),
@@ -169,6 +171,18 @@ class FlowEstimate:
         ):
             if rows:
                 lines += [f"{title}, estimated by correlations:", *(f"  {row}" for row in rows)]
-            if title == "pressure drop" and self.remedy:
-                lines.append(f"  {self.remedy}")
-        return "\n".join(lines)
+        return fit_lines(lines, ".heat_transfers")
+
+    def _repr_html_(self) -> str:
+        head = ("correlation", "pressure drop, Pa", "heat transfer, W/(m2 K)", "scatter", "outside of its range")
+        rows = [
+            (
+                row.correlation.name,
+                row.pressure_drop,
+                row.heat_transfer_coefficient,
+                row.correlation.scatter,
+                "; ".join(row.outside),
+            )
+            for row in (*self.pressure_drops, *self.heat_transfers)
+        ]
+        return format_html_table(self.name, rows, head)

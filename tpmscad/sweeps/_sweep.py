@@ -6,7 +6,6 @@ from collections.abc import Mapping, Sequence
 from concurrent.futures import Executor
 from dataclasses import dataclass
 from difflib import get_close_matches
-from html import escape
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -17,15 +16,13 @@ from tpmscad.api.shared_kinds import ANYTHING, EXECUTOR, FLAG, PATH, PROGRESS, T
 from tpmscad.atomic_file import validate_output_path
 from tpmscad.errors import InvalidRequest
 from tpmscad.parallel import run_as_completed
+from tpmscad.result_display import fit_lines, format_html_table
 from tpmscad.stage_timer import StageTimer
-from tpmscad.sweeps.cell_text import format_cell, parse_cell
+from tpmscad.sweeps.cell_text import parse_cell
 from tpmscad.sweeps.design_runs import FIGURES, METRICS, PROPERTIES, describe_failure, run_design
 from tpmscad.sweeps.parameter_table import Design, read_table
 from tpmscad.sweeps.results_plot import plot_columns
 from tpmscad.sweeps.results_table import ResultsTable, open_results, read_figure
-
-MAX_FAILURES_SHOWN = 8
-"""Failures that the summary of a sweep lists."""
 
 
 @dataclass(frozen=True, slots=True, repr=False)
@@ -142,10 +139,8 @@ class SweepResults:
             f"row {number}  {row['error']}: {row['message']}"
             for number, row in enumerate(self.rows, 1)
             if not row["met"]
-        ][:MAX_FAILURES_SHOWN]
-        if len(failures) > MAX_FAILURES_SHOWN:
-            lines.append(f"and {len(failures) - MAX_FAILURES_SHOWN} more")
-        return "\n".join(lines)
+        ]
+        return fit_lines(lines, ".failures")
 
     def __repr__(self) -> str:
         return str(self)
@@ -155,17 +150,8 @@ class SweepResults:
         filled = [
             name for name in (self.rows[0] if self.rows else ()) if any(row[name] is not None for row in self.rows)
         ]
-        head = "".join(f"<th>{escape(name)}</th>" for name in filled)
-        body = "".join(
-            "<tr>" + "".join(f"<td>{escape(_show_cell(row[name]))}</td>" for name in filled) + "</tr>"
-            for row in self.rows
-        )
-        return f"<p>{escape(str(self).splitlines()[0])}</p><table><tr>{head}</tr>{body}</table>"
-
-
-def _show_cell(value: Any) -> str:
-    """A value of a table as text for people: six digits of numbers."""
-    return f"{value:.6g}" if isinstance(value, float) else format_cell(value)
+        rows = [[row[name] for name in filled] for row in self.rows]
+        return format_html_table(str(self).splitlines()[0], rows, filled)
 
 
 @validate_call('sweep("designs.csv", output="results.csv")')

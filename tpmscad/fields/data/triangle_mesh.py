@@ -36,7 +36,7 @@ MAX_HOLE_FRACTION = 0.05
 
 @dataclass(frozen=True, slots=True, eq=False)
 class TriangleMesh:
-    """A closed mesh: vertices (k, 3), outward triangles (m, 3), its name in messages, and what was changed to close it."""
+    """A mesh: vertices (k, 3), triangles (m, 3), outward where it is closed, its name in messages, and what was changed."""
 
     vertices: Array
     triangles: IntArray
@@ -72,6 +72,33 @@ def is_mesh_object(source: Any) -> bool:
     return all(array is not None and not callable(array) and np.shape(array)[1:] == (3,) for array in arrays)
 
 
+def read_triangles(file: Path) -> TriangleMesh:
+    """The triangles of a file as they are, closed or not, with vertices at one place made one, in millimetres.
+
+    InvalidRequest if the file is missing, unreadable or empty. A note tells how many triangles are left out as they have no area.
+    """
+    name, vertices, triangles, notes = _read_file(file)
+    _require_triangles(name, vertices, triangles)
+    vertices, joined = _weld(vertices, triangles, 0.0)
+    if lost := len(triangles) - len(joined):
+        notes = (
+            *notes,
+            f"{name}: {lost} of {len(triangles)} triangles have two corners at one place and were left out",
+        )
+    if not len(joined):
+        raise InvalidRequest(f"{name} holds no triangle with three corners")
+    return TriangleMesh(vertices, joined, name, notes)
+
+
+def list_open_edges(triangles: IntArray) -> IntArray:
+    """Half-edges (n, 2) that no half-edge in the opposite direction cancels."""
+    half = list_half_edges(triangles)
+    ahead = half[:, 0] < half[:, 1]
+    key, which = np.unique(np.sort(half, axis=1), axis=0, return_inverse=True)
+    balance = np.bincount(which.ravel(), np.where(ahead, 1, -1), len(key))
+    return half[(balance[which.ravel()] != 0) & (np.sign(balance[which.ravel()]) == np.where(ahead, 1, -1))]
+
+
 def read_triangle_mesh(source: Any) -> TriangleMesh:
     """The closed mesh of a file, or of an object with arrays `vertices` and `faces`.
 
@@ -91,19 +118,12 @@ def read_triangle_mesh(source: Any) -> TriangleMesh:
 
 def close_mesh(name: str, vertices: Array, triangles: IntArray, notes: tuple[str, ...] = ()) -> TriangleMesh:
     """The closed mesh of triangles (m, 3) between vertices (k, 3); InvalidRequest if it cannot be closed."""
-    if not len(triangles):
-        raise InvalidRequest(f"{name} holds no triangles")
-    if triangles.min() < 0 or triangles.max() >= len(vertices):
-        raise InvalidRequest(
-            f"{name}: a triangle has the vertex {triangles.max()} of {len(vertices)}, numbered from 0; save the mesh again"
-        )
-    if not np.isfinite(vertices[triangles]).all():
-        raise InvalidRequest(f"{name} has vertices that are not finite: save the mesh again")
+    _require_triangles(name, vertices, triangles)
     extent = float(np.ptp(vertices[triangles].reshape(-1, 3), axis=0).max())
     made = TriangleMesh(*_weld(vertices, triangles, 0.0), name, notes)
-    if len(_open_edges(made.triangles)):
+    if len(list_open_edges(made.triangles)):
         vertices, triangles = _weld(made.vertices, made.triangles, WELD_FRACTION * extent)
-        if not len(_open_edges(triangles)):
+        if not len(list_open_edges(triangles)):
             note = f"{name}: vertices nearer than {WELD_FRACTION * extent:.2g} were made one"
             made = TriangleMesh(vertices, triangles, name, (*notes, note))
         made = _orient(made)
@@ -148,6 +168,18 @@ def _read_file(file: Path) -> tuple[str, Array, IntArray, tuple[str, ...]]:
     return file.name, factor * vertices, triangles, (f"{file.name} is in the unit {unit}: converted to millimetres",)
 
 
+def _require_triangles(name: str, vertices: Array, triangles: IntArray) -> None:
+    """InvalidRequest unless there are triangles between vertices that exist and are finite."""
+    if not len(triangles):
+        raise InvalidRequest(f"{name} holds no triangles")
+    if triangles.min() < 0 or triangles.max() >= len(vertices):
+        raise InvalidRequest(
+            f"{name}: a triangle has the vertex {triangles.max()} of {len(vertices)}, numbered from 0; save the mesh again"
+        )
+    if not np.isfinite(vertices[triangles]).all():
+        raise InvalidRequest(f"{name} has vertices that are not finite: save the mesh again")
+
+
 def _weld(vertices: Array, triangles: IntArray, radius: float) -> tuple[Array, IntArray]:
     """The mesh with vertices within a radius made one, without triangles that have become edges."""
     if radius > 0:
@@ -161,15 +193,6 @@ def _weld(vertices: Array, triangles: IntArray, radius: float) -> tuple[Array, I
     kept = (joined != np.roll(joined, 1, axis=1)).all(axis=1)
     used, joined = np.unique(joined[kept], return_inverse=True)
     return vertices[first[used]], joined.reshape(-1, 3)
-
-
-def _open_edges(triangles: IntArray) -> IntArray:
-    """Half-edges (n, 2) that no half-edge in the opposite direction cancels."""
-    half = list_half_edges(triangles)
-    ahead = half[:, 0] < half[:, 1]
-    key, which = np.unique(np.sort(half, axis=1), axis=0, return_inverse=True)
-    balance = np.bincount(which.ravel(), np.where(ahead, 1, -1), len(key))
-    return half[(balance[which.ravel()] != 0) & (np.sign(balance[which.ravel()]) == np.where(ahead, 1, -1))]
 
 
 def _orient(mesh: TriangleMesh) -> TriangleMesh:
@@ -203,7 +226,7 @@ def _orient(mesh: TriangleMesh) -> TriangleMesh:
 
 def _fill_holes(mesh: TriangleMesh, extent: float) -> TriangleMesh:
     """The mesh with its small holes closed; InvalidRequest if larger ones remain."""
-    edges = _open_edges(mesh.triangles)
+    edges = list_open_edges(mesh.triangles)
     if not len(edges):
         return mesh
     n = len(mesh.vertices)

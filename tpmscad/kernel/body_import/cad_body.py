@@ -16,11 +16,12 @@ from tpmscad.kernel.body_import.overlapping_spheres import require_disjoint_sphe
 from tpmscad.kernel.body_import.solid_choice import ALL, LARGEST, choose_solids, list_reported_solids
 from tpmscad.kernel.build.primitive_solids import PrimitiveRegion, make_region_solid
 from tpmscad.kernel.measure.shape_report import ShapeReport, check_shape, check_solids
-from tpmscad.kernel.measure.solid_list import SolidEntry, list_in_lines, title_solids
+from tpmscad.kernel.measure.solid_list import SolidEntry, tabulate_solids, title_solids
 from tpmscad.kernel.occt.bounding_boxes import enclosing_box
 from tpmscad.kernel.occt.construction import make_compound
 from tpmscad.kernel.occt.exploration import faces_of, solids_of, unwrap
 from tpmscad.kernel.step.face_labels import name_body_face
+from tpmscad.result_display import fit_lines
 
 MAX_COORDINATE = 1e9
 """Model units. OCCT represents infinity by 2e100, and its tolerance of 1e-7 is meaningless beyond this limit."""
@@ -92,8 +93,10 @@ class BodyFile:
 
     def __repr__(self) -> str:
         count = "1 solid" if len(self.solids) == 1 else f"{len(self.solids)} solids"
-        lines = [f"{self.file}: {count}", *list_in_lines(self.solids), *self.notes]
-        return "\n".join(lines)
+        return fit_lines([f"{self.file}: {count}", *map(str, self.solids), *self.notes], ".solids and .notes")
+
+    def _repr_html_(self) -> str:
+        return tabulate_solids(self.file, self.solids)
 
 
 def read_body_file(path: str | os.PathLike[str], solid: int | str | None, *, heal: bool = True) -> BodyFile:

@@ -19,7 +19,7 @@ from tpmscad._typing import Array
 from tpmscad.kernel.measure.face_table import FaceEntry
 from tpmscad.kernel.measure.mass_properties import solid_moments
 from tpmscad.kernel.measure.shape_extents import shape_bounds
-from tpmscad.kernel.measure.solid_list import SolidEntry, list_in_lines
+from tpmscad.kernel.measure.solid_list import SolidEntry, list_in_lines, tabulate_solids
 from tpmscad.kernel.occt import convert
 from tpmscad.kernel.occt.child_process import may_use_threads
 from tpmscad.kernel.occt.exploration import (
@@ -32,6 +32,7 @@ from tpmscad.kernel.occt.exploration import (
     unwrap,
 )
 from tpmscad.kernel.step.step_reader import read_step
+from tpmscad.result_display import list_names
 
 BOUNDS_ROUNDING = 10.0
 """Largest tolerances of the shape to which summaries round the corners of its bounding box."""
@@ -237,11 +238,13 @@ class StepReport:
         ]
 
     def __str__(self) -> str:
-        names = ", ".join(self.products[:3]) + (f" and {len(self.products) - 3} more" if len(self.products) > 3 else "")
-        return f"{self.file}: {names}, {self._describe_units()}\n{self.shape}"
+        return f"{self.file}: {list_names(self.products, 3)}, {self._describe_units()}\n{self.shape}"
 
     def __repr__(self) -> str:
         return str(self)
+
+    def _repr_html_(self) -> str:
+        return tabulate_solids(self.file, self.solids)
 
     def _describe_units(self) -> str:
         """The length units in words."""

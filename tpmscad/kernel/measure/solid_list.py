@@ -15,6 +15,7 @@ from OCP.TopoDS import TopoDS_Solid
 
 from tpmscad._typing import BoxCorners
 from tpmscad.kernel.occt.exploration import ShapeKey, faces_of
+from tpmscad.result_display import format_html_table
 
 MAX_LISTED = 20
 """Solids that a message lists."""
@@ -91,6 +92,16 @@ def list_in_lines(entries: Sequence[SolidEntry]) -> list[str]:
     """The entries in lines, each whole."""
     more = [f"and {len(entries) - MAX_LISTED} more"] if len(entries) > MAX_LISTED else []
     return [*map(str, entries[:MAX_LISTED]), *more]
+
+
+def tabulate_solids(file: str, entries: Sequence[SolidEntry]) -> str:
+    """The solids of a file as a table for notebooks."""
+    head = ("solid", "name", "size, mm", "volume, mm3", "faces", "edges within, mm")
+    rows = [
+        (e.number, e.name, e.size, e.volume, ", ".join(f"{n} {kind}" for kind, n in e.faces.items()), e.edge_tolerance)
+        for e in entries
+    ]
+    return format_html_table(file, rows, head)
 
 
 def title_solids(entries: Sequence[SolidEntry]) -> dict[int, str]:

@@ -81,8 +81,8 @@ class Scene:
         )
 
     @classmethod
-    def of_mesh(cls, mesh: SolidMesh, colours: Sequence[Colour], cut_colour: Colour) -> Scene:
-        """The triangles of one closed mesh, with a colour for each face number; normals are means over those of a face."""
+    def of_mesh(cls, mesh: SolidMesh, colours: Sequence[Colour], cut_colour: Colour, *, closed: bool = True) -> Scene:
+        """The triangles of one mesh, with a colour for each face number; normals are means over those of a face."""
         corner = mesh.triangles + len(mesh.points) * mesh.face[:, None]
         used, triangles = np.unique(corner, return_inverse=True)
         triangles, face = triangles.reshape(-1, 3), used // len(mesh.points)
@@ -101,7 +101,7 @@ class Scene:
             np.zeros(len(triangles), np.int64),
             (),
             np.zeros(len(colours), np.int64),
-            np.array([True]),
+            np.array([closed]),
             np.array(colours, float)[face],
             np.array([cut_colour], float),
         )

@@ -1,0 +1,35 @@
+"""Pictures of files of triangles, drawn as they are: edges where neighbours bend are sharp, and open meshes show both sides."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from tpmscad.brep.triangles.closed_mesh import SolidMesh
+from tpmscad.brep.triangles.smooth_groups import label_smooth_groups
+from tpmscad.errors import InvalidRequest
+from tpmscad.fields.data.triangle_mesh import list_open_edges, read_triangles
+from tpmscad.kernel.render.palette import SURFACE_COLOUR, numbered_colour
+from tpmscad.kernel.render.picture import draw_scene
+from tpmscad.kernel.render.scene import Scene
+from tpmscad.requests.study_options import PiecesPictureOptions
+
+SHARP_DEGREES = 30.0
+"""Bend between two triangles from which the side between them is drawn sharp."""
+
+
+def draw_triangle_file(path: Path, options: PiecesPictureOptions) -> bytes:
+    """The bytes of the PNG picture of a file of triangles; InvalidRequest for what needs the faces or names of a solid."""
+    if options.color_by not in (None, "piece") or options.hide:
+        what = "`hide` takes names" if options.hide else f"color_by={options.color_by!r} needs faces"
+        raise InvalidRequest(f"{what}, which a file of triangles has not: leave it out, or give color_by='piece'")
+    found = read_triangles(path)
+    group = label_smooth_groups(found.vertices, found.triangles, SHARP_DEGREES)
+    mesh = SolidMesh(found.vertices, found.triangles, group)
+    colours = [SURFACE_COLOUR] * (int(group.max()) + 1)
+    if options.color_by == "piece":
+        for of_group, piece in dict(zip(group.tolist(), mesh.component.tolist(), strict=True)).items():
+            colours[of_group] = numbered_colour(piece)
+    closed = not len(list_open_edges(found.triangles))
+    scene = Scene.of_mesh(mesh, colours, SURFACE_COLOUR, closed=closed)
+    axes = options.view != "iso" or options.section is not None
+    return draw_scene(scene, view=options.view, section=options.section, size=options.size, axes=axes)
