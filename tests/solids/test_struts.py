@@ -44,6 +44,38 @@ def test_struts_are_cut_by_a_body() -> None:
     assert abs(model.volume / 1000 - share) < 4 * np.sqrt(share / 400_000)
 
 
+CORNERS = [[x, y, z] for x in (0, 8) for y in (0, 8) for z in (0, 8)]
+DIAGONALS = [[corner, 8] for corner in range(8)]
+
+
+def test_struts_of_two_diameters_are_cut_by_each_other(tmp_path: Path) -> None:
+    diameters = [1.2] * 4 + [0.8] * 4
+    field = fields.struts([*CORNERS, [4, 4, 4]], DIAGONALS, diameters)
+    model = tpmscad.solidify(field, ((0, 0, 0), (8, 8, 8)), tol=0.01)
+    assert model.certificate.met, model.certificate.shortfalls
+    assert model.certificate.betti == (1, 0, 0)
+    share = (field(8 * np.random.default_rng(4).random((400_000, 3))) < 0).mean()
+    assert abs(model.volume / 512 - share) < 4 * np.sqrt(share / 400_000)
+    model.export_step(tmp_path / "two.step")
+    assert tpmscad.check_step(tmp_path / "two.step").ok
+
+
+@pytest.mark.parametrize(
+    ("diameters", "node_radius", "message"),
+    [
+        ([1.2] * 4 + [0.8] * 4, 1.0, "struts of diameters 0.8 and 1.2 have the same ball of radius 1 near"),
+        (np.linspace(0.5, 1.2, 13), 0.0, "13 sets of struts, of diameters from 0.5 to 1.2, are too many"),
+    ],
+)
+def test_solids_of_unequal_struts_that_cannot_be_made_are_refused(
+    diameters: object, node_radius: float, message: str
+) -> None:
+    edges = [*DIAGONALS, *([k, k + 1] for k in (0, 2, 4, 6)), [0, 2]]
+    graph = [*CORNERS, [4, 4, 4]], edges[: len(diameters)]  # type: ignore[arg-type]
+    with pytest.raises(InvalidRequest, match=message):
+        tpmscad.solidify(fields.struts(*graph, diameters, node_radius), ((0, 0, 0), (8, 8, 8)), tol=0.01)
+
+
 @pytest.mark.parametrize(
     ("keywords", "message"),
     [
