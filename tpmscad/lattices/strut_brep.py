@@ -12,7 +12,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
 from functools import cache
-from itertools import pairwise
+from itertools import pairwise, product
 from typing import NamedTuple
 
 import numpy as np
@@ -112,6 +112,11 @@ class StrutEnd:
         """The unit vector across the strut."""
         return np.asarray(np.cos(angle) * self.x_axis + np.sin(angle) * self.y_axis)
 
+    def angle_of(self, point: Array) -> float:
+        """The angle about the strut at which a point lies."""
+        arm = point - self.center
+        return float(np.arctan2(arm @ self.y_axis, arm @ self.x_axis))
+
 
 def build_strut_brep(
     points: Array,
@@ -129,6 +134,8 @@ def build_strut_brep(
     facets: list[_Facet] = []
     cuts = [_choose_cuts(ends[s]) for s in range(len(struts))]
     _exchange_splits(ends, cuts, radius, node_radius)
+    if box is not None:
+        _exchange_opposite_splits(ends, cuts, radius, node_radius, box)
     for pair, cut in zip(ends, cuts, strict=True):
         facets += _bound_cylinder(pair, cut, points, struts, radius)
         for end in pair:
@@ -244,9 +251,43 @@ def _exchange_splits(
                         _split(by_place[end.node, end.others[row]], _ball_point(end, angle, node_radius))
 
 
+def _exchange_opposite_splits(
+    ends: list[tuple[StrutEnd, StrutEnd]],
+    cuts: list[tuple[float, ...]],
+    radius: float,
+    node_radius: float,
+    box: tuple[Array, Array],
+) -> None:
+    """Split borders in a side of the box where equal borders in the opposite side are split: both have the same vertices."""
+    lo, hi = box
+    tol = SAME_POINT * radius
+    every = [end for pair in ends for end in pair]
+    tree = cKDTree([end.center for end in every])
+
+    def place(end: StrutEnd, angle: float, *, on_ball: bool) -> Array | None:
+        if not on_ball:
+            return _cylinder_point(end, angle, radius)
+        shows = end.border is not None and end.cylinder.winner(angle) == end.ball
+        return _ball_point(end, angle, node_radius) if shows else None
+
+    for pair, cut in zip(ends, cuts, strict=True):
+        for end, angle, on_ball in product(pair, cut, (False, True)):
+            point = place(end, angle, on_ball=on_ball)
+            if point is None:
+                continue
+            for axis, (side, shift) in product(range(3), ((lo, hi - lo), (hi, lo - hi))):
+                if abs(point[axis] - side[axis]) > tol:
+                    continue
+                move = shift[axis] * np.eye(3)[axis]
+                for number in tree.query_ball_point(end.center + move, tol):
+                    other = every[number]
+                    found = place(other, other.angle_of(point + move), on_ball=on_ball)
+                    if found is not None and np.linalg.norm(found - point - move) <= tol:
+                        _split(other, point + move)
+
+
 def _split(end: StrutEnd, point: Array) -> None:
-    arm = point - end.center
-    end.splits.append(float(np.arctan2(arm @ end.y_axis, arm @ end.x_axis)))
+    end.splits.append(end.angle_of(point))
 
 
 def _bound_cylinder(
