@@ -88,6 +88,15 @@ def test_a_cell_of_every_kind_fills_what_its_field_does(kind: str, node_radius: 
     assert (brep.vertices <= 10 + 1e-9).all()
 
 
+@pytest.mark.parametrize("kind", [kind for kind in KINDS if kind != "diamond"])  # its sides cut unlike halves of joints
+def test_opposite_sides_have_the_same_vertices(kind: str) -> None:
+    vertices = bound(fields.strut_lattice(kind, 10.0, 1.6), BOX).vertices
+    for axis in range(3):
+        low, high = (np.delete(vertices[np.abs(vertices[:, axis] - side) < 1e-9], axis, axis=1) for side in (0.0, 10.0))
+        assert len(low) == len(high)
+        assert np.linalg.norm(low[:, None] - high, axis=2).min(axis=1).max() < 1e-6
+
+
 def test_a_cell_of_bcc_has_as_few_faces_as_can_be() -> None:
     brep = bound(fields.strut_lattice("bcc", 10.0, 1.0), BOX)
     assert len(brep.faces) == 8 * 2 + 8 * 3  # half cylinders, and three sides of the box at each corner
