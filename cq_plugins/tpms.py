@@ -1,9 +1,10 @@
-"""Lattices on the CadQuery stack: `import cq_plugins.tpms` adds `tpms`, `tpmsInfill` and `tpmsModels` to Workplane.
+"""Lattices on the CadQuery stack: `import cq_plugins.tpms` adds `tpms`, `struts`, `tpmsInfill` and `tpmsModels` to Workplane.
 
 import cadquery as cq
 import cq_plugins.tpms
 
 part = cq.Workplane().tpms("gyroid", cell=10, cells=(2, 2, 2), thickness=1)
+frame = cq.Workplane().struts("octet", cell=10, cells=(2, 2, 2), diameter=1)
 filled = cq.Workplane().cylinder(50, 20).tpmsInfill("gyroid", cell=8, thickness=0.8, skin=1.5)
 filled.faces(">Z").workplane().hole(4).tpmsModels()[-1].certificate
 """
@@ -21,19 +22,39 @@ from tpmscad.errors import InvalidRequest, NotMet
 from tpmscad.kernel_wheels import WITH_CADQUERY, explained_load_failure
 from tpmscad.requests.face_selection import is_face_selection
 from tpmscad.requests.lattice_options import InfillOptions, LatticeOptions
-from tpmscad.requests.lattice_request import lattice_size
+from tpmscad.requests.lattice_request import lattice_size, size_of_cells
+from tpmscad.requests.strut_options import StrutOptions
 from tpmscad.results.model import Model
 from tpmscad.solids._infill import infill
 from tpmscad.solids._lattice import lattice
+from tpmscad.solids._struts import struts as make_struts
 
 with explained_load_failure("CadQuery", WITH_CADQUERY):
     import cadquery as cq
 
-__all__ = ["tpms", "tpmsInfill", "tpmsModels"]
+__all__ = ["struts", "tpms", "tpmsInfill", "tpmsModels"]
 
 
 def __dir__() -> list[str]:
     return sorted(__all__)
+
+
+Centered = Annotated[
+    bool | tuple[bool, bool, bool],
+    ANYTHING,
+    "Whether the center of the box of `cells` x `cell` lies on the point, or its lowest corner; per axis.",
+]
+Combine = Annotated[
+    bool | Literal["cut", "a", "s"],
+    ANYTHING,
+    "As in ``Workplane.box``: lattices are joined to the solid in the chain, if there is one. False leaves them on the stack "
+    "by themselves, as they were made.",
+]
+Clean = Annotated[
+    bool,
+    FLAG,
+    "As in ``Workplane.box``, but False by default: of thousands of patches no two can be merged, and to try takes minutes.",
+]
 
 
 @dataclass(frozen=True)
@@ -41,22 +62,9 @@ class WorkplaneLatticeOptions(LatticeOptions):
     """The arguments of `tpms`."""
 
     _: KW_ONLY
-    centered: Annotated[
-        bool | tuple[bool, bool, bool],
-        ANYTHING,
-        "Whether the center of the box of `cells` x `cell` lies on the point, or its lowest corner; per axis.",
-    ] = False
-    combine: Annotated[
-        bool | Literal["cut", "a", "s"],
-        ANYTHING,
-        "As in ``Workplane.box``: lattices are joined to the solid in the chain, if there is one. False leaves them on the stack "
-        "by themselves, as they were made.",
-    ] = True
-    clean: Annotated[
-        bool,
-        FLAG,
-        "As in ``Workplane.box``, but False by default: of thousands of patches no two can be merged, and to try takes minutes.",
-    ] = False
+    centered: Centered = False
+    combine: Combine = True
+    clean: Clean = False
 
 
 @validate_method_options(WorkplaneLatticeOptions, 'tpms("gyroid", cell=10, cells=(2, 2, 2), thickness=1)')
@@ -86,16 +94,53 @@ def tpms(self: cq.Workplane, options: WorkplaneLatticeOptions) -> cq.Workplane:
     >>> import cadquery as cq
     >>> lattices = cq.Workplane().rarray(30, 30, 2, 2).tpms("gyroid", cell=10, thickness=1, centered=True)
     """
-    combine, centered = options.combine, options.centered
-    if combine not in (True, False, "cut", "a", "s"):
-        raise InvalidRequest(f'combine {combine!r} is none of True, False, "cut", "a" and "s"')
-    middle = (centered,) * 3 if isinstance(centered, bool) else centered
-    if options.map is not None and any(middle):
+    _require_combine(options.combine)
+    if options.map is not None and any(_per_axis(options.centered)):
         raise InvalidRequest("a mapped lattice lies where the map puts it: leave centered out")
     model = lattice(**select_arguments(options, LatticeOptions))
-    shift = (-length / 2 if half else 0.0 for length, half in zip(lattice_size(options), middle, strict=True))
-    shape = cq.Shape.cast(_require_met(model).wrapped).move(cq.Location(cq.Vector(*shift)))
-    return _with_models(self.eachpoint(shape, True, combine, options.clean), [model])
+    size = lattice_size(options)
+    return _put_at_points(self, model, size, options.centered, options.combine, clean=options.clean)
+
+
+@dataclass(frozen=True)
+class WorkplaneStrutsOptions(StrutOptions):
+    """The arguments of `struts`."""
+
+    _: KW_ONLY
+    centered: Centered = False
+    combine: Combine = True
+    clean: Clean = False
+
+
+@validate_method_options(WorkplaneStrutsOptions, 'struts("octet", cell=10, cells=(2, 2, 2), diameter=1)')
+def struts(self: cq.Workplane, options: WorkplaneStrutsOptions) -> cq.Workplane:
+    """Put a lattice of round struts at each point on the stack, or at the origin of the workplane if there is none.
+
+    The lattice is made once and placed in workplane coordinates.
+
+    Returns
+    -------
+    Workplane
+        With the lattices, or the combined solid, on the stack.
+
+    Raises
+    ------
+    InvalidRequest, NotMet
+        As `tpms`.
+
+    See Also
+    --------
+    tpmsModels : The models and certificates behind a chain.
+
+    Examples
+    --------
+    >>> import cadquery as cq
+    >>> frame = cq.Workplane().struts("octet", cell=10, cells=(2, 2, 2), diameter=1, centered=True)
+    """
+    _require_combine(options.combine)
+    model = make_struts(**select_arguments(options, StrutOptions))
+    size = size_of_cells(options.cell, options.cells)
+    return _put_at_points(self, model, size, options.centered, options.combine, clean=options.clean)
 
 
 @dataclass(frozen=True)
@@ -158,7 +203,7 @@ def tpmsInfill(self: cq.Workplane, options: WorkplaneInfillOptions) -> cq.Workpl
 
 
 def tpmsModels(self: cq.Workplane) -> tuple[Model, ...]:
-    """The models that `tpms` and `tpmsInfill` have made in this chain, with their certificates.
+    """The models that `tpms`, `struts` and `tpmsInfill` have made in this chain, with their certificates.
 
     They stay with the chain: selections, booleans and further features keep them.
 
@@ -180,6 +225,31 @@ def tpmsModels(self: cq.Workplane) -> tuple[Model, ...]:
         found[:0] = getattr(work, "_tpms_models", ())
         work = work.parent
     return tuple(found)
+
+
+def _require_combine(combine: Any) -> None:
+    """InvalidRequest unless it is a value that ``Workplane.box`` takes."""
+    if combine not in (True, False, "cut", "a", "s"):
+        raise InvalidRequest(f'combine {combine!r} is none of True, False, "cut", "a" and "s"')
+
+
+def _per_axis(centered: bool | tuple[bool, bool, bool]) -> tuple[bool, bool, bool]:
+    return (centered,) * 3 if isinstance(centered, bool) else centered
+
+
+def _put_at_points(
+    work: cq.Workplane,
+    model: Model,
+    size: tuple[float, float, float],
+    centered: bool | tuple[bool, bool, bool],
+    combine: Any,
+    *,
+    clean: bool,
+) -> cq.Workplane:
+    """The workplane with the model at every point on its stack, its box of a size centred along the axes that say so."""
+    shift = (-length / 2 if half else 0.0 for length, half in zip(size, _per_axis(centered), strict=True))
+    shape = cq.Shape.cast(_require_met(model).wrapped).move(cq.Location(cq.Vector(*shift)))
+    return _with_models(work.eachpoint(shape, True, combine, clean), [model])
 
 
 def _with_models(work: cq.Workplane, models: list[Model]) -> cq.Workplane:
@@ -230,8 +300,8 @@ def _require_met(model: Model) -> Model:
 
 
 def _register_methods() -> None:
-    """Make the three functions methods of Workplane; ImportError if another plug-in has taken one of the names."""
-    for method in (tpms, tpmsInfill, tpmsModels):
+    """Make the functions methods of Workplane; ImportError if another plug-in has taken one of the names."""
+    for method in (tpms, struts, tpmsInfill, tpmsModels):
         taken = getattr(cq.Workplane, method.__name__, method)
         if taken.__module__ != __name__:
             raise ImportError(
@@ -239,6 +309,7 @@ def _register_methods() -> None:
                 "import only one of the two"
             )
     cq.Workplane.tpms = tpms
+    cq.Workplane.struts = struts
     cq.Workplane.tpmsInfill = tpmsInfill
     cq.Workplane.tpmsModels = tpmsModels
 

@@ -1,15 +1,17 @@
 """Lattices and filled bodies as build123d parts, in builder and algebra mode.
 
-from tpmscad.build123d import Tpms, TpmsInfill
+from tpmscad.build123d import Struts, Tpms, TpmsInfill
 
 part = Tpms("gyroid", cell=10, cells=(2, 2, 2), thickness=1)
+frame = Struts("octet", cell=10, cells=(2, 2, 2), diameter=1)
 filled = TpmsInfill(Cylinder(20, 50), "gyroid", cell=8, thickness=0.8, skin=1.5)
 """
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import KW_ONLY, dataclass, field
-from typing import Annotated, Any, Self
+from typing import Annotated, Any, Self, TypeAlias
 
 from tpmscad.api.arguments import select_arguments
 from tpmscad.api.public_calls import show_constructor, validate_method_options
@@ -18,7 +20,8 @@ from tpmscad.errors import InvalidRequest
 from tpmscad.kernel_wheels import explained_load_failure
 from tpmscad.requests.face_selection import list_given_faces
 from tpmscad.requests.lattice_options import InfillOptions, LatticeOptions
-from tpmscad.requests.lattice_request import lattice_size
+from tpmscad.requests.lattice_request import lattice_size, size_of_cells
+from tpmscad.requests.strut_options import StrutOptions
 from tpmscad.requests.study_options import ModelExportOptions, ModelPictureOptions
 from tpmscad.results.certificate import Certificate
 from tpmscad.results.model import Model
@@ -26,17 +29,23 @@ from tpmscad.results.placed_model import place_model
 from tpmscad.results.result_summary import count_pieces
 from tpmscad.solids._infill import infill
 from tpmscad.solids._lattice import lattice
+from tpmscad.solids._struts import struts
 
 with explained_load_failure("build123d"):
     from build123d import Align, BasePartObject, BuildPart, Compound, Location, Mode, Part, RotationLike, Vector
     from build123d.build_common import Builder
     from build123d.geometry import to_align_offset
 
-__all__ = ["Tpms", "TpmsInfill"]
+__all__ = ["Struts", "Tpms", "TpmsInfill"]
 
 
 def __dir__() -> list[str]:
     return sorted(__all__)
+
+
+AlignOption: TypeAlias = Align | tuple[Align, Align, Align] | None
+LatticeRotation = Annotated[RotationLike, ANYTHING, "Rotation of the aligned lattice, degrees."]
+PartMode = Annotated[Mode, ANYTHING, "Combination mode in a builder."]
 
 
 @dataclass(frozen=True)
@@ -47,7 +56,7 @@ class PartExportOptions(ModelExportOptions):
 
 
 class ModelPart:
-    """What `Tpms` and `TpmsInfill` have of the model that they hold: its files, its pictures and its words."""
+    """What the parts have of the model that they hold: its files, its pictures and its words."""
 
     model: Model
     certificate: Certificate
@@ -98,23 +107,52 @@ class ModelPart:
         )
 
 
+class LatticePart(ModelPart, BasePartObject):
+    """A lattice that is aligned by a box, and whose parameters are attributes."""
+
+    def _hold(
+        self,
+        model: Model,
+        parameters: dict[str, Any],
+        box: tuple[Sequence[float], Sequence[float]],
+        *,
+        rotation: RotationLike,
+        align: AlignOption,
+        mode: Mode,
+    ) -> None:
+        """Become the part of a model: aligned by two corners of a box, then rotated, and combined in a mode."""
+        self.__dict__.update({name: value for name, value in parameters.items() if name != "progress"})
+        self.align, self.model, self.certificate = align, model, model.certificate
+        part = model.solid
+        part.label = model.name
+        low, high = (Vector(*corner) for corner in box)
+        part.move(Location(to_align_offset(low, high, align)))
+        BasePartObject.__init__(self, part, rotation=rotation, align=None, mode=mode)
+
+    def __deepcopy__(self, memo: dict[int, Any]) -> Self:
+        """A copy of the part, as build123d makes it for every placement; model, certificate and map are shared."""
+        for shared in (self.model, self.certificate, getattr(self, "map", None)):
+            memo[id(shared)] = shared
+        return super().__deepcopy__(memo)
+
+
 @dataclass(frozen=True)
 class TpmsOptions(LatticeOptions):
     """The arguments of `Tpms`."""
 
     _: KW_ONLY
-    rotation: Annotated[RotationLike, ANYTHING, "Rotation of the aligned lattice, degrees."] = (0, 0, 0)
+    rotation: LatticeRotation = (0, 0, 0)
     align: Annotated[
-        Align | tuple[Align, Align, Align] | None,
+        AlignOption,
         ANYTHING,
         "Alignment of the box of `cells` x `cell` that the lattice fills, or of its image under `map`; the kernel's bounding box "
         "of B-splines would be too large. None leaves the lattice where `tpmscad.lattice` puts it.",
     ] = Align.CENTER
-    mode: Annotated[Mode, ANYTHING, "Combination mode in a builder."] = Mode.ADD
+    mode: PartMode = Mode.ADD
 
 
 @show_constructor
-class Tpms(ModelPart, BasePartObject):
+class Tpms(LatticePart):
     """A lattice of a minimal surface as a build123d part.
 
     Attributes
@@ -145,24 +183,59 @@ class Tpms(ModelPart, BasePartObject):
         if options.map is not None and options.boundary == "natural" and align is not None:
             raise InvalidRequest("a mapped lattice of natural boundary fills no box to align: give align=None")
         keywords = select_arguments(options, LatticeOptions)
-        self.__dict__.update({name: value for name, value in keywords.items() if name != "progress"})
-        self.align = align
-        self.model = lattice(**keywords)
-        self.certificate = self.model.certificate
+        model = lattice(**keywords)
         if options.map is None:
             low, high = (0.0, 0.0, 0.0), lattice_size(options)
         else:  # the extreme vertices lie in the caps, hence in the planes of the box
-            low, high = (tuple(f(self.model.patches.vertices[:, k]) for k in range(3)) for f in (min, max))
-        part = self.model.solid
-        part.label = self.model.name
-        part.move(Location(to_align_offset(Vector(low), Vector(high), align)))
-        super().__init__(part, rotation=options.rotation, align=None, mode=options.mode)
+            low, high = (tuple(f(model.patches.vertices[:, k]) for k in range(3)) for f in (min, max))
+        self._hold(model, keywords, (low, high), rotation=options.rotation, align=align, mode=options.mode)
 
-    def __deepcopy__(self, memo: dict[int, Any]) -> Self:
-        """A copy of the part, as build123d makes it for every placement; model and certificate are shared."""
-        for shared in (self.model, self.certificate, self.map):
-            memo[id(shared)] = shared
-        return super().__deepcopy__(memo)
+
+@dataclass(frozen=True)
+class StrutsOptions(StrutOptions):
+    """The arguments of `Struts`."""
+
+    _: KW_ONLY
+    rotation: LatticeRotation = (0, 0, 0)
+    align: Annotated[
+        AlignOption,
+        ANYTHING,
+        "Alignment of the box of `cells` x `cell` that cuts the struts. None leaves its lowest corner in the origin.",
+    ] = Align.CENTER
+    mode: PartMode = Mode.ADD
+
+
+@show_constructor
+class Struts(LatticePart):
+    """A lattice of round struts as a build123d part.
+
+    Attributes
+    ----------
+    model : Model
+        What `tpmscad.struts` returned, before alignment and rotation.
+    certificate : Certificate
+        What was measured; `certificate.met` says whether the lattice meets the request.
+
+    The parameters are attributes, too, except `progress`.
+
+    Raises
+    ------
+    InvalidRequest
+        If the request cannot be carried out; the message names the value, the limit and the remedy.
+    KernelError
+        If the kernel cannot build the solid.
+
+    Examples
+    --------
+    >>> with BuildPart() as part:
+    ...     Struts("octet", cell=10, cells=(2, 2, 2), diameter=1)
+    """
+
+    @validate_method_options(StrutsOptions, 'Struts("octet", cell=10, cells=(2, 2, 2), diameter=1)')
+    def __init__(self, options: StrutsOptions) -> None:
+        keywords = select_arguments(options, StrutOptions)
+        box = (0.0, 0.0, 0.0), size_of_cells(options.cell, options.cells)
+        self._hold(struts(**keywords), keywords, box, rotation=options.rotation, align=options.align, mode=options.mode)
 
 
 @dataclass(frozen=True)
@@ -176,7 +249,7 @@ class TpmsInfillOptions(InfillOptions):
         None
     )
     _: KW_ONLY
-    mode: Annotated[Mode, ANYTHING, "Combination mode in a builder."] = Mode.REPLACE
+    mode: PartMode = Mode.REPLACE
 
 
 @show_constructor

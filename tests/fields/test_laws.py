@@ -48,6 +48,7 @@ KINDS = {
     "cylinder": fields.cylinder((0.1, 0.2, 0.3), 0.8, (1, 1, 0.3)),
     "short cylinder": fields.cylinder((0.1, 0.2, 0.3), 0.8, "y", 1.4),
     "struts": fields.struts([[0, 0, 0], [2, 1, 0], [-1, 2, 1], [0, 1, 3]], [[0, 1], [0, 2], [2, 3]], 0.5),
+    "struts of two diameters": fields.struts([[0, 0, 0], [2, 1, 0], [-1, 2, 1]], [[0, 1], [0, 2]], [0.5, 0.9]),
     "strut lattice": fields.strut_lattice("re-entrant", (2.0, 1.5, 3.0), 0.3, node_radius=0.25),
     "image": fields.image_region(DRAWN[:, :, 0], (-2, -2), (2.5, 2)),
     "image along x": fields.image_region(DRAWN[:, :, 1], (-2, -2), (2.5, 2), axis="x"),

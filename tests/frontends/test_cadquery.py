@@ -74,11 +74,11 @@ def test_the_models_behind_a_chain_stay_with_it(cq: Any, gyroid: Any, schwarz: A
     assert cq.Workplane().box(1, 1, 1).tpmsModels() == ()
 
 
-def test_the_import_adds_three_methods_and_overrides_nothing(cq: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_import_adds_its_methods_and_overrides_nothing(cq: Any, monkeypatch: pytest.MonkeyPatch) -> None:
     import cq_plugins.tpms as plugin
 
     ours = [name for name, value in vars(cq.Workplane).items() if getattr(value, "__module__", "") == plugin.__name__]
-    assert ours == ["tpms", "tpmsInfill", "tpmsModels"]
+    assert ours == ["tpms", "struts", "tpmsInfill", "tpmsModels"]
     importlib.reload(plugin)
     monkeypatch.setattr(cq.Workplane, "tpms", lambda self: self)
     with pytest.raises(ImportError, match="already has a method tpms"):

@@ -88,6 +88,15 @@ def test_a_cell_of_every_kind_fills_what_its_field_does(kind: str, node_radius: 
     assert (brep.vertices <= 10 + 1e-9).all()
 
 
+@pytest.mark.parametrize("kind", [kind for kind in KINDS if kind != "diamond"])  # its sides cut unlike halves of joints
+def test_opposite_sides_have_the_same_vertices(kind: str) -> None:
+    vertices = bound(fields.strut_lattice(kind, 10.0, 1.6), BOX).vertices
+    for axis in range(3):
+        low, high = (np.delete(vertices[np.abs(vertices[:, axis] - side) < 1e-9], axis, axis=1) for side in (0.0, 10.0))
+        assert len(low) == len(high)
+        assert np.linalg.norm(low[:, None] - high, axis=2).min(axis=1).max() < 1e-6
+
+
 def test_a_cell_of_bcc_has_as_few_faces_as_can_be() -> None:
     brep = bound(fields.strut_lattice("bcc", 10.0, 1.0), BOX)
     assert len(brep.faces) == 8 * 2 + 8 * 3  # half cylinders, and three sides of the box at each corner
@@ -107,6 +116,40 @@ def test_collinear_struts_are_one_without_a_seam() -> None:
     assert len(bent.points) == 2
     beaded = fields.struts([[0, 0, 0], [3, 0, 0], [9, 0, 0]], [[0, 1], [1, 2]], 1.0, 0.8)
     assert len(beaded.edges) == 2
+
+
+@given(st.integers(0, 1000), st.sampled_from([0.0, 0.9]))
+def test_struts_of_unequal_diameters_are_the_union_of_each(seed: int, node_radius: float) -> None:
+    rng = np.random.default_rng(seed)
+    nodes, diameters = 8 * rng.random((6, 3)), rng.uniform(0.2, 2.5, 5)
+    edges = [[0, 1], [1, 2], [2, 3], [0, 4], [4, 5]]
+    field = fields.struts(nodes, edges, diameters, node_radius)
+    each = [
+        fields.struts(nodes, [edge], diameter, node_radius) for edge, diameter in zip(edges, diameters, strict=True)
+    ]
+    points = rng.uniform(-3, 11, (200, 3))
+    np.testing.assert_allclose(field(points), np.min([one(points) for one in each], axis=0), rtol=0, atol=1e-12)
+
+
+def test_collinear_struts_of_unequal_diameters_stay_two() -> None:
+    stepped = fields.struts([[0, 0, 0], [3, 0, 0], [9, 0, 0], [12, 0, 0]], [[0, 1], [1, 2], [2, 3]], [1.0, 0.5, 0.5])
+    assert stepped.edges.tolist() == [[0, 1], [1, 2]]
+    assert stepped.radii.tolist() == [0.5, 0.25]
+    assert repr(stepped) == "StrutsField(3 points, 2 struts, diameters from 0.5 to 1)"
+
+
+@pytest.mark.parametrize(
+    ("diameter", "message"),
+    [
+        ([1.0, 2.0], "diameter has 2 values for 1 edges: give one number, or one for each edge"),
+        ([0.0], "holds 0 at index 0, and must be positive"),
+        ([[1.0]], r"of shape \(1, 1\) must be a sequence of positive numbers"),
+        (-1.0, "diameter -1.0"),
+    ],
+)
+def test_diameters_that_no_strut_has_are_refused(diameter: object, message: str) -> None:
+    with pytest.raises(InvalidRequest, match=message):
+        fields.struts([[0, 0, 0], [1, 0, 0]], [[0, 1]], diameter)
 
 
 @pytest.mark.parametrize(

@@ -74,4 +74,4 @@ def test_completion_lists_public_names_only(module: Any) -> None:
 def test_completion_of_the_build123d_face_lists_its_two_parts() -> None:
     import tpmscad.build123d
 
-    assert dir(tpmscad.build123d) == ["Tpms", "TpmsInfill"]
+    assert dir(tpmscad.build123d) == ["Struts", "Tpms", "TpmsInfill"]

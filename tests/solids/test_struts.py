@@ -44,6 +44,67 @@ def test_struts_are_cut_by_a_body() -> None:
     assert abs(model.volume / 1000 - share) < 4 * np.sqrt(share / 400_000)
 
 
+def test_a_cell_is_checked_meshed_and_homogenised() -> None:
+    pytest.importorskip("gmsh")
+    pytest.importorskip("skfem")
+    model = tpmscad.struts("bcc", cell=10, diameter=2)
+    wall = model.check_print().findings[0]
+    assert wall.value == pytest.approx(2, rel=0.02)
+    found = tpmscad.homogenize(model, size=1.2, progress=False)
+    c = found.stiffness
+    assert c[1, 1] == pytest.approx(c[0, 0], rel=0.02)
+    assert c[4, 4] == pytest.approx(c[3, 3], rel=0.02)
+    # struts along the diagonals alone: C11 = C12 = C44 = E vf / 9, and a little more from bending
+    assert model.volume / 1000 / 9 * 0.9 < c[0, 0] < model.volume / 1000 / 9 * 2.5
+
+
+def test_gmsh_reads_the_step_file(tmp_path: Path) -> None:
+    gmsh = pytest.importorskip("gmsh")
+    model = tpmscad.struts("bcc", cell=10, diameter=1)
+    model.export_step(tmp_path / "bcc.step")
+    gmsh.initialize()
+    try:
+        gmsh.option.setNumber("General.Terminal", 0)
+        gmsh.model.occ.importShapes(str(tmp_path / "bcc.step"))
+        gmsh.model.occ.synchronize()
+        ((_, solid),) = gmsh.model.getEntities(3)
+        assert gmsh.model.occ.getMass(3, solid) == pytest.approx(model.volume, rel=1e-6)
+    finally:
+        gmsh.finalize()
+
+
+CORNERS = [[x, y, z] for x in (0, 8) for y in (0, 8) for z in (0, 8)]
+DIAGONALS = [[corner, 8] for corner in range(8)]
+
+
+def test_struts_of_two_diameters_are_cut_by_each_other(tmp_path: Path) -> None:
+    diameters = [1.2] * 4 + [0.8] * 4
+    field = fields.struts([*CORNERS, [4, 4, 4]], DIAGONALS, diameters)
+    model = tpmscad.solidify(field, ((0, 0, 0), (8, 8, 8)), tol=0.01)
+    assert model.certificate.met, model.certificate.shortfalls
+    assert model.certificate.betti == (1, 0, 0)
+    share = (field(8 * np.random.default_rng(4).random((400_000, 3))) < 0).mean()
+    assert abs(model.volume / 512 - share) < 4 * np.sqrt(share / 400_000)
+    model.export_step(tmp_path / "two.step")
+    assert tpmscad.check_step(tmp_path / "two.step").ok
+
+
+@pytest.mark.parametrize(
+    ("diameters", "node_radius", "message"),
+    [
+        ([1.2] * 4 + [0.8] * 4, 1.0, "struts of diameters 0.8 and 1.2 have the same ball of radius 1 near"),
+        (np.linspace(0.5, 1.2, 13), 0.0, "13 sets of struts, of diameters from 0.5 to 1.2, are too many"),
+    ],
+)
+def test_solids_of_unequal_struts_that_cannot_be_made_are_refused(
+    diameters: object, node_radius: float, message: str
+) -> None:
+    edges = [*DIAGONALS, *([k, k + 1] for k in (0, 2, 4, 6)), [0, 2]]
+    graph = [*CORNERS, [4, 4, 4]], edges[: len(diameters)]  # type: ignore[arg-type]
+    with pytest.raises(InvalidRequest, match=message):
+        tpmscad.solidify(fields.struts(*graph, diameters, node_radius), ((0, 0, 0), (8, 8, 8)), tol=0.01)
+
+
 @pytest.mark.parametrize(
     ("keywords", "message"),
     [

@@ -206,6 +206,13 @@ def test_phases_are_the_integral_where_there_is_one_and_the_closest_gradient_whe
     assert squares(across) < min(squares(phase) for phase in others)
 
 
+def test_a_voronoi_foam_has_the_holes_of_its_graph(load: Any) -> None:
+    found = load("voronoi_foam").main(count=6, size=10.0, diameter=0.5, shortest=1.2)
+    assert found["met"]
+    assert found["betti"] == (1, found["struts"] - found["nodes"] + 1, 0)
+    require_files("voronoi_foam")
+
+
 def test_phases_keep_cell_sizes_that_plain_modulation_misses(load: Any) -> None:
     pytest.importorskip("pyamg")
     pytest.importorskip("gmsh")

@@ -190,7 +190,12 @@ def lattice_size(options: LatticeOptions) -> tuple[float, float, float]:
     cell = options.cell
     if cell is None:  # it follows from the pore size
         cell = resolve_lattice_request(options).cell
-    return triple(edge * count for edge, count in zip(as_triple(cell), as_triple(options.cells), strict=True))
+    return size_of_cells(cell, options.cells)
+
+
+def size_of_cells(cell: float | Sequence[float], cells: int | Sequence[int]) -> tuple[float, float, float]:
+    """Edge lengths of the box of `cells` x `cell`."""
+    return triple(edge * count for edge, count in zip(as_triple(cell), as_triple(cells), strict=True))
 
 
 def rotation_matrix(rotation: Sequence[float]) -> Array:

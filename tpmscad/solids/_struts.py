@@ -13,6 +13,7 @@ from tpmscad.errors import InvalidRequest
 from tpmscad.fields.kinds.strut_graphs import StrutsField, make_strut_graph
 from tpmscad.fields.kinds.strut_graphs import struts as make_struts
 from tpmscad.kernel.measure.envelope import Envelope
+from tpmscad.requests.lattice_request import size_of_cells
 from tpmscad.requests.strut_options import StrutOptions
 from tpmscad.results.model import Model
 from tpmscad.solids._solidify import solidify_crossing
@@ -60,7 +61,7 @@ def struts(options: StrutOptions) -> Model:
     """
     stages = StageTimer(options.progress)
     edges = np.broadcast_to(np.asarray(options.cell, float), 3)
-    hi = edges * np.broadcast_to(np.asarray(options.cells), 3)
+    hi = np.array(size_of_cells(options.cell, options.cells))
     graph = make_strut_graph(options.kind, options.cell, options.cells, options.angle)
     fraction = _resolve_fraction(options)
     if fraction is None:

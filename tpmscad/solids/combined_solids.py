@@ -65,7 +65,7 @@ from tpmscad.results.certificate import Check, PatchMeasures
 from tpmscad.solids.boolean_strategies import N_SAMPLE_LINES, POINTS_PER_LINE, estimate_fraction
 from tpmscad.solids.field_patches import N_QUADRATURE_LINES, FieldPatches, fit_field_patches
 from tpmscad.solids.patch_measures import FIELD_VOLUME_RTOL, FROM_FIELD, TO_FIELD, check_field_tangent_jump
-from tpmscad.solids.strut_solids import bound_struts, bound_struts_in_box, require_struts_apart
+from tpmscad.solids.strut_solids import bound_struts, bound_struts_in_box, require_few_strut_sets, require_struts_apart
 from tpmscad.stage_timer import StageTimer
 from tpmscad.trimming.network_boolean import Operation, combine_networks
 
@@ -127,6 +127,7 @@ def combine_field_solids(
     """
     with stages("split"):
         tree = split_crossing_operands(field, lo, hi, tol, find_sample_spacing(field, lo, hi))
+    require_few_strut_sets([each for each in map(find_struts, list_fields(tree)) if each is not None])
     operands = [
         find_quadric(each) or _accept_struts(each) or _fit_operand(each, lo, hi, tol, stages, number)
         for number, each in enumerate(list_fields(tree))

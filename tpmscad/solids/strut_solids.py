@@ -2,7 +2,11 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from itertools import combinations
+
 import numpy as np
+from scipy.spatial import cKDTree
 
 from tpmscad._typing import Array
 from tpmscad.brep.boundary_representation import Brep
@@ -13,6 +17,9 @@ from tpmscad.lattices.strut_contacts import DIAMETER_DIGITS, find_contact
 
 OUTSIDE_RTOL = 1e-9
 """In sizes of the box: how far vertices of struts that its sides have cut may lie outside it."""
+
+MAX_SETS = 12
+"""Sets of struts of one diameter each that are cut by each other."""
 
 
 def require_struts_apart(field: StrutsField) -> None:
@@ -31,6 +38,27 @@ def require_struts_apart(field: StrutsField) -> None:
         f"{contact.what} near {place}: there is {contact.distance:.4g} for {contact.needed:.4g} that a diameter of "
         f"{2 * field.radius:g} needs. Give {remedy}, or leave short struts out of the graph"
     )
+
+
+def require_few_strut_sets(sets: Sequence[StrutsField]) -> None:
+    """InvalidRequest for more sets of struts than are cut by each other, or for balls that are of two sets."""
+    if len(sets) > MAX_SETS:
+        low, high = (2 * f(each.radius for each in sets) for f in (min, max))
+        raise InvalidRequest(
+            f"{len(sets)} sets of struts, of diameters from {low:g} to {high:g}, are too many: those of each diameter are cut by "
+            f"all others, for {MAX_SETS} at most. Round the diameters to fewer values"
+        )
+    balled = [each for each in sets if each.node_radius > each.radius]
+    for first, second in combinations(balled, 2):
+        if first.node_radius != second.node_radius:
+            continue
+        distance, _ = cKDTree(first.points).query(second.points)
+        if distance.min() <= OUTSIDE_RTOL * first.node_radius:
+            place = format_point(second.points[int(np.argmin(distance))], 5)
+            raise InvalidRequest(
+                f"struts of diameters {2 * first.radius:g} and {2 * second.radius:g} have the same ball of radius "
+                f"{first.node_radius:g} near {place}: solids of struts of several diameters have no balls; leave node_radius out"
+            )
 
 
 def bound_struts(field: StrutsField) -> Brep:

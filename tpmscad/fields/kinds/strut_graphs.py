@@ -15,7 +15,16 @@ from tpmscad._compiled_loops import njit_cached
 from tpmscad._typing import Array, IntArray
 from tpmscad.api.argument_kinds import choice_of
 from tpmscad.api.public_calls import validate_call
-from tpmscad.api.shared_kinds import ANGLE, CELL_COUNTS, LENGTHS, NOT_NEGATIVE, PAIR_ROWS, POINT_ROWS, POSITIVE
+from tpmscad.api.shared_kinds import (
+    ANGLE,
+    CELL_COUNTS,
+    LENGTHS,
+    NOT_NEGATIVE,
+    PAIR_ROWS,
+    POINT_ROWS,
+    POSITIVE,
+    POSITIVE_VALUES,
+)
 from tpmscad.errors import InvalidRequest, format_point
 from tpmscad.fields.field import Field
 from tpmscad.fields.tape.evaluation import FieldJet, stack_points
@@ -30,6 +39,8 @@ CELLS_ALONG_GRID = 24
 STRAIGHT = 1e-9
 """Sine of the angle up to which two struts continue each other."""
 
+STRUT_DIAMETERS = POSITIVE.or_else(POSITIVE_VALUES)
+
 NodeRadius = Annotated[
     float,
     NOT_NEGATIVE,
@@ -39,7 +50,7 @@ NodeRadius = Annotated[
 
 
 class _NearStruts(NamedTuple):
-    """The struts that may be nearest to a point of each cell of a grid: `members[first[k] : first[k + 1]]` for cell k, ascending.
+    """The struts whose surfaces may be nearest to a point of a grid's cell k: `members[first[k] : first[k + 1]]`, ascending.
 
     low, size (3,): corner of the grid, edges of a cell; counts (3,): of cells. Beyond the grid all struts are asked.
     """
@@ -51,17 +62,19 @@ class _NearStruts(NamedTuple):
     members: IntArray
 
 
-def _find_near(points: Array, edges: IntArray, margin: float) -> _NearStruts:
-    """The grid of the struts between points, with a margin around these."""
+def _find_near(points: Array, edges: IntArray, radii: Array, margin: float) -> _NearStruts:
+    """The grid of the struts of radii (m,) between points, with a margin around these."""
     low, high = points.min(axis=0) - margin, points.max(axis=0) + margin
     counts = np.maximum(((high - low) / (high - low).max() * CELLS_ALONG_GRID).astype(np.int64), 1)
     size = (high - low) / counts
     start = points[edges[:, 0]]
-    return _NearStruts(low, size, counts, *_list_near(low, size, counts, start, points[edges[:, 1]] - start))
+    return _NearStruts(low, size, counts, *_list_near(low, size, counts, start, points[edges[:, 1]] - start, radii))
 
 
 @njit_cached  # type: ignore[untyped-decorator]  # numba has no types
-def _list_near(low: Array, size: Array, counts: IntArray, start: Array, along: Array) -> tuple[IntArray, IntArray]:
+def _list_near(
+    low: Array, size: Array, counts: IntArray, start: Array, along: Array, radii: Array
+) -> tuple[IntArray, IntArray]:
     """The numbers of near struts of all cells, and where those of each begin."""
     reach = np.sqrt((size**2).sum()) * (1 + 1e-9)
     first = np.zeros(counts[0] * counts[1] * counts[2] + 1, np.int64)
@@ -76,7 +89,7 @@ def _list_near(low: Array, size: Array, counts: IntArray, start: Array, along: A
                     dx, dy, dz = x - start[s, 0], y - start[s, 1], z - start[s, 2]
                     ax, ay, az = along[s, 0], along[s, 1], along[s, 2]
                     t = min(max((dx * ax + dy * ay + dz * az) / (ax * ax + ay * ay + az * az), 0.0), 1.0)
-                    distances[s] = np.sqrt((dx - t * ax) ** 2 + (dy - t * ay) ** 2 + (dz - t * az) ** 2)
+                    distances[s] = np.sqrt((dx - t * ax) ** 2 + (dy - t * ay) ** 2 + (dz - t * az) ** 2) - radii[s]
                 limit = distances.min() + reach  # the distance changes by half a diagonal at most, of both
                 for s in range(len(start)):
                     if distances[s] <= limit:
@@ -91,13 +104,19 @@ def _list_near(low: Array, size: Array, counts: IntArray, start: Array, along: A
 
 @dataclass(frozen=True, slots=True, eq=False)
 class StrutsField(Field):
-    """Distance to the struts (m, 2) between points (n, 3), less their radius, or to the points, less `node_radius`."""
+    """Distance to the struts (m, 2) between points (n, 3), less their radii (m,), or to the points, less `node_radius`."""
 
     points: Array
     edges: IntArray
-    radius: float
+    radii: Array
     node_radius: float
     near: _NearStruts
+
+    @property
+    def radius(self) -> float:
+        """The radius of all struts, which must be of one."""
+        assert self.radii.min() == self.radii.max()
+        return float(self.radii[0])
 
     def at(self, x: Array, y: Array, z: Array) -> Array:
         """Values at coordinates that broadcast."""
@@ -112,7 +131,7 @@ class StrutsField(Field):
             start,
             self.points[self.edges[:, 1]] - start,
             self.points,
-            self.radius,
+            self.radii,
             self.node_radius,
             *self.near,
         )
@@ -120,7 +139,9 @@ class StrutsField(Field):
         return values.reshape(shape), gx, gy, gz
 
     def __repr__(self) -> str:
-        return f"StrutsField({len(self.points)} points, {len(self.edges)} struts, diameter={2 * self.radius:g})"
+        low, high = 2 * self.radii.min(), 2 * self.radii.max()
+        diameter = f"diameter={low:g}" if low == high else f"diameters from {low:g} to {high:g}"
+        return f"StrutsField({len(self.points)} points, {len(self.edges)} struts, {diameter})"
 
 
 @njit_cached  # type: ignore[untyped-decorator]  # numba has no types
@@ -129,7 +150,7 @@ def _measure_struts(
     start: Array,
     along: Array,
     nodes: Array,
-    radius: float,
+    radii: Array,
     node_radius: float,
     low: Array,
     size: Array,
@@ -139,9 +160,10 @@ def _measure_struts(
 ) -> tuple[Array, Array]:
     """Values (n,) and gradients (n, 3) at points (n, 3)."""
     values, gradients = np.empty(len(points)), np.zeros((len(points), 3))
+    thinnest = radii.min()
     for k in range(len(points)):
         x, y, z = points[k, 0], points[k, 1], points[k, 2]
-        best, nearest = np.inf, -1
+        best, distance, nearest = np.inf, 0.0, -1
         i, j, m = (x - low[0]) / size[0], (y - low[1]) / size[1], (z - low[2]) / size[2]
         within = 0 <= i < counts[0] and 0 <= j < counts[1] and 0 <= m < counts[2]
         begin, end = 0, len(start)
@@ -154,13 +176,12 @@ def _measure_struts(
             ax, ay, az = along[s, 0], along[s, 1], along[s, 2]
             t = min(max((dx * ax + dy * ay + dz * az) / (ax * ax + ay * ay + az * az), 0.0), 1.0)
             dx, dy, dz = dx - t * ax, dy - t * ay, dz - t * az
-            square = dx * dx + dy * dy + dz * dz
-            if square < best:
-                best, nearest = square, s
+            length = np.sqrt(dx * dx + dy * dy + dz * dz)
+            if length - radii[s] < best:
+                best, distance, nearest = length - radii[s], length, s
                 gradients[k, 0], gradients[k, 1], gradients[k, 2] = dx, dy, dz
-        distance = np.sqrt(best)
-        values[k] = distance - radius
-        if node_radius > radius:
+        values[k] = best
+        if node_radius > thinnest:
             best = np.inf
             node = 0
             for n in range(len(nodes)):
@@ -197,7 +218,9 @@ def _measure_struts(
 def struts(
     points: Annotated[Any, POINT_ROWS, "Nodes (n, 3), model units."],
     edges: Annotated[Any, PAIR_ROWS, "The two nodes of each strut, by their numbers from 0: (m, 2)."],
-    diameter: Annotated[float, POSITIVE, "Diameter of the struts, model units."],
+    diameter: Annotated[
+        float | Any, STRUT_DIAMETERS, "Diameter of all struts, or a sequence (m,) of one for each edge, model units."
+    ],
     node_radius: NodeRadius = 0.0,
 ) -> StrutsField:
     """Return round struts along the edges of a graph.
@@ -206,16 +229,17 @@ def struts(
     -------
     StrutsField
         The signed distance, exact outside. `points` and `edges` are those in use: without nodes that no strut reaches, and
-        with one strut in place of two that continue each other.
+        with one strut in place of two of the same diameter that continue each other.
 
     Raises
     ------
     InvalidRequest
-        If an edge names no node, has no length or is given twice.
+        If an edge names no node, has no length or is given twice, or there is not one diameter for each edge.
 
     Notes
     -----
-    `tpmscad.solidify` and `tpmscad.infill` make exact solids of cylinders and balls of it.
+    `tpmscad.solidify` and `tpmscad.infill` make exact solids of cylinders and balls of it. Struts of each diameter are one
+    operand there, which is cut by the others; balls at nodes are for struts of one diameter.
 
     Examples
     --------
@@ -247,31 +271,56 @@ def struts(
         again = int(np.setdiff1d(np.arange(len(edges)), first)[0])
         i, j = edges[again].tolist()
         raise InvalidRequest(f"edge {again} joins nodes {i} and {j} once more: give each strut once")
-    radius = diameter / 2
-    if node_radius <= radius:
-        ordered = _join_straight(points, ordered)
-    used, numbers = np.unique(ordered, return_inverse=True)
-    points, edges, node_radius = points[used], numbers.reshape(-1, 2), max(node_radius, radius)
-    return StrutsField(points, edges, radius, node_radius, _find_near(points, edges, 2 * node_radius))
+    diameters = np.asarray(diameter, float)
+    if diameters.ndim and len(diameters) != len(edges):
+        raise InvalidRequest(
+            f"diameter has {len(diameters)} values for {len(edges)} edges: give one number, or one for each edge"
+        )
+    radii = np.broadcast_to(diameters / 2, len(edges)).copy()
+    if node_radius <= radii.min():
+        ordered, radii = _join_straight(points, ordered, radii)
+    return _make_field(points, ordered, radii, node_radius)
 
 
-def _join_straight(points: Array, edges: IntArray) -> IntArray:
-    """The edges with one in place of two that continue each other at a node without others."""
-    at: dict[int, set[int]] = {}
-    for i, j in edges.tolist():
-        at.setdefault(i, set()).add(j)
-        at.setdefault(j, set()).add(i)
+def _make_field(points: Array, edges: IntArray, radii: Array, node_radius: float) -> StrutsField:
+    """The field of struts and the points that they reach."""
+    used, numbers = np.unique(edges, return_inverse=True)
+    points, edges, node_radius = points[used], numbers.reshape(-1, 2), max(node_radius, float(radii.min()))
+    margin = 2 * max(node_radius, float(radii.max()))
+    return StrutsField(points, edges, radii, node_radius, _find_near(points, edges, radii, margin))
+
+
+def split_by_diameter(field: StrutsField) -> list[StrutsField]:
+    """Fields of struts of one diameter each, thin ones first, whose minimum is the field."""
+    if field.radii.min() == field.radii.max():
+        return [field]
+    return [
+        _make_field(
+            field.points, field.edges[field.radii == radius], field.radii[field.radii == radius], field.node_radius
+        )
+        for radius in np.unique(field.radii)
+    ]
+
+
+def _join_straight(points: Array, edges: IntArray, radii: Array) -> tuple[IntArray, Array]:
+    """The edges and radii with one in place of two equal ones that continue each other at a node without others."""
+    at: dict[int, dict[int, float]] = {}
+    for (i, j), radius in zip(edges.tolist(), radii.tolist(), strict=True):
+        at.setdefault(i, {})[j] = radius
+        at.setdefault(j, {})[i] = radius
     for node in list(at):
         if len(at[node]) != 2:
             continue
         i, j = sorted(at[node])
+        if at[node][i] != at[node][j]:
+            continue
         back, on = points[i] - points[node], points[j] - points[node]
         cross = np.linalg.norm(np.cross(back, on))
         if back @ on < 0 and cross <= STRAIGHT * np.linalg.norm(back) * np.linalg.norm(on) and j not in at[i]:
-            at[i] = (at[i] - {node}) | {j}
-            at[j] = (at[j] - {node}) | {i}
-            del at[node]
-    return np.array(sorted((i, j) for i, others in at.items() for j in others if i < j), np.int64)
+            at[i][j] = at[j][i] = at[node][i]
+            del at[node], at[i][node], at[j][node]
+    joined = sorted((i, j) for i, others in at.items() for j in others if i < j)
+    return np.array(joined, np.int64), np.array([at[i][j] for i, j in joined])
 
 
 @validate_call()
