@@ -101,7 +101,7 @@ LATTICES: dict[str, Row] = {
         lambda: lattice(cell=None, thickness=None, offset=(-3.0, -2.0), pore_size=0.1),
         "no cell of the schwarz_p leaves a pore of 0.1 beside this wall: make the wall thinner",
     ),
-    "reference": (lambda: lattice(surface="iwp", reference="minimal"), "minimal"),
+    "reference": (lambda: lattice(surface="lidinoid", reference="minimal"), "no minimal surface with the symmetry"),
     "natural level set": (lambda: lattice(surface="octo", boundary="natural", thickness=0.3), "natural"),
     "bent level set": (
         lambda: lattice(surface="octo", cell=(10, 10, 12), thickness=6.0),
