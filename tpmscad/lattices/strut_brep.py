@@ -308,16 +308,16 @@ def _bound_cylinder(
         heights = [
             [radius * first.cylinder.value(a), length - radius * pair[1].cylinder.value(a)] for a in (start, stop)
         ]
-        lower, upper = chains[0], [_reversed(side) for side in reversed(chains[1])]
+        lower, upper = chains[0], [_reverse_side(side) for side in reversed(chains[1])]
         rulings = []
         for angle, (low, high) in zip((start, stop), heights, strict=True):
             foot = first.center + radius * first.across(angle)
             line = line_segment(foot + low * first.axis, foot + high * first.axis, (low, high))
             rulings.append(_Side(line, (low, high), 1, line_segment((angle, low), (angle, high), (low, high))))
-        yield _Facet(carrier, 1, SURFACE, [[*lower, rulings[1], *upper, _reversed(rulings[0])]])
+        yield _Facet(carrier, 1, SURFACE, [[*lower, rulings[1], *upper, _reverse_side(rulings[0])]])
 
 
-def _reversed(side: _Side) -> _Side:
+def _reverse_side(side: _Side) -> _Side:
     return _Side(side.curve, side.span, -side.sense, side.pcurve)
 
 
@@ -371,9 +371,9 @@ def _bound_ball(end: StrutEnd, cuts: Sequence[float], radius: float, node_radius
             meridians = [_meridian(end, sphere, angle, top, node_radius) for angle in (low, high)]
             # seen from outside, latitudes grow along the strut at its start, against it at its end
             if end.sign > 0:
-                loop = [*border, *meridians[1], *map(_reversed, reversed(upper)), *map(_reversed, meridians[0])]
+                loop = [*border, *meridians[1], *map(_reverse_side, reversed(upper)), *map(_reverse_side, meridians[0])]
             else:
-                loop = [*upper, *map(_reversed, meridians[1]), *map(_reversed, reversed(border)), *meridians[0]]
+                loop = [*upper, *map(_reverse_side, meridians[1]), *map(_reverse_side, reversed(border)), *meridians[0]]
             yield _Facet(sphere, 1, SURFACE, [loop])
 
 
@@ -564,7 +564,7 @@ def _close_sides(
     of_edge = {int(uses.edge[k]): k for k in range(len(uses))}
     lo, hi = box
     tol = SAME_POINT * radius
-    open_sides = [_reversed(sides[of_edge[e]]) for e in once.tolist()]
+    open_sides = [_reverse_side(sides[of_edge[e]]) for e in once.tolist()]
     lines = _find_lines(points, struts, radius, node_radius, box)
     caps: list[_Facet] = []
     for axis in range(3):

@@ -38,15 +38,12 @@ from tpmscad.solids.lattice_block import find_trim_tolerance, fit_patches_over_b
 from tpmscad.solids.skin import erode_body
 from tpmscad.stage_timer import StageTimer
 from tpmscad.studies.layer_slices import Slices, choose_chord_error, collect_layers, divide_into_layers
-from tpmscad.studies.tiled_body import read_tiled_body
+from tpmscad.studies.tiled_body import TILE_CORNERS, read_tiled_body
 from tpmscad.trimming.operands.polyhedra import box
 from tpmscad.trimming.trim_pipeline import trim
 
 SLICING_SHARE = 0.5
 """Share of the chord error for cutting faces; the rest is for leaving out points."""
-
-TILE_CORNERS = np.array([[0.1237, 0.0871], [0.2913, 0.3371], [0.4421, 0.1193]])
-"""In cells: lower corners of the cell that is cut, out of symmetry planes; the next one is taken where a curve touches a side."""
 
 HEIGHT_REL_TOL = 1e-6
 """In cells: sections nearer to the lower and upper side of the cell, which are flat, are cut so far beside it."""
@@ -173,7 +170,7 @@ class CellSections:
 
     def _cut_cell(self, corner: int, rest: Array) -> list[CellSection | TrimmingError]:
         """The sections at ascending heights (n,) above the lower side of a cell; the failure where one is unclear."""
-        low = np.append(TILE_CORNERS[corner] * self.cell[:2], self.bottom)
+        low = np.append(TILE_CORNERS[corner, :2] * self.cell[:2], self.bottom)
         if corner not in self._tiles:
             cover = fit_patches_over_box(self.request, low, low + self.cell, lambda fraction: None)
             tol = find_trim_tolerance(max(self.request.cell))

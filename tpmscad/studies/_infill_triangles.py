@@ -24,16 +24,13 @@ from tpmscad.results.triangulated_infill import TriangulatedInfill
 from tpmscad.solids.lattice_block import fit_patches_over_box
 from tpmscad.solids.skin import erode_body
 from tpmscad.stage_timer import StageTimer
-from tpmscad.studies.tiled_body import read_tiled_body
+from tpmscad.studies.tiled_body import TILE_CORNERS, read_tiled_body
 
 DEFAULT_DEVIATION_CELLS = 0.01
 """In cells: default deviation of the triangles."""
 
 FACET_ANGLE = 0.35
 """Radians between neighbouring facets of the body."""
-
-TILE_CORNERS = np.array([[0.1237, 0.0871, 0.0631], [0.2913, 0.3371, 0.1913], [0.4421, 0.1193, 0.3677]])
-"""In cells: lower corners of the cell that is triangulated, out of symmetry planes; the next one is taken where sides touch."""
 
 BYTES_PER_WHOLE_TRIANGLE, BYTES_PER_CUT_TRIANGLE = 90, 450
 """Memory taken at the peak for each triangle of a whole cell, and of one that the body cuts, as measured."""

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+import numpy as np
+
 from tpmscad._typing import Array
 from tpmscad.errors import InvalidRequest
 from tpmscad.fields.data.triangle_mesh import TriangleMesh
@@ -15,6 +17,10 @@ from tpmscad.requests.lattice_options import InfillOptions
 from tpmscad.requests.lattice_request import LatticeRequest, lattice_in_body, resolve_lattice_request, rotation_matrix
 from tpmscad.solids.field_bodies import FieldBody, fit_field_body, reject_box, reject_solid, resolve_field
 from tpmscad.stage_timer import StageTimer
+
+TILE_CORNERS = np.array([[0.1237, 0.0871, 0.0631], [0.2913, 0.3371, 0.1913], [0.4421, 0.1193, 0.3677]])
+"""In cells: lower corners of the cell that is repeated, out of symmetry planes; the next one is taken where a curve or a surface
+touches a side."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)

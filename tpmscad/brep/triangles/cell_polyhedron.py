@@ -13,7 +13,7 @@ import numpy as np
 
 from tpmscad._typing import Array, IntArray
 from tpmscad.brep.sections.periodic_section import close_along_sides
-from tpmscad.brep.triangles.closed_mesh import SolidMesh, is_closed, load_manifold, weld_points
+from tpmscad.brep.triangles.closed_mesh import SolidMesh, is_closed, load_manifold, narrow_indices, weld_points
 from tpmscad.errors import TrimmingError
 
 MATCH_REL_TOL = 1e-8
@@ -47,7 +47,7 @@ class PeriodicCell:
         key = np.ravel_multi_index(nodes, corners) * len(self.base) + self.node_base
         del nodes
         used, index = np.unique(key, return_inverse=True)
-        index = index.reshape(key.shape).astype(np.int32)
+        index = narrow_indices(index.reshape(key.shape))
         taken = np.zeros(size + 2, bool)
         taken[tuple((at + 1).T)] = True
         triangles, faces = [], []
