@@ -60,6 +60,10 @@ class MissingDomain(InvalidRequest):
     """The body holds no wall, or lacks one of the two channels."""
 
 
+class EmptyInfill(InvalidRequest):
+    """No part of the lattice lies in the body."""
+
+
 class NotQuadric(InvalidRequest):
     """The body has faces that a boundary representation in arrays cannot hold exactly.
 

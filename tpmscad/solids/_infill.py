@@ -7,12 +7,11 @@ subtracted from the body.
 
 from __future__ import annotations
 
-from dataclasses import fields, replace
+from dataclasses import fields
 
 import numpy as np
 
 from tpmscad.api.public_calls import validate_options
-from tpmscad.brep.boundary_representation import translate_brep
 from tpmscad.errors import CrossingSurfaces, InvalidRequest, TrimmingError
 from tpmscad.fields.analysis.crease_network import describe_creases, trace_creases
 from tpmscad.fields.field import Field, as_field
@@ -28,20 +27,17 @@ from tpmscad.requests.lattice_options import InfillOptions
 from tpmscad.requests.lattice_request import LatticeRequest, lattice_in_body, resolve_lattice_request, rotation_matrix
 from tpmscad.results.certificate import certify_kernel_solids
 from tpmscad.results.joined_models import join_models
-from tpmscad.results.loose_pieces import DroppedPieces, drop_loose_pieces, drop_loose_solids
+from tpmscad.results.loose_pieces import drop_loose_solids
 from tpmscad.results.model import Model
 from tpmscad.solids.boolean_strategies import (
     KERNEL_BOOLEAN,
-    BooleanResult,
-    certify_cut_solids,
-    intersect_body_with_lattice,
 )
 from tpmscad.solids.combined_solids import SURFACE, combine_field_solids
 from tpmscad.solids.field_bodies import FieldBody, fit_field_body, reject_box, reject_solid, resolve_field
 from tpmscad.solids.field_body_infill import infill_field_body, reject_empty
+from tpmscad.solids.filled_body import fill_body
 from tpmscad.solids.lattice_block import build_field_block, build_lattice_block, expand_body_box
 from tpmscad.solids.reference_distance import field_distance, lattice_distance
-from tpmscad.solids.skin import fill_within_skin
 from tpmscad.stage_timer import StageTimer
 
 OPTIONS_OF_FIELDS = ("body", "box", "surface", "solid", "skin", "open_faces", "loose", "tol", "progress")
@@ -109,7 +105,7 @@ def _fill(options: InfillOptions, read: CadBody, stages: StageTimer) -> Model:
             raise InvalidRequest("open_faces are left out of a skin: give skin=, its thickness")
     if isinstance(surface, str):
         request = resolve_lattice_request(lattice_in_body(options))
-        _check_wall_thickness(request)
+        check_wall_thickness(request)
         turn = rotation_matrix(options.rotation)
         block, name = build_lattice_block(request, turn, read, stages), f"{request.surface} infill"
         distance = lattice_distance(request, None, turn)
@@ -128,31 +124,7 @@ def _fill(options: InfillOptions, read: CadBody, stages: StageTimer) -> Model:
                 ) from error
             return _infill_crossing(as_field(surface), read, options, stages)
         distance = field_distance(surface)
-    with stages("trim"):
-        if skin is not None:
-            result = fill_within_skin(block, read, skin, openings)
-        else:
-            result = intersect_body_with_lattice(block, read)
-            if not result.built.n_solids:
-                raise InvalidRequest(f"no lattice lies in {read.name}: shift it by phase, or make the cell smaller")
-        result, dropped = _drop_loose_solids(result, options.loose)
-        if result.brep is None:
-            placements = [translate_brep(block.patches, np.array(shift)) for shift in result.shifts]
-            result = replace(result, built=label_cut_solids(result.solids, placements, read, has_skin=skin is not None))
-    with stages("check"):
-        notes = (*read.notes, *result.notes, *dropped.notes)
-        certificate = certify_cut_solids(
-            block, result.built, moved=result.moved, checks=result.checks, notes=notes, dropped=dropped.volumes
-        )
-    return Model(
-        name,
-        block.patches if result.brep is None else result.brep,
-        certificate.with_seconds(stages.seconds),
-        result.built,
-        trimmed_by=result.method,
-        distance_to_reference=distance,
-        envelope=Envelope(read.name, read.volume, read.shape),
-    )
+    return fill_body(block, read, skin, openings, options.loose, stages, name, distance)
 
 
 def _find_tolerance(options: InfillOptions) -> float:
@@ -173,7 +145,7 @@ def _infill_field_body(body: FieldBody, options: InfillOptions, stages: StageTim
         )
     if isinstance(surface, str):
         request = resolve_lattice_request(lattice_in_body(options))
-        _check_wall_thickness(request)
+        check_wall_thickness(request)
         turn = rotation_matrix(options.rotation)
         block, name = build_lattice_block(request, turn, body.cad, stages), f"{request.surface} infill"
         distance = lattice_distance(request, None, turn)
@@ -216,16 +188,7 @@ def _infill_crossing(field: Field, body: CadBody, options: InfillOptions, stages
     )
 
 
-def _drop_loose_solids(result: BooleanResult, loose: str) -> tuple[BooleanResult, DroppedPieces]:
-    """The result without its loose pieces, and what was left out."""
-    if result.brep is None:
-        solids, dropped = drop_loose_solids(result.solids, loose)
-        return replace(result, built=OcctSolids(solids)), dropped
-    brep, built, dropped = drop_loose_pieces(result.brep, result.built, loose)
-    return replace(result, brep=brep, built=built), dropped
-
-
-def _check_wall_thickness(request: LatticeRequest) -> None:
+def check_wall_thickness(request: LatticeRequest) -> None:
     """InvalidRequest if the wall of a sheet is too thin for the kernel to trim."""
     if request.kind == "sheet" and np.ptp(request.offset) < MIN_WALL_THICKNESS:
         raise InvalidRequest(

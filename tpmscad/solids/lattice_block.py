@@ -169,7 +169,6 @@ class LatticeBlock:
 
 def build_lattice_block(request: LatticeRequest, rotation: Array, body: CadBody, stages: StageTimer) -> LatticeBlock:
     """The lattice of a minimal surface around a body; `rotation` (3, 3) takes lattice coordinates to the body's."""
-    motion = Motion(rotation, np.zeros(3))
     low, high = enclosing_box(transform_shape(body.shape, Motion(rotation.T, np.zeros(3))))
     if (high - low < np.array(request.cell)).all():
         raise InvalidRequest(
@@ -183,6 +182,14 @@ def build_lattice_block(request: LatticeRequest, rotation: Array, body: CadBody,
         f"a solid of about {cells:.0f} cells in {body.name}",
         "enlarge the cell, or do without the solid: infill_layers(...) writes layers, infill_triangles(...) STL and 3MF",
     )
+    return build_block_over_box(request, rotation, low, high, stages)
+
+
+def build_block_over_box(
+    request: LatticeRequest, rotation: Array, low: Array, high: Array, stages: StageTimer
+) -> LatticeBlock:
+    """The lattice over a box in lattice coordinates, of corners (3,), turned by `rotation` (3, 3)."""
+    motion = Motion(rotation, np.zeros(3))
     with stages("fit") as done:
         cover = fit_patches_over_box(request, low, high, done)
     with stages("assemble"):

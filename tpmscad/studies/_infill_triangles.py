@@ -23,8 +23,8 @@ from tpmscad.results.loose_pieces import select_pieces
 from tpmscad.results.triangulated_infill import TriangulatedInfill
 from tpmscad.solids.lattice_block import fit_patches_over_box
 from tpmscad.solids.skin import erode_body
+from tpmscad.solids.tiled_body import TILE_CORNERS, read_tiled_body
 from tpmscad.stage_timer import StageTimer
-from tpmscad.studies.tiled_body import TILE_CORNERS, read_tiled_body
 
 DEFAULT_DEVIATION_CELLS = 0.01
 """In cells: default deviation of the triangles."""

@@ -30,7 +30,7 @@ BETWEEN_CELLS, LATTICE, FIRST_OF_BODY = -1, 0, 1
 cells are left out."""
 
 TOUCH_MARGIN_CELLS = 1e-6
-"""In cells: a cell whose box is nearer to the boundary counts as touched."""
+"""In cells: a cell whose box is nearer to triangles counts as touched by them."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -43,16 +43,20 @@ class CellChoice:
     cut: IntArray
 
 
-def choose_cells(low: Array, cell: Array, body: SolidMesh, shell: SolidMesh | None) -> CellChoice:
-    """The cells [low + i cell, low + (i + 1) cell] inside a body, without its shell, and those that a boundary may touch."""
-    margin = TOUCH_MARGIN_CELLS
+def choose_cells(
+    low: Array, cell: Array, body: SolidMesh, shell: SolidMesh | None, margin: float = TOUCH_MARGIN_CELLS
+) -> CellChoice:
+    """The cells [low + i cell, low + (i + 1) cell] inside a body, without its shell, and those that a boundary may touch.
+
+    margin: in cells; a cell whose box is nearer to the boundary counts as touched.
+    """
     reach = (body.points - low) / cell
     origin = np.floor(reach.min(axis=0) - margin).astype(np.int64)
     size = np.floor(reach.max(axis=0) + margin).astype(np.int64) - origin + 1
     touched = np.zeros(size, bool)
     for mesh in (body, shell):
         if mesh is not None:
-            _mark_touched(touched, (mesh.points[mesh.triangles] - low) / cell - origin)
+            _mark_touched(touched, (mesh.points[mesh.triangles] - low) / cell - origin, margin)
     label, count = ndimage.label(~touched)
     places = np.argwhere(~touched)
     _, first = np.unique(label[tuple(places.T)], return_index=True)
@@ -64,11 +68,11 @@ def choose_cells(low: Array, cell: Array, body: SolidMesh, shell: SolidMesh | No
     return CellChoice(origin, size, np.argwhere(inside) + origin, np.argwhere(touched) + origin)
 
 
-def _mark_touched(touched: BoolArray, corners: Array) -> None:
+def _mark_touched(touched: BoolArray, corners: Array, margin: float) -> None:
     """Mark the cells that triangles (m, 3, 3), in cells, may meet: those of their boxes, after large ones are divided."""
     while len(corners):
         low, high = corners.min(axis=1), corners.max(axis=1)
-        first, last = (np.floor(v).astype(np.int64) for v in (low - TOUCH_MARGIN_CELLS, high + TOUCH_MARGIN_CELLS))
+        first, last = (np.floor(v).astype(np.int64) for v in (low - margin, high + margin))
         small = ((high - low) <= 1.0).all(axis=1)
         for shift in np.ndindex(3, 3, 3):
             at = np.minimum(first[small] + shift, last[small])

@@ -79,11 +79,11 @@ def format_references(ids: Iterable[int]) -> str:
 
 
 class DataSection:
-    """Growing data section: the text of its entities in pieces, numbered consecutively from 1."""
+    """Growing data section: the text of its entities in pieces, numbered consecutively from `count` + 1."""
 
-    def __init__(self) -> None:
+    def __init__(self, count: int = 0) -> None:
         self.blocks: list[str] = []
-        self.count = 0
+        self.count = count
 
     def add(self, body: str) -> int:
         """Add one entity, such as "DIRECTION('',(0.,0.,1.))", and return its number."""
@@ -107,9 +107,9 @@ class DataSection:
 
 
 def write_exchange_structure(
-    path: Path, section: DataSection, *, schema: StepSchema, name: str, time_stamp: str
+    path: Path, section: DataSection, *, schema: StepSchema, name: str, time_stamp: str, before: Iterable[str] = ()
 ) -> None:
-    """Write the whole file.
+    """Write the whole file; `before` is the text of entities that precede those of the section.
 
     `time_stamp` (ISO 8601) is on a line of its own, the only one that differs between equal requests.
     """
@@ -121,4 +121,6 @@ def write_exchange_structure(
         "ENDSEC;\nDATA;\n"
     )
     with path.open("w", encoding="ascii", newline="\n") as file:
-        file.writelines([head, *section.blocks, "ENDSEC;\nEND-ISO-10303-21;\n"])
+        file.write(head)
+        file.writelines(before)
+        file.writelines([*section.blocks, "ENDSEC;\nEND-ISO-10303-21;\n"])

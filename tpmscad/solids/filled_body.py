@@ -1,0 +1,73 @@
+"""A CAD body filled with the lattice of a block of patches, as one certified solid."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from tpmscad.brep.boundary_representation import translate_brep
+from tpmscad.errors import EmptyInfill
+from tpmscad.kernel.body_import.cad_body import CadBody
+from tpmscad.kernel.boolean.boolean_operations import OcctSolids
+from tpmscad.kernel.boolean.cut_faces import label_cut_solids
+from tpmscad.kernel.measure.envelope import Envelope
+from tpmscad.results.loose_pieces import DroppedPieces, drop_loose_pieces, drop_loose_solids
+from tpmscad.results.model import Model
+from tpmscad.solids.boolean_strategies import BooleanResult, certify_cut_solids, intersect_body_with_lattice
+from tpmscad.solids.lattice_block import LatticeBlock
+from tpmscad.solids.reference_distance import DistanceFunction
+from tpmscad.solids.skin import fill_within_skin
+from tpmscad.stage_timer import StageTimer
+
+
+def fill_body(
+    block: LatticeBlock,
+    body: CadBody,
+    skin: float | None,
+    open_faces: Sequence[Any],
+    loose: str,
+    stages: StageTimer,
+    name: str,
+    distance: DistanceFunction | None,
+) -> Model:
+    """The body filled with the block's lattice, behind a skin if there is one; EmptyInfill if no lattice lies in it.
+
+    distance: that of points from the reference surface, for the model.
+    """
+    with stages("trim"):
+        if skin is not None:
+            result = fill_within_skin(block, body, skin, open_faces)
+        else:
+            result = intersect_body_with_lattice(block, body)
+            if not result.built.n_solids:
+                raise EmptyInfill(f"no lattice lies in {body.name}: shift it by phase, or make the cell smaller")
+        result, dropped = _drop_loose_solids(result, loose)
+        if result.brep is None:
+            placements = [translate_brep(block.patches, np.array(shift)) for shift in result.shifts]
+            result = replace(result, built=label_cut_solids(result.solids, placements, body, has_skin=skin is not None))
+    with stages("check"):
+        notes = (*body.notes, *result.notes, *dropped.notes)
+        certificate = certify_cut_solids(
+            block, result.built, moved=result.moved, checks=result.checks, notes=notes, dropped=dropped.volumes
+        )
+    return Model(
+        name,
+        block.patches if result.brep is None else result.brep,
+        certificate.with_seconds(stages.seconds),
+        result.built,
+        trimmed_by=result.method,
+        distance_to_reference=distance,
+        envelope=Envelope(body.name, body.volume, body.shape),
+    )
+
+
+def _drop_loose_solids(result: BooleanResult, loose: str) -> tuple[BooleanResult, DroppedPieces]:
+    """The result without its loose pieces, and what was left out."""
+    if result.brep is None:
+        solids, dropped = drop_loose_solids(result.solids, loose)
+        return replace(result, built=OcctSolids(solids)), dropped
+    brep, built, dropped = drop_loose_pieces(result.brep, result.built, loose)
+    return replace(result, brep=brep, built=built), dropped
