@@ -17,6 +17,7 @@ import pytest
 
 import tpmscad
 from tpmscad import fields
+from tpmscad.files._export_infill import InfillFile
 from tpmscad.files._export_instances import InstancedFile
 from tpmscad.files._export_slabs import SlabFiles
 from tpmscad.files.slab_files import SlabFile
@@ -89,6 +90,7 @@ MAKERS: dict[str, Callable[[], Any]] = {
     "certificate": crowded_certificate,
     "crowded model": lambda: dataclasses.replace(lattice(), certificate=crowded_certificate()),
     "instances": lambda: InstancedFile(Path("p.step"), (3, 2, 1), crowded_certificate(), 10**6),
+    "infill file": lambda: InfillFile(Path("p.step"), 9, 4, 3, 13, 99, 5.5, 9.0, 10**6, (crowded_certificate(),)),
     "body file": body_file,
     "slabs": slab_files,
     "step report": lambda: StepReport("a.step", check_shape(bd.Box(1, 2, 3)), ("mm",), NOTES, (), body_file().solids),

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import Annotated
 
 import typer
 
 import tpmscad
 from tpmscad.cli.derived_options import Request, take_options_of, take_output
-from tpmscad.cli.options import DomainsOutputOption
+from tpmscad.cli.options import DomainsOutputOption, JobsOption, result_option
 from tpmscad.cli.output import (
     DOMAIN_SUFFIXES,
     LAYER_SUFFIXES,
@@ -17,12 +18,24 @@ from tpmscad.cli.output import (
     OutputRequest,
     make_and_write,
     progress_bar,
+    report_unmet_request,
+    tell,
     write_layers,
+    write_report,
     write_triangles,
 )
 from tpmscad.errors import InvalidRequest
 from tpmscad.requests.lattice_options import FluidDomainsOptions, InfillOptions
 
+SlabOption = Annotated[
+    int | None,
+    result_option(
+        min=1,
+        metavar="N",
+        help="With --instanced: cells of a layer of what the body cuts; 1 by default.",
+        show_default=False,
+    ),
+]
 LAYER_PANEL = "Layers or triangles instead of a solid"
 LayerOption = Annotated[
     float | None,
@@ -42,6 +55,14 @@ ChordErrorOption = Annotated[
         rich_help_panel=LAYER_PANEL,
     ),
 ]
+InstancedCellsOption = Annotated[
+    bool,
+    result_option(
+        "--instanced",
+        help="Store a whole cell once in a .step file and place it wherever it lies in the body; only the layers of cells that "
+        "the body cuts are stored beside it. For thousands of cells, as touching solids of an assembly.",
+    ),
+]
 TrianglesOption = Annotated[
     bool,
     typer.Option(
@@ -59,12 +80,22 @@ def infill(
     layer: LayerOption = None,
     chord_error: ChordErrorOption = None,
     triangles: TrianglesOption = False,
+    instanced: InstancedCellsOption = False,
+    slab: SlabOption = None,
+    jobs: JobsOption = 1,
     *,
     writing: OutputRequest,
 ) -> None:
     """Fill the solid of a CAD file or a closed mesh with a lattice that is anchored at the origin of the file's coordinates."""
     assert writing.output is not None
     suffix = writing.output.suffix.lower()
+    if instanced:
+        if triangles or layer is not None:
+            raise InvalidRequest("`instanced` writes a .step file of solids: leave `triangles` and `layer` out")
+        make_parts(request, writing, slab or 1, jobs)
+        return
+    if slab is not None or jobs > 1:
+        raise InvalidRequest("`slab` and `jobs` are of the parts of one file: give `instanced`, too, or leave them out")
     if triangles:
         if suffix not in MESH_SUFFIXES or layer is not None:
             raise InvalidRequest(
@@ -92,6 +123,31 @@ def infill(
         lambda progress: tpmscad.infill(request.pop("body"), request.pop("surface"), progress=progress, **request),
         writing,
     )
+
+
+def make_parts(request: Request, writing: OutputRequest, slab: int, jobs: int) -> None:
+    """Write a filled body as whole cells and cut layers, and its figures as JSON, and print them."""
+    from tpmscad.parallel import start_processes  # loads NumPy
+
+    body, surface = request.pop("body"), request.pop("surface")
+    with (
+        report_unmet_request(writing.report),
+        progress_bar(f"{surface} parts", writing.quiet) as progress,
+        start_processes(jobs) as executor,
+    ):
+        file = tpmscad.export_infill(
+            body,
+            surface,
+            writing.output or Path(),
+            slab=slab,
+            executor=executor,
+            schema=writing.schema,
+            verify=writing.verify,
+            progress=progress,
+            **request,
+        )
+    write_report(writing.report, file.to_dict())
+    tell(file, writing)
 
 
 @take_options_of(FluidDomainsOptions)

@@ -32,6 +32,7 @@ COMMAND_OF_FUNCTION: Mapping[str, str] = {
     "homogenize": "homogenize",
     "export_slabs": "lattice --slab",
     "export_instances": "lattice --instanced",
+    "export_infill": "infill --instanced",
     "permeability": "permeability",
 }
 """Commands by the public functions that they call."""

@@ -40,7 +40,7 @@ from tpmscad.kernel.boolean.cell_regions import make_box
 from tpmscad.kernel.boolean.cut_faces import SKIN
 from tpmscad.kernel.boolean.hollow_body import subtract_voids
 from tpmscad.kernel.export.file_check import write_excerpt
-from tpmscad.kernel.occt.convert import transform_shape
+from tpmscad.kernel.occt.convert import as_solid, transform_shape
 from tpmscad.kernel.step.entity_table import EntityTable
 from tpmscad.kernel.step.joined_files import PlacedProduct, write_cells, write_group, write_joined_step
 from tpmscad.kernel.step.part21 import STEP_SUFFIXES, find_schema
@@ -215,13 +215,14 @@ def export_infill(options: InfillFileOptions) -> InfillFile:
     request = tiled.request
     check_wall_thickness(request)
     cell, back = np.array(request.cell), Motion(tiled.turn.T, np.zeros(3))
-    shapes, skin = [tiled.body.shape], ()
+    shapes: list[Any] = [tiled.body.shape]
+    skin: tuple[Any, ...] = ()
     if options.skin is not None:
         with stages("offset"):
             deep = erode_body(tiled.body, options.skin, tiled.openings).parts
             shapes = [part.shape for part in deep]
-            skin = tuple(transform_shape(s, back) for s in subtract_voids(tiled.body, shapes, tiled.openings))
-    shapes = [transform_shape(shape, back) for shape in shapes]
+            skin = tuple(as_solid(transform_shape(s, back)) for s in subtract_voids(tiled.body, shapes, tiled.openings))
+    shapes = [as_solid(transform_shape(shape, back)) for shape in shapes]
     with stages("divide"):
         low = choose_corner(shapes, cell, (TILE_CORNERS + request.phase) * cell)
         layers = divide_body(shapes, low, cell, options.slab)

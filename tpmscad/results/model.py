@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import pickle
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -178,14 +179,16 @@ class Model:
         """
         from tpmscad.files.checked_write import (
             REREAD_VOLUME_RTOL,
-            REREAD_VOLUME_RTOL_OF_BODIES,
+            limit_reread_volume,
             write_checked_brep,
             write_checked_solids,
         )
 
         how: dict[str, Any] = {"schema": options.schema, "name": self.name}
         arrays = how | {
-            "rtol": REREAD_VOLUME_RTOL if self.trimmed_by is None else REREAD_VOLUME_RTOL_OF_BODIES,
+            "rtol": REREAD_VOLUME_RTOL
+            if self.trimmed_by is None
+            else limit_reread_volume(self.volume, self.area, math.dist(*self.bounding_box)),
             "verify": options.verify,
         }
         failure = None

@@ -195,17 +195,31 @@ def _trim_by_brep(patches: Brep, body: CadBody, read: FreeFormBody, max_shift: f
 
 
 def _build_valid_solids(brep: Brep) -> BrepSolids | None:
-    """The solids that patches bound, None if there are no patches; TrimmingError if the kernel's check rejects them."""
+    """The solids that patches bound, None if there are no patches; TrimmingError if they do not close or the kernel rejects them.
+
+    Where a wall grazes an edge of the body, an infinitesimal shell may come out inside out; another placement has none.
+    """
     if not len(brep.faces):
         return None
-    built = build_solids(brep)
+    try:
+        built = build_solids(brep)
+    except KernelError as error:
+        raise TrimmingError(f"the trimmed lattice makes no solid: {error}") from error
     if not is_brep_valid(brep, built.known_faces):
         raise TrimmingError("the kernel's check rejects the trimmed lattice")
     return built
 
 
+MAX_KERNEL_FACES = 20_000
+"""Patches that the kernel's boolean is given; with 35,000 it took 14 GiB, and had not ended after four minutes."""
+
+
 def intersect_in_kernel(patches: Brep, body: CadBody, kernel_boolean: KernelBoolean) -> BooleanResult:
     """The kernel's boolean of the two solids; KernelError if that fails, or makes what the kernel's own check rejects."""
+    if len(patches.faces) > MAX_KERNEL_FACES:
+        raise KernelError(
+            "trim", f"the kernel's boolean is not tried with {len(patches.faces)} patches, over {MAX_KERNEL_FACES}"
+        )
     built = OcctSolids(kernel_boolean())
     if built.solids and not is_valid(make_compound(built.solids)):
         raise KernelError("trim", "the kernel's check rejects what its own boolean made")

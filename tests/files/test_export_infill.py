@@ -1,0 +1,115 @@
+"""A filled body as whole cells and cut layers: parts, volumes and places are those of the filled body, read by the kernel."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+from typing import Any
+
+import build123d as bd
+import numpy as np
+import pytest
+
+import tpmscad
+from tpmscad.brep.winding_numbers import winding_numbers
+from tpmscad.errors import InvalidRequest, KernelError
+from tpmscad.files.infill_parts import divide_body
+from tpmscad.kernel.boolean.cell_regions import are_translates, clear_diagonals, describe_region, make_box
+from tpmscad.kernel.export.solid_mesh import mesh_solids
+from tpmscad.kernel.step.entity_table import read_entity_table
+from tpmscad.kernel.step.joined_files import check_joined, find_part, renumber
+from tpmscad.kernel.step.product_entities import MassProperties
+from tpmscad.kernel.step.step_reader import read_step
+
+pytestmark = pytest.mark.kernel
+
+WALL: dict[str, Any] = {"cell": 1, "thickness": 0.2, "tol": 0.02}
+NO_MASS = MassProperties(1.0, 1.0, (0.0, 0.0, 0.0))
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("body", "asked"),
+    [
+        (bd.Pos(0.3, 0.2, 0.1) * bd.Cylinder(1.7, 2.3), {"rotation": (20, 0, 35)}),
+        (bd.Box(2.7, 2.8, 3.1), {"skin": 0.25, "open_faces": ">Z"}),
+    ],
+    ids=["turned", "skin"],
+)
+def test_parts_make_up_the_filled_body(body: bd.Shape, asked: dict[str, Any], tmp_path: Path) -> None:
+    file = tpmscad.export_infill(body, "gyroid", tmp_path / "parts.step", **WALL, **asked)
+    solid = tpmscad.infill(body, "gyroid", **WALL, **asked, loose="keep")
+    read = read_step(file.path, healed=False)
+    assert file.whole_cells > 0
+    assert len(read.solids) == file.parts
+    meshes = [mesh_solids(one, 0.01, 0.4)[0] for one in read.solids]
+    assert sum(mesh.volume for mesh in meshes) == pytest.approx(file.volume, abs=0.5 * 0.01 * file.area)
+    assert file.volume == pytest.approx(solid.volume, abs=0.5 * WALL["tol"] * solid.area)
+    points = np.random.default_rng(3).uniform(*np.array(solid.bounding_box), (4000, 3))
+    (whole,) = (mesh_solids(solid.wrapped, 0.01, 0.4),)
+    inside = sum(winding_numbers(mesh.points, mesh.triangles, points) for mesh in whole)
+    counted = sum(winding_numbers(mesh.points, mesh.triangles, points) for mesh in meshes)
+    assert counted.max() == 1, "parts overlap"
+    assert np.mean(counted != inside) < 0.02  # points within the meshes' deviation of the walls
+
+
+def test_equal_layers_are_stored_once() -> None:
+    body = bd.Cylinder(2.2, 5.3)
+    layers = divide_body([body.wrapped], np.array([0.11, 0.07, 0.05]), np.ones(3), 1)
+    originals = [original for _, original, _ in layers.layers]
+    assert layers.axis == 2
+    assert originals == [0, 1, 1, 1, 1, 5]
+    assert layers.volume(np.ones(3)) == pytest.approx(np.pi * 2.2**2 * 5.3, rel=1e-9)
+    cone = divide_body([bd.Cone(2.2, 2.0, 5.3).wrapped], np.array([0.11, 0.07, 0.05]), np.ones(3), 1)
+    assert [original for _, original, _ in cone.layers] == [0, 1, 2, 3, 4, 5]
+
+
+def test_translates_are_told_from_others() -> None:
+    box = describe_region([make_box(np.zeros(3), np.array([1.0, 2.0, 3.0]))])
+    moved = describe_region([make_box(np.array([0.0, 0.0, 4.0]), np.array([1.0, 2.0, 7.0]))])
+    other = describe_region([make_box(np.array([0.0, 0.0, 4.0]), np.array([1.0, 2.0, 7.0 + 1e-6]))])
+    shift = np.array([0.0, 0.0, 4.0])
+    assert are_translates(box, moved, shift)
+    assert not are_translates(box, other, shift)
+    assert not are_translates(box, moved, shift + 1e-6)
+
+
+def test_no_two_whole_cells_touch_along_an_edge_only() -> None:
+    whole = np.random.default_rng(1).random((40, 40)) < 0.5
+    kept = clear_diagonals(whole)
+    a, b, c, d = kept[:-1, :-1], kept[1:, :-1], kept[:-1, 1:], kept[1:, 1:]
+    assert not ((a & d & ~b & ~c) | (b & c & ~a & ~d)).any()
+    assert not (kept & ~whole).any()
+    stairs = np.eye(4, dtype=bool) | np.eye(4, k=1, dtype=bool)
+    assert np.array_equal(clear_diagonals(stairs), stairs)
+
+
+def test_joined_text_is_that_of_the_parts(tmp_path: Path) -> None:
+    tpmscad.lattice("P", cell=1, thickness=0.2).export_step(tmp_path / "part.step")
+    part = find_part(tmp_path / "part.step", NO_MASS)
+    own, joined = (tmp_path / "part.step").read_text(), "".join(renumber(part.path, 700))
+    body = own[own.index("\nDATA;\n") + 7 : own.index("ENDSEC;\nEND-ISO")]
+    assert joined == re.sub(r"#(\d+)", lambda found: f"#{int(found[1]) + 700}", body)
+    whole = tmp_path / "joined.step"
+    frame = own[: own.index("\nDATA;\n") + 7]
+
+    def write(text: str) -> None:
+        whole.write_text(f"{frame}{text}ENDSEC;\nEND-ISO-10303-21;\n")
+
+    write(joined)
+    check_joined(read_entity_table(whole), part, 700)
+    for old, new in ((r"=ORIENTED_EDGE\('',\*,\*,#(\d+)", "=ORIENTED_EDGE('',*,*,#701"), (r"\((0\.\d+),", "(0.123,")):
+        write(re.sub(old, new, joined, count=1))
+        with pytest.raises(KernelError, match=r"part\.step"):
+            check_joined(read_entity_table(whole), part, 700)
+
+
+def test_refusals_name_the_remedy(tmp_path: Path) -> None:
+    box, path = bd.Box(3, 3, 3), tmp_path / "parts.step"
+    with pytest.raises(InvalidRequest, match="leave loose out"):
+        tpmscad.export_infill(box, "gyroid", path, **WALL, loose="drop")
+    with pytest.raises(InvalidRequest, match="infill_layers"):
+        tpmscad.export_infill(bd.Box(50, 50, 50), "gyroid", path, **WALL)
+    with pytest.raises(InvalidRequest, match="step"):
+        tpmscad.export_infill(box, "gyroid", tmp_path / "parts.stl", **WALL)
+    assert not list(tmp_path.iterdir())
