@@ -80,7 +80,7 @@ class FillPanel:
         self._wall.addItems(WALLS)
         self._wall_value = QtGui.QLineEdit()
         self._texts = {name: QtGui.QLineEdit() for name in FIELDS}
-        self._take = QtGui.QPushButton("Take the selected faces")
+        self._take = QtGui.QPushButton("Selected faces")
         self._take.clicked.connect(self.take_selected_faces)
         self._start = QtGui.QPushButton("Fill")
         self._start.clicked.connect(self.start_or_cancel)
@@ -90,7 +90,7 @@ class FillPanel:
         self._message.setTextInteractionFlags(QtCore.Qt.TextSelectableByMouse)
         wall = QtGui.QHBoxLayout()
         wall.addWidget(self._wall)
-        wall.addWidget(self._wall_value)
+        wall.addWidget(self._wall_value, 1)
         rows.addRow("Surface", self._surface)
         rows.addRow("Kind", self._kind)
         for name, (label, hint) in FIELDS.items():
@@ -101,6 +101,8 @@ class FillPanel:
                 rows.addRow("Wall", wall)
             if name == "open_faces":
                 rows.addRow("", self._take)
+        for widget in (self._surface, self._kind, self._wall, self._wall_value, *self._texts.values()):
+            widget.setMinimumWidth(40)  # the column of panels is narrow
         for widget in (self._start, self._bar, self._message):
             rows.addRow(widget)
 
