@@ -125,7 +125,7 @@ def test_a_run_tells_its_steps_and_gives_what_was_made(tmp_path: Path) -> None:
     ("script", "message"),
     [
         ("echo noise >&2; echo 'tpmscad: cell -1 must be above zero' >&2; exit 2", r"^cell -1 must be above zero$"),
-        ("echo 'Segmentation fault' >&2; exit 139", r"^Segmentation fault$"),
+        ("printf 'Segmentation fault' >&2; exit 139", r"^Segmentation fault$"),
         ("exit 3", r"program ended with status 3 and no word$"),
     ],
 )
