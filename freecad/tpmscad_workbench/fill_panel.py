@@ -136,17 +136,13 @@ class FillPanel:
         """Write the names of the faces that are selected in the model into the openings."""
         chosen = FreeCADGui.Selection.getSelectionEx()
         names = [name for one in chosen for name in one.SubElementNames if name.startswith("Face")]
-        others = {one.Object.Label for one in chosen if one.SubElementNames and not self._is_body(one.Object)}
+        others = {one.Object.Label for one in chosen if not filled_objects.is_face_of(self._body, one.Object)}
         if others or not names:
             wrong = f"faces of {', '.join(sorted(others))} are" if others else "no face is"
             self._tell(f"{wrong} selected: select plane faces of {self._body.Label} in the model", wrong=True)
             return
         self._texts["open_faces"].setText(", ".join(names))
         self._tell("")
-
-    def _is_body(self, thing: Any) -> bool:
-        """Whether an object is the body, or a feature whose shape the body has."""
-        return thing is self._body or thing.Shape.isPartner(self._body.Shape)
 
     def start_or_cancel(self) -> None:
         """Start a run, or ask the one that is going on to end."""

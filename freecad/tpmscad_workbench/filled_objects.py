@@ -61,16 +61,31 @@ def is_filled(thing: Any) -> bool:
     return hasattr(thing, "Settings") and getattr(thing, "Body", None) is not None
 
 
+def placed_shape(body: Any) -> Any:
+    """The shape of a body in coordinates of the document; Refusal if it holds no solid."""
+    shape = Part.getShape(body)
+    if shape.isNull() or not shape.Solids:
+        raise Refusal(f"{body.Label} holds no solid: select a body, not a sketch, a surface or a mesh")
+    if hasattr(body, "getGlobalPlacement"):
+        shape = shape.copy()
+        shape.Placement = body.getGlobalPlacement()
+    elif any(parent.isDerivedFrom("App::Part") for parent in body.InList):  # a link of FreeCAD 0.20
+        raise Refusal(f"the place of {body.Label} within its part is not known: select what it links to")
+    return shape
+
+
+def is_face_of(body: Any, thing: Any) -> bool:
+    """Whether the faces of a selected object are those of the body: itself, or the last feature of a body of PartDesign."""
+    names = [owner.Name for owner in (body, getattr(body, "Tip", None)) if owner is not None]
+    return thing.Document.Name == body.Document.Name and thing.Name in names
+
+
 def export_body(body: Any, open_faces: str, folder: Path) -> None:
     """Write the STEP file of a body, in coordinates of the document, for a run in a folder.
 
     Refusal if it holds no solid, or if a face that is named would have another number in the file.
     """
-    shape = getattr(body, "Shape", None)
-    if shape is None or not shape.Solids:
-        raise Refusal(f"{body.Label} holds no solid: select a body, not a sketch, a surface or a mesh")
-    placed = shape.copy()
-    placed.Placement = body.getGlobalPlacement()
+    placed = placed_shape(body)
     path = str(folder / BODY_FILE)
     placed.exportStep(path)
     if number_faces(open_faces) == open_faces:

@@ -12,6 +12,7 @@ import time
 from pathlib import Path
 from xml.etree import ElementTree
 
+import numpy as np
 import pytest
 import typer
 
@@ -224,6 +225,12 @@ try:
             filled_objects.fill(other, FillSettings(cell="8", wall_value="9"))
         except Refusal as refusal:
             answer[name] = str(refusal)
+    body = document.addObject("PartDesign::Body", "Design")
+    inside, link = body.newObject("PartDesign::AdditiveBox", "Pad"), document.addObject("App::Link", "Link")
+    body.Placement.Base, link.LinkedObject, link.Placement.Base = FreeCAD.Vector(50, 0, 0), body, FreeCAD.Vector(0, 0, 70)
+    document.recompute()
+    answer["Places"] = [list(filled_objects.placed_shape(one).CenterOfMass) for one in (body, inside, link)]
+    answer["Owned"] = [filled_objects.is_face_of(body, one) for one in (body, inside, cut)]
     open(os.environ["ANSWER"], "w").write(json.dumps(answer))
 except Exception:
     import traceback
@@ -263,3 +270,5 @@ def test_a_body_is_filled_inside_freecad(real_program: list[str], tmp_path: Path
     assert FillSettings.from_json(answer["Settings"]).cell == "8"
     assert answer["NoSolid"].startswith("Sheet holds no solid: select a body")
     assert "thickness below" in answer["Thick"]
+    assert answer["Places"] == pytest.approx(np.array([(55, 5, 5), (55, 5, 5), (5, 5, 75)]), abs=1e-9)
+    assert answer["Owned"] == [True, True, False]
