@@ -12,7 +12,7 @@ from pathlib import Path
 import pytest
 
 ROOT = Path(__file__).resolve().parent.parent
-PACKAGES = ("tpmscad", "cq_plugins")
+PACKAGES = ("tpmscad", "cq_plugins", "freecad")
 
 GROUND = {
     "_compiled_loops",
@@ -66,6 +66,7 @@ FACES = {
     "__main__": {"cli"},
     "tpmscad.build123d": {*MAKERS, "build123d"},
     "cq_plugins": {*MAKERS, "cadquery"},
+    "freecad": {"FreeCAD", "FreeCADGui", "Part", "PySide"},
 }
 """The faces of the program: no mathematics, no kernel calls."""
 
@@ -244,6 +245,7 @@ def test_no_class_name_occurs_twice() -> None:
         ("tpmscad/cli/lattice.py", "import numpy as np"),
         ("tpmscad/errors.py", "from tpmscad.fields import box"),
         ("cq_plugins/tpms.py", "import build123d"),
+        ("freecad/tpmscad_workbench/run.py", "import tpmscad"),
         ("tpmscad/kernel/solid.py", "from tpmscad.build123d import Tpms"),
         ("tpmscad/attic.py", "from tpmscad import kernel"),
         ("tpmscad/results/model.py", "from tpmscad.studies._render import render"),

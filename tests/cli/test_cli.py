@@ -255,6 +255,9 @@ def test_a_command_tells_the_result_unless_it_is_quiet(
     assert complaints == ""
     assert run(f"{command} --cell 10 -o out.step --quiet") == 0
     assert capsys.readouterr() == ("", "")
+    assert run(f"{command} --cell 10 -o out.step --quiet --progress lines") == 0
+    steps = ('{"stage": "make", "done": 0.5}', '{"stage": "write", "done": 0.0}')
+    assert capsys.readouterr() == ("", "\n".join([*steps, ""]))
 
 
 def test_mesh_reports_what_was_made(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
@@ -522,3 +525,14 @@ def test_no_bar_where_nobody_watches(
     with output.progress_bar("weaving", quiet=quiet) as progress:
         progress("knotting", 0.5)
     assert capsys.readouterr() == ("", "")
+
+
+def test_progress_in_lines_is_json_for_each_percent_on_standard_error(capsys: pytest.CaptureFixture[str]) -> None:
+    with output.progress_bar("weaving", quiet=True, form="lines") as progress:
+        for done in (0.0, 0.251, 0.254, 1.0):
+            progress("knotting", done)
+        progress("hemming", 1.0)
+    out, err = capsys.readouterr()
+    knots = [{"stage": "knotting", "done": done} for done in (0.0, 0.25, 1.0)]
+    assert out == ""
+    assert list(map(json.loads, err.splitlines())) == [*knots, {"stage": "hemming", "done": 1.0}]

@@ -47,6 +47,7 @@ from tpmscad.cli.options import (
     KeepLooseOption,
     OptionalOutputOption,
     OutputOption,
+    ProgressOption,
     QuietOption,
     ReportOption,
     SchemaOption,
@@ -168,6 +169,7 @@ OUTPUT_OPTIONS: Mapping[str, tuple[Any, Any]] = {
     "report": (ReportOption, None),
     "verbose": (VerboseOption, False),
     "quiet": (QuietOption, False),
+    "progress": (ProgressOption, "bar"),
 }
 """The options of every command that writes a model: annotation and default."""
 

@@ -102,7 +102,7 @@ def infill(
                 f"`triangles` writes {', '.join(MESH_SUFFIXES)}, not {suffix} or layers: leave it out for a solid"
             )
         body, surface = request.pop("body"), request.pop("surface")
-        with progress_bar(f"{surface} triangles", writing.quiet) as progress:
+        with progress_bar(f"{surface} triangles", writing.quiet, writing.progress) as progress:
             part = tpmscad.infill_triangles(body, surface, deviation=writing.deviation, progress=progress, **request)
         write_triangles(part, body, writing)
         return
@@ -110,7 +110,7 @@ def infill(
         if suffix not in LAYER_SUFFIXES:
             raise InvalidRequest(f"`layer` writes {', '.join(LAYER_SUFFIXES)}, not {suffix}: leave it out for a solid")
         body, surface = request.pop("body"), request.pop("surface")
-        with progress_bar(f"{surface} layers", writing.quiet) as progress:
+        with progress_bar(f"{surface} layers", writing.quiet, writing.progress) as progress:
             found = tpmscad.infill_layers(
                 body, surface, height=layer, chord_error=chord_error, progress=progress, **request
             )

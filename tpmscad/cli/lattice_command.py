@@ -73,7 +73,7 @@ def make_slabs(surface: str, request: Mapping[str, Any], writing: OutputRequest,
         )
     with (
         report_unmet_request(writing.report),
-        progress_bar(f"{surface} slabs", writing.quiet) as progress,
+        progress_bar(f"{surface} slabs", writing.quiet, writing.progress) as progress,
         start_processes(jobs) as executor,
     ):
         files = tpmscad.export_slabs(
@@ -91,7 +91,10 @@ def make_slabs(surface: str, request: Mapping[str, Any], writing: OutputRequest,
 
 def make_copies(surface: str, request: Mapping[str, Any], writing: OutputRequest) -> None:
     """Write a lattice as copies of one cell, and the certificate of the cell as JSON, and print both."""
-    with report_unmet_request(writing.report), progress_bar(f"{surface} cell", writing.quiet) as progress:
+    with (
+        report_unmet_request(writing.report),
+        progress_bar(f"{surface} cell", writing.quiet, writing.progress) as progress,
+    ):
         file = tpmscad.export_instances(
             surface,
             writing.output or Path(),

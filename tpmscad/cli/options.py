@@ -116,6 +116,13 @@ VerifyOption = Annotated[
 ]
 PictureOption = Annotated[Path, output_option("The picture to write.", "FILE.png")]
 ReportOption = Annotated[Path | None, result_option(metavar="FILE.json", help="Write what was measured as JSON.")]
+ProgressOption = Annotated[
+    Literal["bar", "lines"],
+    result_option(
+        help="A bar in a terminal, or on standard error a line of JSON for each step, for programs that run this one: "
+        '{"stage": "trim", "done": 0.25}.',
+    ),
+]
 QuietOption = Annotated[bool, result_option("--quiet", "-q", help="Show no progress bar and no summary.")]
 VerboseOption = Annotated[
     bool, result_option("--verbose", "-v", help="Tell every figure of the certificate, with its bound.")

@@ -40,6 +40,7 @@ class OutputRequest:
     output: Path | None
     report: Path | None = None
     quiet: bool = False
+    progress: str = "bar"
     verbose: bool = False
     deviation: float | None = None
     schema: str = "ap242"
@@ -87,8 +88,14 @@ def write_report(path: Path | None, content: dict[str, Any]) -> None:
 
 
 @contextmanager
-def progress_bar(title: str, quiet: bool) -> Iterator[Progress]:
-    """A callback that draws a progress bar on standard error; silent if that is no terminal, or `quiet`."""
+def progress_bar(title: str, quiet: bool, form: str = "bar") -> Iterator[Progress]:
+    """A callback that draws a progress bar on standard error; silent if that is no terminal, or `quiet`.
+
+    The form "lines" is for programs: a line of JSON for each stage and each percent of it, wherever standard error leads.
+    """
+    if form == "lines":
+        yield ProgressLines().report
+        return
     if quiet or not sys.stderr.isatty():
         yield lambda stage, done: None  # None would leave the bar to the functions themselves
         return
@@ -106,6 +113,20 @@ def progress_bar(title: str, quiet: bool) -> Iterator[Progress]:
     with LateBar(*columns, console=Console(stderr=True), transient=True) as bar:
         task = bar.add_task(title, total=None)  # moves to and fro until a stage reports a fraction
         yield lambda stage, done: bar.update(task, description=stage, completed=done, total=1.0 if done else None)
+
+
+class ProgressLines:
+    """Reports of progress as lines of JSON on standard error: {"stage": "trim", "done": 0.25}."""
+
+    def __init__(self) -> None:
+        self._latest: tuple[str, float] | None = None
+
+    def report(self, stage: str, done: float) -> None:
+        """Write a line, unless the latest one says the same to a percent."""
+        told = (stage, round(done, 2))
+        if told != self._latest:
+            self._latest = told
+            print(json.dumps({"stage": stage, "done": told[1]}), file=sys.stderr, flush=True)
 
 
 @contextmanager
@@ -192,7 +213,7 @@ def describe_file(path: Path, begun: float, parts: Sequence[Path] = ()) -> str:
 def make_and_write(title: str, make: Callable[[Progress], Any], writing: OutputRequest) -> None:
     """Make a model, write it and its certificate (that of an exchanger with its domains) as JSON, and print its summary."""
     with report_unmet_request(writing.report):
-        with progress_bar(title, writing.quiet) as progress:
+        with progress_bar(title, writing.quiet, writing.progress) as progress:
             model = make(progress)
             write_model(model, writing, progress)
         write_report(writing.report, model.to_dict() if hasattr(model, "domains") else model.certificate.to_dict())

@@ -142,7 +142,10 @@ def _run(verb: str, file: Path, read: ReadRun, writing: OutputRequest, dry_run: 
         raise InvalidRequest(
             f"give `output`, the file to write, as in -o {file.stem}.step, or `dry_run`, which makes no solid"
         )
-    with report_unmet_request(writing.report), progress_bar(f"{verb} {file.name}", writing.quiet) as progress:
+    with (
+        report_unmet_request(writing.report),
+        progress_bar(f"{verb} {file.name}", writing.quiet, writing.progress) as progress,
+    ):
         run = read(progress)
         if dry_run:
             text, content = run.describe()

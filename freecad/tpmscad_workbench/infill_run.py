@@ -1,0 +1,276 @@
+"""One run of `tpmscad infill`: its command from settings, its progress, its end. Nothing here needs FreeCAD.
+
+Settings are texts as a user types them, and empty where nothing is asked for: the program checks them, and what it refuses comes
+back in its own words. The program runs in a folder of its own, where it finds the body and leaves its files.
+
+The workbench runs in FreeCAD's Python, which may be as old as 3.8.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import os
+import re
+import shlex
+import shutil
+import signal
+import subprocess
+import time
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+BODY_FILE, FILLED_FILE, REPORT_FILE = "body.step", "filled.step", "filled.json"
+"""Names in the folder of a run."""
+
+WALLS = ("thickness", "porosity", "volume-fraction", "offset")
+"""What may define the wall, as options of the command."""
+
+HOST_VARIABLES = ("PYTHONHOME", "PYTHONPATH", "PYTHONSTARTUP", "PYTHONDONTWRITEBYTECODE", "QT_PLUGIN_PATH", "APPDIR")
+"""Variables by which bundles of FreeCAD lead Python and Qt to their own files; another Python breaks with them."""
+
+GRACE_SECONDS = 2.0
+"""Time that a cancelled program has to end by itself; a long operation of the kernel does not hear an interrupt."""
+
+SURFACES_SECONDS = 120.0
+"""Time for the list of surfaces, which takes half a second of processor time."""
+
+_FACE_NAME = re.compile(r"\bFace(\d+)\b")
+
+
+class Refusal(Exception):
+    """What was asked for cannot be done; the message is for the user and names the remedy."""
+
+
+class Cancelled(Exception):
+    """The run was cancelled."""
+
+
+@dataclass(frozen=True)
+class FillSettings:
+    """What a body is filled with, as texts; lengths in mm.
+
+    `wall` is one of `WALLS`, `wall_value` its value. `open_faces` holds names of faces (Face3) and selectors (>Z), with commas
+    between. `more` are further options of the command, written as in a shell.
+    """
+
+    surface: str = "gyroid"
+    kind: str = "sheet"
+    cell: str = "10"
+    wall: str = "thickness"
+    wall_value: str = "1"
+    skin: str = ""
+    open_faces: str = ""
+    tol: str = ""
+    more: str = ""
+
+    def to_json(self) -> str:
+        """The settings as text, for a property of a document object."""
+        return json.dumps(vars(self))
+
+    @classmethod
+    def from_json(cls, text: str) -> FillSettings:
+        """The settings of `to_json`."""
+        return cls(**json.loads(text))
+
+
+@dataclass(frozen=True)
+class Filled:
+    """What a run has made: the STEP file, the summary of the certificate, the certificate as JSON, and warnings."""
+
+    step: Path
+    summary: str
+    report: str
+    warnings: tuple[str, ...] = ()
+
+    @property
+    def certificate(self) -> dict[str, Any]:
+        """The certificate as plain values."""
+        values: dict[str, Any] = json.loads(self.report)
+        return values
+
+
+def find_program(given: str = "") -> list[str]:
+    """The words that start tpmscad: a program, or a Python that has it. Without a path, tpmscad is looked for on PATH."""
+    program = os.path.expanduser(given.strip()) or "tpmscad"
+    found = shutil.which(program)
+    if found is None:
+        where = f"{program} is no program" if given.strip() else "tpmscad is not on PATH"
+        raise Refusal(
+            f"{where}: install tpmscad in a virtual environment, and give the path of its program tpmscad, or of its python, in "
+            "Edit > Preferences > tpmscad"
+        )
+    path = os.path.abspath(found)
+    return [path, "-m", "tpmscad"] if os.path.basename(path).lower().startswith("python") else [path]
+
+
+def number_faces(open_faces: str) -> str:
+    """Names of faces as their numbers, which FreeCAD counts from 1 and tpmscad from 0; the rest as it is."""
+    return _FACE_NAME.sub(lambda match: str(int(match[1]) - 1), open_faces)
+
+
+def build_command(program: Sequence[str], settings: FillSettings) -> list[str]:
+    """The words of a run in its folder.
+
+    A value is joined to its option, so that a text with a minus is no option.
+    """
+    options = {
+        "kind": settings.kind,
+        "cell": settings.cell,
+        settings.wall: settings.wall_value,
+        "skin": settings.skin,
+        "open-faces": number_faces(settings.open_faces),
+        "tol": settings.tol,
+    }
+    given = [f"--{name}={value.strip()}" for name, value in options.items() if value.strip()]
+    try:
+        more = shlex.split(settings.more)
+    except ValueError as error:
+        raise Refusal(f"further options {settings.more!r}: {error}; close the quotation") from None
+    files = [f"--output={FILLED_FILE}", f"--report={REPORT_FILE}", "--progress=lines"]
+    return [*program, "infill", BODY_FILE, settings.surface, *given, *more, *files]
+
+
+def make_environment(environment: Mapping[str, str], folder: Path) -> dict[str, str]:
+    """The variables for another Python than FreeCAD's, whose temporary files go to the folder of the run.
+
+    A bundle's libraries (LD_LIBRARY_PATH below APPDIR) are left out, the user's own stay.
+    """
+    kept = {name: value for name, value in environment.items() if name not in HOST_VARIABLES}
+    bundle = environment.get("APPDIR")
+    if bundle and "LD_LIBRARY_PATH" in kept:
+        folders = [path for path in kept["LD_LIBRARY_PATH"].split(os.pathsep) if not path.startswith(bundle)]
+        kept["LD_LIBRARY_PATH"] = os.pathsep.join(folders)
+        if not folders:
+            del kept["LD_LIBRARY_PATH"]
+    return {**kept, **dict.fromkeys(("TMPDIR", "TEMP", "TMP"), str(folder)), "PYTHONIOENCODING": "utf-8"}
+
+
+def list_surfaces(program: Sequence[str], folder: Path) -> dict[str, str]:
+    """The titles of the surfaces of the installed tpmscad by their names."""
+    try:
+        answer = subprocess.run(
+            [*program, "surfaces", "--json"],
+            env=make_environment(os.environ, folder),
+            stdin=subprocess.DEVNULL,
+            capture_output=True,
+            encoding="utf-8",
+            errors="replace",
+            timeout=SURFACES_SECONDS,
+        )
+        return {surface["name"]: surface["title"] for surface in json.loads(answer.stdout)}
+    except (OSError, ValueError, KeyError, TypeError, subprocess.TimeoutExpired) as error:
+        said = answer.stderr.strip() if isinstance(error, ValueError) else ""
+        raise Refusal(
+            f"{program[0]} does not list its surfaces ({said or error}): give the program tpmscad, or a python that has it, in "
+            "Edit > Preferences > tpmscad"
+        ) from None
+
+
+class FillRun:
+    """A program that runs in its folder; `poll` it now and then.
+
+    Attributes
+    ----------
+    command : list of str
+    stage : str
+        What is going on, in a word.
+    done : float
+        The part of the stage that is done, 0 if it is not known.
+    """
+
+    def __init__(self, command: Sequence[str], folder: Path) -> None:
+        self.command, self.stage, self.done = list(command), "start", 0.0
+        self._folder = folder
+        self._other_lines: list[str] = []
+        self._cancelled_at: float | None = None
+        with open(folder / "stdout.txt", "wb") as out, open(folder / "stderr.txt", "wb") as err:
+            try:
+                self._process = subprocess.Popen(
+                    self.command,
+                    cwd=str(folder),
+                    env=make_environment(os.environ, folder),
+                    stdin=subprocess.DEVNULL,
+                    stdout=out,
+                    stderr=err,
+                    start_new_session=os.name == "posix",  # a group, which is ended with its children
+                )
+            except OSError as error:
+                raise Refusal(f"{self.command[0]} does not start: {error.strerror}") from None
+        self._bytes_read, self._part = 0, b""
+
+    def poll(self) -> bool:
+        """Read the progress; whether the program has ended."""
+        ended = self._process.poll() is not None
+        self._read_messages(ended)
+        if not ended and self._cancelled_at is not None and time.monotonic() - self._cancelled_at > GRACE_SECONDS:
+            self._signal(kill=True)
+        return ended
+
+    def cancel(self) -> None:
+        """Ask the program to end; `poll` until it has."""
+        if self._cancelled_at is None and self._process.poll() is None:
+            self._cancelled_at = time.monotonic()
+            self._signal(kill=False)
+
+    def kill(self) -> None:
+        """End the program at once."""
+        if self._process.poll() is None:
+            self._cancelled_at = time.monotonic()
+            self._signal(kill=True)
+            self._process.wait()
+
+    def wait(self, report: Callable[[str, float], None] | None = None) -> Filled:
+        """The result, once there is one; `report` is called with stage and fraction as they change."""
+        told = None
+        try:
+            while not self.poll():
+                if report is not None and told != (self.stage, self.done):
+                    told = (self.stage, self.done)
+                    report(*told)
+                time.sleep(0.1)
+        except BaseException:  # of `report`, or an interrupt from the keyboard
+            self.kill()
+            raise
+        return self.result()
+
+    def result(self) -> Filled:
+        """What was made, after the end; Refusal with the program's own words, or Cancelled."""
+        status = self._process.wait()
+        if self._cancelled_at is not None and status != 0:
+            raise Cancelled("cancelled")
+        if status != 0:
+            said = [line for line in self._other_lines if line.startswith("tpmscad: ")] or self._other_lines[-3:]
+            text = "\n".join(line.replace("tpmscad: ", "", 1) for line in said)
+            raise Refusal(text or f"{self.command[0]} ended with status {status} and no word")
+        summary = (self._folder / "stdout.txt").read_text(encoding="utf-8")
+        lines = [line for line in summary.splitlines() if not line.startswith("wrote ")]
+        report = (self._folder / REPORT_FILE).read_text(encoding="utf-8")
+        return Filled(self._folder / FILLED_FILE, "\n".join(lines), report, tuple(self._other_lines))
+
+    def _read_messages(self, ended: bool) -> None:
+        """Take the new lines of standard error: steps, and others. The last one may be incomplete until the end."""
+        with open(self._folder / "stderr.txt", "rb") as messages:
+            messages.seek(self._bytes_read)
+            added = messages.read()
+        self._bytes_read += len(added)
+        *lines, self._part = (self._part + added).split(b"\n")
+        if ended:
+            lines, self._part = [*lines, self._part], b""
+        for line in (line.decode("utf-8", "replace").strip() for line in lines):
+            try:
+                step = json.loads(line)
+                self.stage, self.done = str(step["stage"]), float(step["done"])
+            except (ValueError, KeyError, TypeError):
+                if line:
+                    self._other_lines.append(line)
+
+    def _signal(self, kill: bool) -> None:
+        """Interrupt the program and its children, or kill them."""
+        if os.name != "posix":
+            self._process.kill()
+            return
+        with contextlib.suppress(ProcessLookupError):
+            os.killpg(self._process.pid, signal.SIGKILL if kill else signal.SIGINT)

@@ -1,0 +1,60 @@
+"""What a release says of itself: one version everywhere, and links that lead from an index to the repository."""
+
+from __future__ import annotations
+
+import importlib.util
+import re
+import tomllib
+from pathlib import Path
+from typing import Any
+from xml.etree import ElementTree
+
+import pytest
+
+import tpmscad
+
+ROOT = Path(__file__).resolve().parents[1]
+HOOK = tomllib.loads((ROOT / "pyproject.toml").read_text())["tool"]["hatch"]["metadata"]["hooks"]["custom"]
+
+
+def complete(home: str) -> dict[str, Any]:
+    """The metadata that the hook adds for a home of the repository."""
+    pytest.importorskip("hatchling", reason="hatchling is not installed: pip install '.[test]'")
+    spec = importlib.util.spec_from_file_location("hatch_build", ROOT / "hatch_build.py")
+    assert spec is not None
+    assert spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    metadata: dict[str, Any] = {"version": "1.2.3"}
+    module.HomeHook(str(ROOT), {**HOOK, "home": home}).update(metadata)
+    return metadata
+
+
+def test_every_link_and_url_leads_to_the_home() -> None:
+    metadata = complete("https://example.org/o/tpmscad/")
+    links = re.findall(r"(!?)\[[^]]*\]\(([^)]+)\)", metadata["readme"]["text"])
+    assert len(links) > 20
+    assert [link for _, link in links if not link.startswith("https://")] == []
+    home = "https://example.org/o/tpmscad"
+    assert ("!", f"{home}/raw/v1.2.3/docs/gyroid.png") in links
+    assert ("", f"{home}/blob/v1.2.3/docs/guide/bodies.md") in links
+    assert {url.startswith(home) for url in metadata["urls"].values()} == {True}
+    assert {"Homepage", "Changelog", "Issues"} <= metadata["urls"].keys()
+
+
+def test_without_a_home_the_readme_is_as_it_stands_and_there_are_no_urls() -> None:
+    assert complete("") == {
+        "version": "1.2.3",
+        "readme": {"content-type": "text/markdown", "text": (ROOT / "README.md").read_text()},
+    }
+
+
+def test_the_addon_of_freecad_names_the_same_home() -> None:
+    package = ElementTree.parse(ROOT / "package.xml").getroot()
+    urls = [url.text for url in package.iterfind("{https://wiki.freecad.org/Package_Metadata}url[@type='repository']")]
+    assert urls == [HOOK["home"]] * bool(HOOK["home"])
+
+
+def test_the_changelog_begins_with_this_version() -> None:
+    (version, *_) = re.findall(r"^## (\S+)", (ROOT / "CHANGELOG.md").read_text(), re.MULTILINE)
+    assert version == tpmscad.__version__
