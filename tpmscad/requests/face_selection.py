@@ -92,7 +92,8 @@ class _PlaneFaces:
         match = _TERM.fullmatch(term)
         if match is None:
             raise InvalidRequest(
-                f"`{self.argument}` {term!r} is no selector: give {SELECTORS}, or the number of a face, with commas between several"
+                f"`{self.argument}` {term!r} is no selector: give {SELECTORS}, or the number of a face, with commas between "
+                "several"
             )
         if match[3]:
             return [int(match[3])]

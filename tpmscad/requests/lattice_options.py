@@ -182,8 +182,9 @@ class FluidDomainsOptions(BodyOptions):
     openings: Annotated[
         Mapping[str, Any] | None,
         OPENINGS,
-        "Faces at which the channels '+' and '-' open, as in `infill`'s open_faces; both may open at one. Towards all other faces "
-        "a channel closes gradually: the wall grows until it fills it. By default each opens wherever it meets the body.",
+        "Faces at which the channels '+' and '-' open, as in `infill`'s open_faces; both may open at one. Towards all "
+        "other faces a channel closes gradually: the wall grows until it fills it. By default each opens wherever it "
+        "meets the body.",
     ] = None
     transition: Annotated[
         float | None,

@@ -1,15 +1,15 @@
 """Walls that close the channels of a heat exchanger at the faces of a body where they must not open.
 
-Let D be the signed distance from the mid surface and [a, b] the offsets of the wall. The channel + is {D > b + C+}, the channel -
-{D < a - C-}, and the wall what lies between. C+ vanishes deep in the body and grows, towards each face where the channel + must
-not open, to the greatest value of D: no channel is left there. With the depth t below face i and the quintic step s from 1 at t <=
-thickness to 0 at t >= thickness + transition,
+Let D be the signed distance from the mid surface and [a, b] the offsets of the wall. The channel + is {D > b + C+}, the channel
+- {D < a - C-}, and the wall what lies between. C+ vanishes deep in the body and grows, towards each face where the channel +
+must not open, to the greatest value of D: no channel is left there. With the depth t below face i and the quintic step s from 1
+at t <= thickness to 0 at t >= thickness + transition,
 
     C = H (1 - prod_i (1 - s_i)),
 
 which is twice continuously differentiable where depths are, is nowhere below any single term, and never exceeds H. Since C >= 0
-the wall contains {a <= D <= b}, so that the channels are nowhere nearer to each other than b - a, and since C = H next to a closed
-face they stay the thickness away from it.
+the wall contains {a <= D <= b}, so that the channels are nowhere nearer to each other than b - a, and since C = H next to a
+closed face they stay the thickness away from it.
 
 The distance is smooth up to the reach of the surface only; farther off its place is taken by an affine function of the surface's
 own function f. D is tabulated as a periodic cubic spline, which costs a fiftieth of a search for foot points.
@@ -17,7 +17,6 @@ own function f. D is tabulated as a periodic cubic spline, which costs a fiftiet
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
