@@ -309,17 +309,22 @@ def _tag_sides(patches: Brep, distance: Field, middle: float) -> Brep:
 
 
 def _drop_loose_sheets(patches: Brep) -> tuple[Brep, tuple[str, ...]]:
-    """The patches without the small sheets that closing channels leave round pockets and dimples, and a note on these."""
+    """The patches without the sheets that closing channels leave round pockets and small dimples, and a note on these.
+
+    A sheet without a boundary surrounds a pocket, which no fluid enters; others are loose if they are small.
+    """
     count, sheet = connectivity.label_shells(patches)
-    area = integral_properties.integrate_faces(patches).area
-    area_of = np.bincount(sheet, area, count)
-    side_of = np.zeros(count, np.int64)
-    side_of[sheet] = patches.faces.tag
-    greatest = np.array([area_of[side_of == side].max(initial=0.0) for side in (0, 1)])
-    is_loose = area_of < CHIP_VOLUME_FRACTION * greatest[side_of]
+    area = np.bincount(sheet, integral_properties.integrate_faces(patches).area, count)
+    side = np.zeros(count, np.int64)
+    side[sheet] = patches.faces.tag
+    n_uses = np.bincount(patches.uses.edge, minlength=len(patches.edges))
+    is_open = np.zeros(count, bool)
+    is_open[sheet[patches.face_of_use[n_uses[patches.uses.edge] == 1]]] = True
+    greatest = np.array([area[side == number].max(initial=0.0) for number in (0, 1)])
+    is_loose = (~is_open & (area < greatest[side])) | (area < CHIP_VOLUME_FRACTION * greatest[side])
     if not is_loose.any():
         return patches, ()
     kept = drop_unused_geometry(select_faces(patches, np.flatnonzero(~is_loose[sheet])))
     what = f"{is_loose.sum()} pockets" if is_loose.sum() > 1 else "a pocket"
-    note = f"{what} that the closing channels left apart, of area up to {area_of[is_loose].max():.3g}, became wall"
+    note = f"{what} that the closing channels left apart, of area up to {area[is_loose].max():.3g} mm2, became wall"
     return kept, (note,)
