@@ -17,9 +17,12 @@ from tpmscad.kernel.body_import.cad_body import read_body
 from tpmscad.kernel.measure.shape_sampling import sample_faces
 from tpmscad.kernel.occt.exploration import faces_of
 from tpmscad.requests.channel_openings import resolve_channel_openings
+from tpmscad.requests.lattice_options import FluidDomainsOptions
 from tpmscad.requests.lattice_request import read_lattice_request
 from tpmscad.results.domain_results import FluidDomains
+from tpmscad.solids._fluid_domains import _resolve_openings
 from tpmscad.solids.closed_channels import _open_fraction, _sample_body, extend_distance
+from tpmscad.solids.field_bodies import FieldBody
 
 pytestmark = pytest.mark.kernel
 
@@ -127,8 +130,10 @@ def test_refused_openings_name_the_remedy(name: str) -> None:
 
 
 def test_the_body_of_a_field_has_no_faces_to_open() -> None:
-    with pytest.raises(tpmscad.InvalidRequest, match="openings are faces of a CAD body"):
-        tpmscad.fluid_domains(fields.sphere((0, 0, 0), 8.0), **ASKED, openings=OPENINGS)
+    options = FluidDomainsOptions("part.step", "gyroid", openings=OPENINGS)
+    body = FieldBody.__new__(FieldBody)
+    with pytest.raises(tpmscad.InvalidRequest, match="openings are faces of a CAD body; the egg has none"):
+        _resolve_openings(options, body, SimpleNamespace(name="the egg"))  # type: ignore[arg-type]
 
 
 def test_openings_may_share_a_face() -> None:

@@ -45,7 +45,7 @@ from tpmscad.kernel.recognise.edge_curves import UnsupportedFace
 from tpmscad.kernel.recognise.face_carriers import recognise_carrier
 from tpmscad.requests.channel_openings import ChannelOpenings
 from tpmscad.requests.lattice_request import LatticeRequest
-from tpmscad.results.certificate import CHIP_VOLUME_FRACTION, require
+from tpmscad.results.certificate import require
 from tpmscad.solids.field_patches import fit_field_patches
 from tpmscad.solids.lattice_block import LatticeBlock, expand_body_box
 from tpmscad.solids.patch_measures import measure_field_patches, move_patch_measures
@@ -81,6 +81,10 @@ TABLE_SIZES = (48, 64, 96, 128)
 
 MAX_TABLE_TOLS = 0.2
 """Error of the table near the wall, in tolerances, from which a finer one is not made."""
+
+MAX_DEAD_END_FRACTION = 0.1
+"""Area of a sheet, relative to the greatest on its side of the wall, up to which it bounds a dead end that becomes wall: with a
+hundredth, dimples at the openings of boxes of two cells stay as pieces through which nothing flows."""
 
 TABLE_STEPS_PER_TRANSITION = 8
 """Samples of the distance to a face that is neither plane, cylinder nor sphere, along the transition."""
@@ -309,9 +313,9 @@ def _tag_sides(patches: Brep, distance: Field, middle: float) -> Brep:
 
 
 def _drop_loose_sheets(patches: Brep) -> tuple[Brep, tuple[str, ...]]:
-    """The patches without the sheets that closing channels leave round pockets and small dimples, and a note on these.
+    """The patches without the sheets that closing channels leave round pockets and dead ends, and a note on these.
 
-    A sheet without a boundary surrounds a pocket, which no fluid enters; others are loose if they are small.
+    A sheet without a boundary surrounds a pocket, which no fluid enters; others bound a dead end at an opening if they are small.
     """
     count, sheet = connectivity.label_shells(patches)
     area = np.bincount(sheet, integral_properties.integrate_faces(patches).area, count)
@@ -321,10 +325,10 @@ def _drop_loose_sheets(patches: Brep) -> tuple[Brep, tuple[str, ...]]:
     is_open = np.zeros(count, bool)
     is_open[sheet[patches.face_of_use[n_uses[patches.uses.edge] == 1]]] = True
     greatest = np.array([area[side == number].max(initial=0.0) for number in (0, 1)])
-    is_loose = (~is_open & (area < greatest[side])) | (area < CHIP_VOLUME_FRACTION * greatest[side])
+    is_loose = (~is_open & (area < greatest[side])) | (area < MAX_DEAD_END_FRACTION * greatest[side])
     if not is_loose.any():
         return patches, ()
     kept = drop_unused_geometry(select_faces(patches, np.flatnonzero(~is_loose[sheet])))
-    what = f"{is_loose.sum()} pockets" if is_loose.sum() > 1 else "a pocket"
+    what = f"{is_loose.sum()} pockets or dead ends" if is_loose.sum() > 1 else "a pocket or dead end"
     note = f"{what} that the closing channels left apart, of area up to {area[is_loose].max():.3g} mm2, became wall"
     return kept, (note,)
