@@ -5,7 +5,7 @@ import build123d as bd
 import tpmscad
 from tpmscad.results.domain_results import FluidDomains
 
-SIZE = (20.0, 18.0, 16.0)
+SIZE = (30.0, 20.0, 20.0)
 PHASE = (0.1, 0.2, 0.3)
 OPENINGS = {"+": ["<X", ">X"], "-": ["<Y", ">Y"]}
 

@@ -26,7 +26,7 @@ from tpmscad.solids.field_bodies import FieldBody
 
 pytestmark = pytest.mark.kernel
 
-SIZE = np.array([20.0, 18.0, 16.0])
+SIZE = np.array([30.0, 20.0, 20.0])
 OPENINGS = {"+": ["<X", ">X"], "-": "<Y,>Y"}
 ASKED: dict[str, Any] = {"surface": "gyroid", "cell": 10, "thickness": 1, "tol": 0.1, "transition": 6}
 
