@@ -191,6 +191,15 @@ def test_domains_asks_for_the_fluid_domains_of_the_body(recorder: Recorder) -> N
     assert (called["operands"], called["cell"], called["thickness"]) == ((Path("body.step"), "gyroid"), 8.0, 0.8)
 
 
+def test_openings_are_given_channel_by_channel(recorder: Recorder) -> None:
+    Path("body.step").touch()
+    call = "domains body.step gyroid --cell 8 --thickness 0.8 --open +=<X,>X --open -=<Y --open -=3 --transition 6"
+    assert run(f"{call} -o out.brep --quiet") == 0
+    assert recorder.called["openings"] == {"+": "<X,>X", "-": "<Y,3"}
+    assert recorder.called["transition"] == 6.0
+    assert run("domains body.step gyroid --cell 8 --thickness 0.8 --open X -o out.brep --quiet") == 2
+
+
 @pytest.mark.kernel
 @pytest.mark.parametrize("name", ["lattice", "infill", "fluid_domains"])
 def test_options_left_out_keep_the_defaults_of_the_function(recorder: Recorder, name: str) -> None:

@@ -87,6 +87,16 @@ def _read_flow(value: object) -> dict[str, str]:
     return dict(value)
 
 
+def _read_openings(value: object) -> dict[str, object]:
+    """A mapping of "+" and "-" to faces."""
+    if not isinstance(value, Mapping):
+        raise WrongType("is no dictionary of channels and faces")
+    unknown = [sign for sign in value if sign not in ("+", "-")]
+    if unknown:
+        raise InvalidValue(f"names a channel {unknown[0]!r}, and the channels are '+' and '-'")
+    return {sign: read_iterable(faces) for sign, faces in value.items()}
+
+
 def _read_pairs(value: object) -> object:
     """An array (m, 2) of whole numbers."""
     import numpy as np
@@ -200,6 +210,7 @@ FUNCTION_OF_POINTS_OR_XYZ = ArgumentKind(
 NAME_OR_FIELD = TEXT.or_else(ArgumentKind("a field or a function of points", "", read_callable))
 MAP = ArgumentKind("one of tpmscad.maps or a function of points", "maps.cylinder(20)", read_callable)
 FACES = ArgumentKind("faces, their numbers, or text such as '>Z'", '">Z"', read_iterable)
+OPENINGS = ArgumentKind("faces by the channels '+' and '-'", '{"+": ["<X", ">X"], "-": ["<Y", ">Y"]}', _read_openings)
 VIEW = TEXT.or_else(POINT).described_as(example='"iso"')
 TEXTS = TEXT.or_else(sequence_of(TEXT.read, "several", ""))
 FLOW = ArgumentKind("sides by the names of groups", '{"channel +": "X+"}', _read_flow)

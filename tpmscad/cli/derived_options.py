@@ -29,6 +29,7 @@ from tpmscad.api.shared_kinds import (
     NOT_NEGATIVE,
     OFFSET,
     ONE_SOLID,
+    OPENINGS,
     OVERHANG,
     PICTURE_SIZE,
     POSITIVE,
@@ -61,10 +62,12 @@ from tpmscad.cli.output import MODEL_SUFFIXES, OutputRequest
 CELL_PANEL = "Cell and position"
 WALL_PANEL = "Wall: give one of --thickness, --offset, --volume-fraction, --porosity"
 SKIN_PANEL = "Skin"
+OPENINGS_PANEL = "Openings of the channels"
 PANELS = {
     **dict.fromkeys(("cell", "cells", "pore_size", "boundary", "phase", "rotation"), CELL_PANEL),
     **dict.fromkeys(("thickness", "offset", "volume_fraction", "porosity", "kind", "side", "reference"), WALL_PANEL),
     **dict.fromkeys(("skin", "open_faces"), SKIN_PANEL),
+    **dict.fromkeys(("openings", "transition"), OPENINGS_PANEL),
     "tol": OUTPUT_PANEL,
 }
 """Panels of the help by argument; others stand in the panel of options."""
@@ -90,6 +93,17 @@ def parse_size(text: str) -> tuple[int, int]:
     if not (width.isdigit() and height.isdigit() and int(width) and int(height)):
         raise typer.BadParameter(f"{text!r} is no size in pixels: write 1600x1200")
     return int(width), int(height)
+
+
+def parse_openings(texts: list[str]) -> dict[str, str]:
+    """The faces of each channel of texts such as +=<X,>X."""
+    found: dict[str, list[str]] = {}
+    for text in texts:
+        channel, equals, faces = text.partition("=")
+        if not (equals and faces.strip()) or channel.strip() not in ("+", "-"):
+            raise typer.BadParameter(f"{text!r} is no channel with its faces: write '+=<X,>X' or '-=<Y,>Y'")
+        found.setdefault(channel.strip(), []).append(faces)
+    return {channel: ",".join(faces) for channel, faces in found.items()}
 
 
 def parse_direction(text: str) -> str | tuple[float, ...]:
@@ -132,9 +146,13 @@ WRITTEN: Mapping[Any, tuple[Any, dict[str, Any]]] = {
     PICTURE_SIZE.read: (Any, {"metavar": "WxH", "parser": parse_size}),
     ONE_SOLID.read: (Any, {"metavar": "N|largest", "parser": parse_solid}),
     SOLID.read: (Any, {"metavar": "N|largest|all", "parser": parse_solid}),
+    OPENINGS.read: (list[str] | None, {"metavar": "CHANNEL=FACES"}),
     TEXTS.read: (list[str] | None, {"metavar": "NAME"}),
 }
 """How a command line writes a kind of argument: the type of the option, its placeholder, and how its text is read."""
+
+RENAMED_OPTIONS = {"openings": "open"}
+"""Options that are given once for each part of the argument, and named for one."""
 
 NOT_OPTIONS = ("map", "box", "progress", "executor", "path", "picture", "source")
 """Arguments that take functions only or belong to fields, and those that commands declare as operands of their own."""
@@ -143,6 +161,7 @@ NOT_OPTIONS = ("map", "box", "progress", "executor", "path", "picture", "source"
 def make_option(argument: Argument, panel: str | None) -> Parameter:
     """The option that stands for an argument; one that may be left out is None, or False, unless it is given."""
     known = {name: f"--{name.replace('_', '-')}" for name in PANELS}
+    option_name = RENAMED_OPTIONS.get(argument.name, argument.name)
     default = argument.default
     shown = default
     if isinstance(default, tuple):
@@ -151,7 +170,7 @@ def make_option(argument: Argument, panel: str | None) -> Parameter:
     if argument.kind.choices:
         static = Literal[argument.kind.choices] | None
     option = typer.Option(
-        f"--{argument.name.replace('_', '-')}",
+        f"--{option_name.replace('_', '-')}",
         help=speak_in_options(argument.meaning.replace("``", "`"), known),
         rich_help_panel=panel or PANELS.get(argument.name),
         show_default=str(shown) if shown not in (None, "", False, Parameter.empty) else False,

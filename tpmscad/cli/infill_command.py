@@ -8,7 +8,7 @@ from typing import Annotated
 import typer
 
 import tpmscad
-from tpmscad.cli.derived_options import Request, take_options_of, take_output
+from tpmscad.cli.derived_options import Request, parse_openings, take_options_of, take_output
 from tpmscad.cli.options import DomainsOutputOption, JobsOption, result_option
 from tpmscad.cli.output import (
     DOMAIN_SUFFIXES,
@@ -154,6 +154,8 @@ def make_parts(request: Request, writing: OutputRequest, slab: int, jobs: int) -
 @take_output(DomainsOutputOption, suffixes=DOMAIN_SUFFIXES, leave_out=("verify",))
 def domains(request: Request, *, writing: OutputRequest) -> None:
     """Divide a solid into the wall of a sheet lattice and the two channels beside it, for heat exchangers."""
+    if "openings" in request:
+        request["openings"] = parse_openings(request["openings"])
     make_and_write(
         f"{request['surface']} exchanger",
         lambda progress: tpmscad.fluid_domains(

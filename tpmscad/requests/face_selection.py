@@ -50,12 +50,15 @@ def is_numbered(text: str) -> bool:
     return any(term.isdigit() for term in _split_terms(text))
 
 
-def resolve_face_selectors(body: CadBody, faces: Any) -> tuple[Any, ...]:
-    """The faces with every text replaced by the numbers of its faces; InvalidRequest if one is unknown or finds none."""
+def resolve_face_selectors(body: CadBody, faces: Any, argument: str = "open_faces") -> tuple[Any, ...]:
+    """The faces with every text replaced by the numbers of its faces; InvalidRequest if one is unknown or finds none.
+
+    argument: the name of the argument that gives them, for messages.
+    """
     given = list_given_faces(faces)
     if not any(isinstance(face, str) for face in given):
         return given
-    planes = _PlaneFaces(body)
+    planes = _PlaneFaces(body, argument)
     found: list[Any] = []
     for face in given:
         for part in _split_terms(face) if isinstance(face, str) else (face,):
@@ -71,9 +74,9 @@ def _split_terms(text: str) -> list[str]:
 class _PlaneFaces:
     """The plane faces of a body with their outward normals, and what selects among them."""
 
-    def __init__(self, body: CadBody) -> None:
+    def __init__(self, body: CadBody, argument: str) -> None:
         own = faces_of(body.shape)
-        self.body, self.n_faces = body, len(own)
+        self.body, self.n_faces, self.argument = body, len(own), argument
         self.samples = sample_faces(own, (body.report.area / (SAMPLES_PER_FACE * len(own))) ** 0.5)
         self.tol = FLATNESS_DIAGONALS * float(np.linalg.norm(np.ptp(self.samples.points, axis=0)))
         self.numbers, normals = [], []
@@ -89,7 +92,8 @@ class _PlaneFaces:
         match = _TERM.fullmatch(term)
         if match is None:
             raise InvalidRequest(
-                f"`open_faces` {term!r} is no selector: give {SELECTORS}, or the number of a face, with commas between several"
+                f"`{self.argument}` {term!r} is no selector: give {SELECTORS}, or the number of a face, with commas between "
+                "several"
             )
         if match[3]:
             return [int(match[3])]
@@ -109,7 +113,7 @@ class _PlaneFaces:
         found = [number for number, is_chosen in zip(self.numbers, chosen, strict=True) if is_chosen]
         if not found:
             raise InvalidRequest(
-                f"`open_faces` {term}: no plane face of {self.body.name} is there; give the number of a face, from 0 to "
+                f"`{self.argument}` {term}: no plane face of {self.body.name} is there; give the number of a face, from 0 to "
                 f"{self.n_faces - 1}"
             )
         return found

@@ -6,7 +6,7 @@ together is resolved in `lattice_request`. The command line reads this module fo
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import KW_ONLY, dataclass
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -22,6 +22,7 @@ from tpmscad.api.shared_kinds import (
     NAME_OR_FIELD,
     OFFSET,
     ONE_SOLID,
+    OPENINGS,
     POSITIVE,
     SHAPE,
     SOLID,
@@ -177,6 +178,18 @@ class FluidDomainsOptions(BodyOptions):
         Sequence[float] | None,
         POINT,
         "Shift of the lattice, in cells. By default that of `lattice`, which makes one piece in a box of whole cells.",
+    ] = None
+    openings: Annotated[
+        Mapping[str, Any] | None,
+        OPENINGS,
+        "Faces at which the channels '+' and '-' open, as in `infill`'s open_faces; both may open at one. Towards all "
+        "other faces a channel closes gradually: the wall grows until it fills it. By default each opens wherever it "
+        "meets the body.",
+    ] = None
+    transition: Annotated[
+        float | None,
+        POSITIVE.described_as(example="10.0"),
+        "Length over which a channel closes, mm, behind the thickness of the wall; by default the longest edge of the cell.",
     ] = None
 
 

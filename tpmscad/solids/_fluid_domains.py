@@ -1,5 +1,6 @@
 """The three domains of a heat exchanger: the wall of a sheet lattice in a body, and the two channels that it separates.
 
+The wall is a lattice of constant thickness, or one that closes the channels at all faces but their openings (`closed_channels`).
 Lattice and body are intersected once on the patches' parameter domains, and the three domains are rebuilt from that arrangement;
 common faces, edges and vertices are the same by construction. Where that fails, as for free-form faces that leave gaps, the
 kernel splits the body by the lattice's surfaces.
@@ -16,7 +17,7 @@ import numpy as np
 from tpmscad.api.public_calls import validate_options
 from tpmscad.brep.boundary_representation import Brep
 from tpmscad.brep.moments import integral_properties
-from tpmscad.errors import KernelError, MissingDomain, TrimmingError
+from tpmscad.errors import InvalidRequest, KernelError, MissingDomain, TrimmingError
 from tpmscad.fallbacks import Fallback, Fallbacks
 from tpmscad.kernel.body_import.body_brep import FreeFormBody
 from tpmscad.kernel.body_import.cad_body import CadBody, read_body
@@ -28,6 +29,7 @@ from tpmscad.kernel.measure.envelope import Envelope
 from tpmscad.kernel.measure.validity import is_brep_valid
 from tpmscad.kernel.occt.exploration import faces_of
 from tpmscad.kernel.step.face_labels import LABEL_OF_TAG, OPENING, label_faces, label_outer_faces
+from tpmscad.requests.channel_openings import ChannelOpenings, resolve_channel_openings
 from tpmscad.requests.lattice_options import FluidDomainsOptions
 from tpmscad.requests.lattice_request import lattice_in_body, resolve_lattice_request, rotation_matrix
 from tpmscad.results.certificate import Certificate, Check, describe_piece, require
@@ -41,6 +43,7 @@ from tpmscad.solids.boolean_strategies import (
     numerical_failures,
     read_trimming_body,
 )
+from tpmscad.solids.closed_channels import build_closed_block
 from tpmscad.solids.field_bodies import (
     FieldBody,
     fit_field_body,
@@ -95,7 +98,12 @@ def fluid_domains(options: FluidDomainsOptions) -> FluidDomains:
         else:
             reject_solid(options.solid)
         read = body.cad if isinstance(body, FieldBody) else read_body(body or options.body, options.solid)
-    block = build_lattice_block(request, rotation_matrix(options.rotation), read, stages)
+        openings = _resolve_openings(options, body, read)
+    turn = rotation_matrix(options.rotation)
+    if openings is None:
+        block = build_lattice_block(request, turn, read, stages)
+    else:
+        block = build_closed_block(request, turn, read, openings, options.transition, stages)
     with stages("trim"):
         found = _divide_field_body(body, block) if isinstance(body, FieldBody) else _compute_domains(block, read)
     if isinstance(body, FieldBody):
@@ -108,7 +116,7 @@ def fluid_domains(options: FluidDomainsOptions) -> FluidDomains:
         for face, label in labels.items()
     )
     with stages("check"):
-        certificates, volume = _certify_domains(found, touches, block, read)
+        certificates, volume = _certify_domains(found, touches, block, read, openings)
     models = {
         name: Model(
             name,
@@ -139,6 +147,19 @@ class DomainSolids:
     areas: Mapping[int, float]
     notes: tuple[str, ...]
     moved: float = 0.0
+
+
+def _resolve_openings(
+    options: FluidDomainsOptions, body: CadBody | FieldBody | None, read: CadBody
+) -> ChannelOpenings | None:
+    """The faces at which the channels open; None if they open everywhere."""
+    if options.openings is None:
+        if options.transition is not None:
+            raise InvalidRequest("transition is the length over which channels close: give openings=, where they open")
+        return None
+    if isinstance(body, FieldBody):
+        raise InvalidRequest(f"openings are faces of a CAD body; {read.name} has none: leave openings out")
+    return resolve_channel_openings(read, options.openings)
 
 
 def _find_openings(channel: DomainSolids, block: LatticeBlock) -> frozenset[str]:
@@ -275,7 +296,11 @@ def _tags_of_kernel_faces(block: LatticeBlock) -> list[str]:
 
 
 def _certify_domains(
-    domains: Mapping[str, DomainSolids], contacts: tuple[FaceContact, ...], block: LatticeBlock, body: CadBody
+    domains: Mapping[str, DomainSolids],
+    contacts: tuple[FaceContact, ...],
+    block: LatticeBlock,
+    body: CadBody,
+    openings: ChannelOpenings | None,
 ) -> tuple[dict[str, Certificate], float]:
     """The certificate of each domain, and the volume of all three.
 
@@ -292,6 +317,8 @@ def _certify_domains(
             f"{name}: volume {own.volume:.9g} mm3, {len(own.pieces)} piece{'s' if len(own.pieces) > 1 else ''}"
         )
         lines += [f"{name}: {describe_piece(volume, own.pieces[0])} apart" for volume in own.pieces[1:]]
+    if openings is not None:
+        checks += _check_openings(contacts, openings, {name: len(found[name].pieces) for name in found})
     for contact in contacts:
         areas = ", ".join(f"{name} {area:.4g} mm2" for name, area in contact.areas.items())
         lines.append(f"on {contact.label}: {areas}")
@@ -309,6 +336,33 @@ def _certify_domains(
     shortfalls = (*wall.shortfalls, *(text for text in missed if text not in wall.shortfalls))
     found[WALL] = replace(wall, met=not shortfalls, shortfalls=shortfalls)
     return found, total
+
+
+def _check_openings(
+    contacts: tuple[FaceContact, ...], openings: ChannelOpenings, n_pieces: Mapping[str, int]
+) -> list[Check]:
+    """Whether each channel is one piece and reaches those faces that it opens at, and no other."""
+    checks = []
+    for name, opened in ((PLUS, openings.plus), (MINUS, openings.minus)):
+        checks.append(
+            Check(
+                f"pieces of {name}",
+                n_pieces[name],
+                1,
+                f"{name} falls into {n_pieces[name]} pieces: use a smaller cell or transition, or shift the lattice by phase",
+            )
+        )
+        for contact in contacts:
+            area = contact.areas.get(name, 0.0)
+            if contact.face in opened:
+                checks.append(
+                    require(
+                        area > 0, f"{name} does not reach {contact.label}, an opening: use a smaller cell or transition"
+                    )
+                )
+            else:
+                checks.append(require(area == 0, f"{name} opens at {contact.label}, over {area:.3g} mm2"))
+    return checks
 
 
 def _missing_domain(body: CadBody, name: str) -> MissingDomain:

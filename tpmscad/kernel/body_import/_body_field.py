@@ -23,7 +23,7 @@ from tpmscad.errors import InvalidRequest, KernelError
 from tpmscad.fields.field import Field
 from tpmscad.fields.kinds.sampled_data import SampledField, interpolate_samples
 from tpmscad.fields.tape.evaluation import FieldJet, stack_points
-from tpmscad.kernel.body_import.cad_body import read_body
+from tpmscad.kernel.body_import.cad_body import CadBody, read_body
 from tpmscad.kernel.occt.bounding_boxes import enclosing_box
 from tpmscad.kernel.occt.construction import make_compound
 from tpmscad.kernel.occt.convert import CONFUSION_TOLERANCE
@@ -131,13 +131,20 @@ def body_field(
     """
     body = read_body(shape)
     exact = BodyDistance(body.shape, *enclosing_box(body.shape), tuple(faces_of(body.shape)))
-    return exact if spacing is None else _tabulate(exact, spacing)
+    return exact if spacing is None else _tabulate(exact, exact.low, exact.high, spacing)
 
 
-def _tabulate(exact: BodyDistance, spacing: float) -> SampledField:
+def tabulate_face_distance(body: CadBody, face: TopoDS_Face, spacing: float) -> SampledField:
+    """The distance to one face of a body, without a sign, as a spline over the body's box and two spacings around it."""
+    low, high = enclosing_box(body.shape)
+    nowhere = np.full(3, np.inf)  # no point is classified
+    return _tabulate(BodyDistance(body.shape, nowhere, nowhere, (face,)), low, high, spacing)
+
+
+def _tabulate(exact: BodyDistance, box_low: Array, box_high: Array, spacing: float) -> SampledField:
     """The distance interpolated on a grid that reaches TABLE_MARGIN_SPACINGS beyond the body's box."""
-    low = exact.low - TABLE_MARGIN_SPACINGS * spacing
-    extent = exact.high + TABLE_MARGIN_SPACINGS * spacing - low
+    low = box_low - TABLE_MARGIN_SPACINGS * spacing
+    extent = box_high + TABLE_MARGIN_SPACINGS * spacing - low
     counts = np.ceil(extent / spacing) + 1
     if counts.prod() > MAX_TABLE_SAMPLES:
         remedy = float(np.cbrt(extent.prod() / MAX_TABLE_SAMPLES))
