@@ -5,7 +5,7 @@
 Each page of docs/tutorials that is named, or every one, runs in an empty folder. What a snippet prints replaces the block of text
 that follows it on the page, and each picture that the page shows is reduced into docs/tutorials/pictures.
 
-All snippets of Python on a page share one namespace, and those of the shell one folder with them. Of tabs, those of one front end run.
+All snippets of Python on a page share one namespace; those of the shell run in the same folder. Of tabs, those of one front end run.
 """
 
 from __future__ import annotations
@@ -50,9 +50,7 @@ class Snippet:
 
 def read_snippets(page: str, front_end: str = FRONT_ENDS[0]) -> list[Snippet]:
     """The snippets of a page in their order, without those in tabs of the other front end."""
-    left_out = [
-        match.span() for match in TAB.finditer(page) if match[1] in FRONT_ENDS and match[1] != front_end
-    ]
+    left_out = [match.span() for match in TAB.finditer(page) if match[1] in FRONT_ENDS and match[1] != front_end]
     blocks = [match for match in BLOCK.finditer(page) if not any(a <= match.start() < b for a, b in left_out)]
     snippets = []
     for block, after in zip(blocks, [*blocks[1:], None], strict=True):
@@ -71,14 +69,20 @@ def run_snippet(snippet: Snippet, namespace: dict[str, Any]) -> str:
         return out.getvalue()
     environment = {**os.environ, "TERM": "dumb", "NO_COLOR": "1", "COLUMNS": "120", "PYTHONPATH": str(ROOT)}
     done = subprocess.run(
-        ["bash", "-c", SHELL + snippet.text], stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True, env=environment
+        ["bash", "-c", SHELL + snippet.text],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.STDOUT,
+        text=True,
+        env=environment,
     )
     if done.returncode:
         raise RuntimeError(f"status {done.returncode} of\n{snippet.text}{done.stdout}")
     return done.stdout
 
 
-def run_page(page: str, folder: Path, front_end: str = FRONT_ENDS[0], *, report: bool = False) -> list[tuple[Snippet, str]]:
+def run_page(
+    page: str, folder: Path, front_end: str = FRONT_ENDS[0], *, report: bool = False
+) -> list[tuple[Snippet, str]]:
     """Run all snippets of a page in a folder; return each with what it printed."""
     namespace: dict[str, Any] = {"__name__": "__main__"}
     done = []

@@ -7,9 +7,9 @@ from pathlib import Path
 
 import pytest
 
-pytestmark = pytest.mark.kernel
-
 from benchmarks import tutorials
+
+pytestmark = pytest.mark.kernel
 
 PAGES = {path.stem: path.read_text() for path in sorted(tutorials.FOLDER.glob("*.md"))}
 NUMBER = re.compile(r"[-+]?\d[\d.]*(?:e[-+]?\d+)?")
@@ -25,7 +25,9 @@ def check_run(name: str, front_end: str, folder: Path) -> None:
     for snippet, printed in tutorials.run_page(page, folder, front_end):
         if snippet.printed:
             assert words_of(printed) == words_of(page[slice(*snippet.printed)])
-    missing = [file for file in tutorials.PICTURE.findall(page) if not (folder / file.removeprefix(f"{name}-")).exists()]
+    missing = [
+        file for file in tutorials.PICTURE.findall(page) if not (folder / file.removeprefix(f"{name}-")).exists()
+    ]
     assert not missing
 
 
