@@ -5,7 +5,7 @@
 Each page of docs/tutorials that is named, or every one, runs in an empty folder. What a snippet prints replaces the block of text
 that follows it on the page, and each picture that the page shows is reduced into docs/tutorials/pictures.
 
-All snippets of Python on a page share one namespace; those of the shell run in the same folder. Of tabs, those of one front end run.
+All snippets of Python on a page share one namespace; those of the shell run in the same folder. Tabs of one front end run.
 """
 
 from __future__ import annotations
