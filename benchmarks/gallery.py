@@ -87,10 +87,15 @@ def keep_picture(example: str, path: Path) -> None:
     """A reduced picture under the name of the example, and its own name where that says more."""
     own = path.stem.removeprefix(example).strip("_")
     name = example if not own or own in example else f"{example}-{own}"
-    with Image.open(path) as image:
+    reduce_picture(path, GALLERY / f"{name}.png")
+
+
+def reduce_picture(source: Path, target: Path) -> None:
+    """A picture for a page: of moderate width, in few colours."""
+    with Image.open(source) as image:
         reduced = image.convert("RGB")
         reduced.thumbnail((PICTURE_WIDTH, PICTURE_WIDTH), Image.Resampling.LANCZOS)
-        reduced.quantize(PALETTE).save(GALLERY / f"{name}.png", optimize=True)
+        reduced.quantize(PALETTE).save(target, optimize=True)
 
 
 def write_view(files: Iterable[Path], target: Path) -> None:
