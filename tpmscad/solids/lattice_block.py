@@ -180,7 +180,8 @@ def build_lattice_block(request: LatticeRequest, rotation: Array, body: CadBody,
         cells,
         BYTES_PER_CELL_IN_BODY,
         f"a solid of about {cells:.0f} cells in {body.name}",
-        "enlarge the cell, or do without the solid: infill_layers(...) writes layers, infill_triangles(...) STL and 3MF",
+        "enlarge the cell, or do without one solid: export_infill(...) writes a STEP file of cells, infill_layers(...) layers, "
+        "infill_triangles(...) STL",
     )
     return build_block_over_box(request, rotation, low, high, stages)
 
