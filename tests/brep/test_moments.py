@@ -11,6 +11,7 @@ from scipy.spatial.transform import Rotation
 from tests.shapes.box_shapes import CORNERS, SIDES, plane_box
 from tpmscad.brep import connectivity
 from tpmscad.brep.boundary_representation import Brep
+from tpmscad.brep.carriers import CylindricalSurface
 from tpmscad.brep.moments import integral_properties
 from tpmscad.brep.moments.loop_integrals import integrate_pcurves
 from tpmscad.brep.welding import weld_patches
@@ -168,3 +169,15 @@ def test_gaps_between_faces_count_alike_near_the_origin_and_far_from_it() -> Non
         moments.second[0] += area * (corner @ normal) * corner
         assert integral_properties.volume(moments)[0] == pytest.approx(SIZE.prod(), rel=1e-9)
         assert integral_properties.centroid(moments) == pytest.approx(place + SIZE / 2, abs=1e-8)
+
+
+def test_gaps_between_pcurves_on_a_quadric_count_as_little_as_the_face_is_small() -> None:
+    """A triangle far round a cylinder, two of whose pcurves end 1e-8 apart: the gap counts times the face, not the turn."""
+    gap, size, radius = 1e-8, 2e-3, 13.0
+    cylinder = CylindricalSurface(np.zeros(3), np.array([0.0, 0, 1]), np.array([1.0, 0, 0]), radius)
+    corner = np.array([4.3, -6.0])
+    ends = [corner, corner + np.array([size, 0]), corner + size, corner + np.array([0, gap])]
+    spans = [(line_segment(a, b), (0.0, 1.0)) for a, b in zip(ends[:-1], ends[1:], strict=True)]
+    area = integrate_pcurves(cylinder, spans, np.full(3, corner[0]))[:, 0].sum()
+    assert area == pytest.approx(0.5 * radius * size**2, abs=2 * gap * radius * size)
+    assert abs(integrate_pcurves(cylinder, spans)[:, 0].sum() - area) > 100 * gap * radius * size

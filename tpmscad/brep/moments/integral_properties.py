@@ -72,14 +72,16 @@ def integrate_faces(brep: Brep) -> FaceMoments:
 
 
 def _find_starts(brep: Brep, curved: IntArray) -> Array:
-    """For each of the uses `curved` (n,), the last knot of its surface along u before all of its face: (n,); 0 on other surfaces.
+    """For each of the uses `curved` (n,), the last knot of its surface along u before all of its face: (n,).
 
-    A face is small beside its surface where a large spline face of a body has been cut into hundreds.
+    On a quadric it is the face's least angle: counted from 0, gaps of 1e-8 between pcurves gave a face of 9e-6 an area that was
+    off by 6e-8, and a sliver of a lattice a negative volume. A face is small beside its surface where a large spline face of a
+    body has been cut into hundreds.
     """
     face, pcurve = brep.face_of_use[curved], brep.uses.pcurve[curved]
     first = np.full(len(brep.faces), np.inf)
     np.minimum.at(first, face, np.array([brep.pcurves[p].poles[:, 0].min() for p in pcurve.tolist()]))
-    start, carrier = np.zeros(len(curved)), brep.faces.carrier[face]
+    start, carrier = first[face], brep.faces.carrier[face]
     for c in np.unique(carrier).tolist():
         surface = brep.carriers[c]
         if isinstance(surface, BSplineSurface):

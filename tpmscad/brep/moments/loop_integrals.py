@@ -57,19 +57,19 @@ PcurveSpans = Sequence[tuple[BSplineCurve, tuple[float, float]]]
 def integrate_pcurves(surface: BSplineSurface | Quadric, spans: PcurveSpans, first_knots: Array | None = None) -> Array:
     """The line integrals of F dv along n pcurve spans, for the 16 moments: (n, 16).
 
-    `first_knots` (n,): the knots u0 of a spline from which F is integrated, one for all spans of a face and not beyond any of
-    them; the first of all by default. Over a closed loop they make no difference but for the work and the rounding.
+    `first_knots` (n,): the knots u0 of a spline, or the angles on a quadric, from which F is integrated, one for all spans of a
+    face and not beyond any of them; the first knot, or 0, by default. Over a closed loop they make no difference but for the
+    work, the rounding, and the gaps of up to 1e-8 between the ends of pcurves, which count times F.
     """
     u, v, dv_weights, span_of_node = pcurve_gauss_nodes(surface, spans)
     result = np.zeros((len(spans), N_MOMENTS))
     for start in range(0, len(u), NODES_PER_BATCH):
         at = slice(start, start + NODES_PER_BATCH)
+        first = None if first_knots is None else first_knots[span_of_node[at]]
         inner = (
-            _antiderivative_on_spline(
-                surface, u[at], v[at], None if first_knots is None else first_knots[span_of_node[at]]
-            )
+            _antiderivative_on_spline(surface, u[at], v[at], first)
             if isinstance(surface, BSplineSurface)
-            else _antiderivative_on_quadric(surface, u[at], v[at])
+            else _antiderivative_on_quadric(surface, u[at], v[at], first)
         )
         np.add.at(result, span_of_node[at], dv_weights[at, None] * inner)
     return result
@@ -151,15 +151,19 @@ def _clip_to_span(inside: Array, span: tuple[float, float]) -> Array:
     return np.concatenate([[low], inside[(inside > low) & (inside < high)], [high]])
 
 
-def _antiderivative_on_quadric(quadric: Quadric, u: Array, v: Array) -> Array:
-    """F at the pairs (u, v): (n, 16), with S = origin + r e(u) + z axis and S_u x S_v = r (z' e(u) - r' axis)."""
+def _antiderivative_on_quadric(quadric: Quadric, u: Array, v: Array, start: Array | None) -> Array:
+    """F at the pairs (u, v), from the angles `start` (n,) or 0: (n, 16).
+
+    S = origin + r e(u) + z axis and S_u x S_v = r (z' e(u) - r' axis).
+    """
     samples = np.arange(2 * TRIGONOMETRIC_ORDER + 1) * TWO_PI / (2 * TRIGONOMETRIC_ORDER + 1)
     e = np.cos(samples)[:, None] * quadric.x_axis + np.sin(samples)[:, None] * quadric.y_axis
     profile, slope = quadric(0.0, v) - quadric.origin, quadric(0.0, v, 0, 1)
     (r, z), (dr, dz) = ((a @ quadric.x_axis, a @ quadric.axis) for a in (profile, slope))
     x = quadric.origin + r[:, None, None] * e + (z[:, None] * quadric.axis)[:, None]
     n = (r * dz)[:, None, None] * e - ((r * dr)[:, None] * quadric.axis)[:, None]
-    return sum_moments(x, n, antiderivative_matrix(u, samples))
+    weights = antiderivative_matrix(u, samples)
+    return sum_moments(x, n, weights if start is None else weights - antiderivative_matrix(start, samples))
 
 
 def antiderivative_matrix(u: Array, samples: Array) -> Array:

@@ -71,8 +71,10 @@ def quadric_face_moments(face: TopoDS_Face, quadric: Quadric, nodes_of: EdgeNode
             parts.append(np.column_stack([uv, sign * nodes.weights * rise]))
     table = np.concatenate(parts)
     total = np.zeros(5)
-    for start in range(0, len(table), NODES_PER_BATCH):
-        total += _integrate_loop(quadric, *table[start : start + NODES_PER_BATCH].T)
+    least = float(table[:, 0].min())
+    for first in range(0, len(table), NODES_PER_BATCH):
+        u, v, rise = table[first : first + NODES_PER_BATCH].T
+        total += _integrate_loop(quadric, u, v, rise, least)
     total[0] *= unwrapper.side
     return total
 
@@ -105,13 +107,14 @@ def _panel_angles(curve: BRepAdaptor_Curve, breaks: Array, quadric: Quadric) -> 
     return np.asarray(np.ptp(np.unwrap(angle, axis=1), axis=1))
 
 
-def _integrate_loop(quadric: Quadric, u: Array, v: Array, rise: Array) -> Array:
-    """Sum of F(u, v) dv, with F the integral from 0 to u of |N|, x . N / 3 and x (x . N) / 4: (5,)."""
+def _integrate_loop(quadric: Quadric, u: Array, v: Array, rise: Array, start: float) -> Array:
+    """Sum of F(u, v) dv, with F the integral from `start` to u of |N|, x . N / 3 and x (x . N) / 4: (5,)."""
     samples = np.arange(2 * TRIGONOMETRIC_ORDER + 1) * TWO_PI / (2 * TRIGONOMETRIC_ORDER + 1)
     inner_v = np.broadcast_to(v[:, None], (len(v), len(samples)))
     x = quadric(samples, inner_v)
     n = np.cross(quadric(samples, inner_v, 1, 0), quadric(samples, inner_v, 0, 1))
-    weights = rise[:, None] * antiderivative_matrix(u, samples)
+    from_start = antiderivative_matrix(u, samples) - antiderivative_matrix(np.array([start]), samples)
+    weights = rise[:, None] * from_start
     cone = weights * (x * n).sum(-1)
     return np.concatenate(
         [[(weights * np.linalg.norm(n, axis=-1)).sum(), cone.sum() / 3.0], np.einsum("nk,nkd->d", cone, x) / 4.0]
