@@ -44,7 +44,7 @@ from tpmscad.kernel.occt.convert import as_solid, transform_shape
 from tpmscad.kernel.step.entity_table import EntityTable
 from tpmscad.kernel.step.joined_files import PlacedProduct, write_cells, write_group, write_joined_step
 from tpmscad.kernel.step.part21 import STEP_SUFFIXES, find_schema
-from tpmscad.kernel.step.product_entities import write_assembly, write_validation_properties
+from tpmscad.kernel.step.product_entities import MassProperties, write_assembly, write_validation_properties
 from tpmscad.kernel.step.step_reader import read_step
 from tpmscad.parallel import run_as_completed
 from tpmscad.requests.lattice_options import InfillOptions
@@ -52,7 +52,7 @@ from tpmscad.result_display import fit_lines, format_html_table, split_columns
 from tpmscad.results.certificate import Certificate
 from tpmscad.results.loose_pieces import KEEP
 from tpmscad.rigid_motion import Motion
-from tpmscad.solids._infill import check_wall_thickness
+from tpmscad.solids.filled_body import check_wall_thickness
 from tpmscad.solids.skin import erode_body
 from tpmscad.solids.tiled_body import TILE_CORNERS, read_tiled_body
 from tpmscad.stage_timer import StageTimer
@@ -310,7 +310,7 @@ def _join(
             )
             mass = whole.mass
             x, y, z = (turn @ np.array(mass.centroid)).tolist()
-            write_validation_properties(section, setting, product, type(mass)(mass.volume, mass.area, (x, y, z)))
+            write_validation_properties(section, setting, product, MassProperties(mass.volume, mass.area, (x, y, z)))
 
     n_cells = len(layers.whole)
     counts = [(cell_part, n_cells)] if cell_part is not None else []

@@ -148,7 +148,8 @@ def write_checked_solids(
     such a file is valid only as CAD programs read it, with healing. If the file does not read back, other ways to write it are
     tried, and a warning tells which one was taken. failure: why the same solids could not be written as arrays.
     """
-    outcome = WRITERS.run(SolidsRequest(solids, Path(path), schema, name, assembly, volume))
+    area = float(sum(face_moments(faces_of(of.solid))[:, 0].sum() for of in solids))
+    outcome = WRITERS.run(SolidsRequest(solids, Path(path), schema, name, assembly, volume, area))
     failures = (*([failure] if failure else []), *outcome.failures)
     if failures:
         reasons = "; ".join(dict.fromkeys(str(error).removesuffix(f"; {ADVICE}") for error in failures))
@@ -157,7 +158,7 @@ def write_checked_solids(
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SolidsRequest:
-    """Kernel solids to be written to a STEP file, and their total volume."""
+    """Kernel solids to be written to a STEP file, and their total volume and area."""
 
     solids: Sequence[NamedSolid]
     path: Path
@@ -165,6 +166,7 @@ class SolidsRequest:
     name: str
     assembly: bool
     volume: float
+    area: float
 
     def write(self, healed: bool = False) -> None:
         """Write the solids with their names, labels and colours; if `healed`, the file is checked as CAD programs read it."""
@@ -197,8 +199,7 @@ class SolidsRequest:
         """
         shapes = [of.solid for of in self.solids]
         size = max(map(box_diagonal, shapes))
-        area = float(sum(face_moments(faces_of(shape))[:, 0].sum() for shape in shapes))
-        rtol = limit_reread_volume(self.volume, area, size)
+        rtol = limit_reread_volume(self.volume, self.area, size)
         if accuracy > CONFUSION_TOLERANCE:
             rtol = max(rtol, accuracy * sum(map(measure_edge_length, shapes)) * size / (3 * self.volume))
         return make_volume_check(self.volume, rtol, healed=healed or accuracy > CONFUSION_TOLERANCE)

@@ -9,8 +9,6 @@ from __future__ import annotations
 
 from dataclasses import fields
 
-import numpy as np
-
 from tpmscad.api.public_calls import validate_options
 from tpmscad.errors import CrossingSurfaces, InvalidRequest, TrimmingError
 from tpmscad.fields.analysis.crease_network import describe_creases, trace_creases
@@ -24,7 +22,7 @@ from tpmscad.kernel.occt.bounding_boxes import enclosing_box
 from tpmscad.levelset.crossing_operands import has_meeting_quadrics
 from tpmscad.requests.face_selection import is_numbered, list_given_faces, resolve_face_selectors
 from tpmscad.requests.lattice_options import InfillOptions
-from tpmscad.requests.lattice_request import LatticeRequest, lattice_in_body, resolve_lattice_request, rotation_matrix
+from tpmscad.requests.lattice_request import lattice_in_body, resolve_lattice_request, rotation_matrix
 from tpmscad.results.certificate import certify_kernel_solids
 from tpmscad.results.joined_models import join_models
 from tpmscad.results.loose_pieces import drop_loose_solids
@@ -35,16 +33,13 @@ from tpmscad.solids.boolean_strategies import (
 from tpmscad.solids.combined_solids import SURFACE, combine_field_solids
 from tpmscad.solids.field_bodies import FieldBody, fit_field_body, reject_box, reject_solid, resolve_field
 from tpmscad.solids.field_body_infill import infill_field_body, reject_empty
-from tpmscad.solids.filled_body import fill_body
+from tpmscad.solids.filled_body import check_wall_thickness, fill_body
 from tpmscad.solids.lattice_block import build_field_block, build_lattice_block, expand_body_box
 from tpmscad.solids.reference_distance import field_distance, lattice_distance
 from tpmscad.stage_timer import StageTimer
 
 OPTIONS_OF_FIELDS = ("body", "box", "surface", "solid", "skin", "open_faces", "loose", "tol", "progress")
 """Arguments that the solid of a field takes."""
-
-MIN_WALL_THICKNESS = 1e-5
-"""Model units: a hundred times the kernel's tolerance, at which the trimmed edges of the two walls are still distinct."""
 
 
 @validate_options(InfillOptions, 'infill(body, "gyroid", cell=8, thickness=0.8, skin=1.5)')
@@ -186,15 +181,6 @@ def _infill_crossing(field: Field, body: CadBody, options: InfillOptions, stages
         distance_to_reference=field_distance(field),
         envelope=Envelope(body.name, body.volume, body.shape),
     )
-
-
-def check_wall_thickness(request: LatticeRequest) -> None:
-    """InvalidRequest if the wall of a sheet is too thin for the kernel to trim."""
-    if request.kind == "sheet" and np.ptp(request.offset) < MIN_WALL_THICKNESS:
-        raise InvalidRequest(
-            f"a wall of {np.ptp(request.offset):g} is thinner than {MIN_WALL_THICKNESS:g}, "
-            "a hundred times the kernel's tolerance"
-        )
 
 
 def _reject_lattice_options(options: InfillOptions) -> None:

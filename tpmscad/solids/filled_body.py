@@ -9,11 +9,12 @@ from typing import Any
 import numpy as np
 
 from tpmscad.brep.boundary_representation import translate_brep
-from tpmscad.errors import EmptyInfill
+from tpmscad.errors import EmptyInfill, InvalidRequest
 from tpmscad.kernel.body_import.cad_body import CadBody
 from tpmscad.kernel.boolean.boolean_operations import OcctSolids
 from tpmscad.kernel.boolean.cut_faces import label_cut_solids
 from tpmscad.kernel.measure.envelope import Envelope
+from tpmscad.requests.lattice_request import LatticeRequest
 from tpmscad.results.loose_pieces import DroppedPieces, drop_loose_pieces, drop_loose_solids
 from tpmscad.results.model import Model
 from tpmscad.solids.boolean_strategies import BooleanResult, certify_cut_solids, intersect_body_with_lattice
@@ -21,6 +22,18 @@ from tpmscad.solids.lattice_block import LatticeBlock
 from tpmscad.solids.reference_distance import DistanceFunction
 from tpmscad.solids.skin import fill_within_skin
 from tpmscad.stage_timer import StageTimer
+
+MIN_WALL_THICKNESS = 1e-5
+"""Model units: a hundred times the kernel's tolerance, at which the trimmed edges of the two walls are still distinct."""
+
+
+def check_wall_thickness(request: LatticeRequest) -> None:
+    """InvalidRequest if the wall of a sheet is too thin for the kernel to trim."""
+    if request.kind == "sheet" and np.ptp(request.offset) < MIN_WALL_THICKNESS:
+        raise InvalidRequest(
+            f"a wall of {np.ptp(request.offset):g} is thinner than {MIN_WALL_THICKNESS:g}, "
+            "a hundred times the kernel's tolerance"
+        )
 
 
 def fill_body(
