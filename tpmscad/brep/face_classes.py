@@ -35,22 +35,36 @@ PARAMETER_RESOLUTION = 1e-9
 
 @dataclass(frozen=True, slots=True, eq=False)
 class FaceClasses:
-    """`label` (F,): the class of each face; `first` (n,): the first face of each class."""
+    """`label` (F,): the class of each face; `first` (n,): the first face of each class.
+
+    use_order (K,): the edge uses face by face, those of a face in an order that is the same for all faces of its class.
+    """
 
     label: IntArray
     first: IntArray
+    use_order: IntArray
 
 
 def group_congruent_faces(brep: Brep, resolution: float) -> FaceClasses:
     """The classes of congruent faces, descriptions rounded to `resolution` (model units)."""
     carrier = _hash_each([_describe_carrier(c, resolution) for c in brep.carriers])
-    loops = _hash_loops(brep, _hash_uses(brep, resolution))
+    uses = _hash_uses(brep, resolution)
+    loops = _hash_loops(brep, uses)
     face = np.repeat(np.arange(len(brep.faces)), np.diff(brep.faces.loop_start))
     total = np.zeros((len(brep.faces), 2), np.uint64)
     np.add.at(total, face, _mix(loops))
     total = _mix(3 * carrier[brep.faces.carrier] + 5 * total)
     _, first, label = np.unique(total, axis=0, return_index=True, return_inverse=True)
-    return FaceClasses(label.ravel(), first)
+    return FaceClasses(label.ravel(), first, np.lexsort((*uses.T, brep.face_of_use)))
+
+
+def group_translated_faces(brep: Brep, resolution: float) -> FaceClasses:
+    """As `group_congruent_faces`, but faces of a class are translated copies: their motions have the same rotation."""
+    congruent = group_congruent_faces(brep, resolution)
+    rotation = _round(brep.faces.motion.rotation.reshape(-1, 9), PARAMETER_RESOLUTION)
+    keys = np.column_stack([congruent.label, rotation])
+    _, first, label = np.unique(keys, axis=0, return_index=True, return_inverse=True)
+    return FaceClasses(label.ravel(), first, congruent.use_order)
 
 
 def _hash_loops(brep: Brep, uses: Hashes) -> Hashes:

@@ -11,6 +11,7 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 
+from tpmscad._compiled_loops import njit_cached
 from tpmscad._typing import Array, BoolArray, IntArray
 
 EndDirection = Callable[[int, bool], Array]
@@ -59,20 +60,32 @@ def chain_loops(start: IntArray, end: IntArray, direction: EndDirection) -> list
     return loops
 
 
-def follow_cycles(following: IntArray) -> tuple[IntArray, IntArray]:
-    """The cycles of a permutation (n,): its elements cycle by cycle (n,), and where each cycle starts, and n."""
-    after, order, starts = following.tolist(), [], [0]
-    seen = bytearray(len(after))
-    for start in range(len(after)):
-        if seen[start]:
+def follow_paths(following: IntArray) -> tuple[IntArray, IntArray]:
+    """The elements (n,) path by path, and where each path starts, and n.
+
+    `following` (n,) gives of each element the one after it, or -1 where a path ends; no element follows two others. Open paths
+    come first, each from its first element; then cycles, each from its least one.
+    """
+    begins = np.ones(len(following), bool)
+    begins[following[following >= 0]] = False
+    return _follow(np.ascontiguousarray(following, np.int64), np.argsort(~begins, kind="stable"))
+
+
+@njit_cached
+def _follow(following: IntArray, first: IntArray) -> tuple[IntArray, IntArray]:  # pragma: no cover - compiled
+    """The elements path by path, paths from the elements of `first` on, and where each path starts."""
+    order, starts, seen = np.empty_like(following), [0], np.zeros(len(following), np.bool_)
+    count = 0
+    for at in first:
+        if seen[at]:
             continue
-        at = start
-        while not seen[at]:
-            seen[at] = 1
-            order.append(at)
-            at = after[at]
-        starts.append(len(order))
-    return np.array(order, np.int64), np.array(starts, np.int64)
+        while at >= 0 and not seen[at]:
+            seen[at] = True
+            order[count] = at
+            count += 1
+            at = following[at]
+        starts.append(count)
+    return order, np.array(starts)
 
 
 def chain_faces(start: IntArray, end: IntArray, paths: Sequence[Array]) -> list[list[list[int]]]:

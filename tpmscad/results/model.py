@@ -243,7 +243,7 @@ class Model:
         from tpmscad.studies.layer_slices import slice_shape
 
         heights = [z for *_, z in self.bounding_box]
-        return slice_shape(self.wrapped, self.name, options.height, options.chord_error, heights, options.executor)
+        return slice_shape(self.built, self.name, options.height, options.chord_error, heights, options.executor)
 
     @validate_method_options(PrintOptions, "check_print(min_wall=0.3)")
     def check_print(self, options: PrintOptions) -> PrintReport:

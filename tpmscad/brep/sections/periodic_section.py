@@ -14,7 +14,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from tpmscad._typing import Array, IntArray
-from tpmscad.brep.loops import follow_cycles
+from tpmscad.brep.loops import follow_paths
 from tpmscad.brep.sections.clipped_curves import clip_curves, winding_number
 from tpmscad.brep.sections.polygon_regions import Region, combine_regions, signed_areas, thin_curve, thin_polygon
 from tpmscad.errors import TrimmingError
@@ -209,7 +209,7 @@ def _link_arcs(arcs: Sequence[Array], low: Array, cell: Array) -> tuple[IntArray
 
 def _list_cycles(following: IntArray) -> list[list[int]]:
     """The cycles of a permutation (n,)."""
-    order, starts = follow_cycles(following)
+    order, starts = follow_paths(following)
     return [cycle.tolist() for cycle in np.split(order, starts[1:-1])] if len(order) else []
 
 

@@ -15,6 +15,7 @@ import numpy as np
 from OCP.BRep import BRep_Tool
 from OCP.BRepBuilderAPI import BRepBuilderAPI_Copy
 from OCP.BRepMesh import BRepMesh_IncrementalMesh
+from OCP.BRepTools import BRepTools
 from OCP.TopLoc import TopLoc_Location
 from OCP.TopoDS import TopoDS_Edge, TopoDS_Face
 
@@ -24,6 +25,7 @@ from tpmscad.brep.triangles.closed_mesh import SolidMesh
 from tpmscad.errors import KernelError
 from tpmscad.kernel.occt import convert
 from tpmscad.kernel.occt.child_process import may_use_threads
+from tpmscad.kernel.occt.construction import make_compound
 from tpmscad.kernel.occt.exploration import (
     ShapeKey,
     edges_of,
@@ -82,6 +84,35 @@ def mesh_solids(shape: Any, deviation: float, angle: float) -> tuple[SolidMesh, 
 def mesh_parametrically(shape: Any, deviation: float, angle: float) -> tuple[ParametricMesh, ...]:
     """As `mesh_solids`, with parameters on faces and edges."""
     return tuple(parametric for parametric, _ in _mesh_closed(shape, deviation, angle))
+
+
+def mesh_faces(faces: Sequence[TopoDS_Face], deviation: float, angle: float) -> list[ParametricMesh]:
+    """A mesh of each face by itself, which is open at the edges of the face only.
+
+    The faces keep the triangulation. Raises KernelError if OCCT leaves a face without triangles or with a gap.
+    """
+    due, found = list(enumerate(faces)), dict[int, ParametricMesh]()
+    for halvings in range(MAX_REFINEMENTS + 1):
+        shapes = make_compound([face for _, face in due])
+        BRepTools.Clean_s(shapes)
+        BRepMesh_IncrementalMesh(shapes, deviation / 2**halvings, False, angle, may_use_threads())
+        for number, face in due:
+            mesh = _weld_solid(face)
+            if mesh is not None and _covers_its_face(mesh):
+                found[number] = mesh
+        due = [(number, face) for number, face in due if number not in found]
+        if not due:
+            return [found[number] for number in range(len(faces))]
+    raise KernelError("triangulate", f"no mesh of a face within {deviation:g}: try another deviation", due[0][1])
+
+
+def _covers_its_face(mesh: ParametricMesh) -> bool:
+    """Whether every side inside the face has a triangle on either side, and every edge segment one."""
+    inside, n = mesh.segment < 0, int(mesh.nodes.max(initial=0)) + 1
+    tail, head = mesh.nodes, np.roll(mesh.nodes, -1, axis=1)
+    along, against = (np.sort((a * n + b)[inside]) for a, b in ((tail, head), (head, tail)))
+    used = np.bincount(mesh.segment[~inside], minlength=len(mesh.segments.edge))
+    return np.array_equal(along, against) and bool((used == 1).all())
 
 
 def _mesh_closed(shape: Any, deviation: float, angle: float) -> list[tuple[ParametricMesh, SolidMesh]]:

@@ -23,21 +23,59 @@ LEVEL_REL_TOL = 1e-13
 """Distance from the level, in sizes of the solid, at which a root is found."""
 
 
+NODE_REL_TOL = 1e-9
+"""In sizes of the solid: a node that is less below a level counts as on it, so that copies of a face that differ by round-off are
+cut alike."""
+
+
 SideEvaluator = Callable[[Array, IntArray], tuple[Array, Array]]
 """Fractions (n,) along lines on a face or an edge, and the numbers of the lines (n,), to points (n, 3) and the derivatives of
 their heights (n,)."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
+class LevelSets:
+    """The levels at which each face of a mesh is cut.
+
+    heights: all levels, set after set, ascending in each, (n,). starts: where each set begins, and n, (s + 1,). of_face: the set
+    of each face, (F,). tol: height below a level from which a node counts as on it.
+    """
+
+    heights: Array
+    starts: IntArray
+    of_face: IntArray
+    tol: float
+
+    @classmethod
+    def of_solid(cls, heights: Array, mesh: SurfaceTriangulation) -> LevelSets:
+        """The same levels (n,), ascending, for all faces of a mesh."""
+        n_faces = len(mesh.surfaces.evaluators)
+        return cls(heights, np.array([0, len(heights)]), np.zeros(n_faces, np.int64), NODE_REL_TOL * mesh.size)
+
+    def rank(self, z: Array, face: IntArray) -> IntArray:
+        """Number of the first level of a face (n,) that is above the height z (n,): a node on a level counts as above it."""
+        if len(self.heights) == 0:
+            return np.zeros(len(z), np.int64)
+        low, high = float(self.heights.min()) - 4 * self.tol, float(self.heights.max()) + 4 * self.tol
+        of_level = np.repeat(np.arange(len(self.starts) - 1), np.diff(self.starts))
+        bands = 2.0 * (high - low) * np.arange(len(self.starts) - 1)  # each set in a range of heights of its own
+        own = np.clip(z + self.tol, low, high) + bands[self.of_face[face]]
+        return np.searchsorted(self.heights + bands[of_level], own, side="right")
+
+
+@dataclass(frozen=True, slots=True, eq=False)
 class Crossings:
     """Crossings of sides and levels, and the segments between two of them on one triangle.
 
-    point: (n, 2). level: number of the level of each, (n,). tail, head: crossings at the ends of each segment, in the direction
-    that has the solid on its left, (s,). face: of each segment, (s,). tail_uv, head_uv: parameters of its ends there, (s, 2).
+    point: (n, 2). level: number of the level of each, (n,). edge: on which it lies, or -1 inside a face, (n,), and parameter: of
+    the edge's curve there, (n,). tail, head: crossings at the ends of each segment, in the direction that has the solid on its
+    left, (s,). face: of each segment, (s,). tail_uv, head_uv: parameters of its ends there, (s, 2).
     """
 
     point: Array
     level: IntArray
+    edge: IntArray
+    parameter: Array
     tail: IntArray
     head: IntArray
     face: IntArray
@@ -60,10 +98,10 @@ class Sides:
     segment: IntArray
 
 
-def find_crossings(mesh: SurfaceTriangulation, levels: Array) -> Crossings:
-    """Crossings of a solid with horizontal planes at ascending levels (n,). A node on a level counts as above it."""
+def find_crossings(mesh: SurfaceTriangulation, levels: LevelSets) -> Crossings:
+    """Crossings of the faces of a mesh with horizontal planes at their levels."""
     z = mesh.points[:, 2]
-    rank = np.searchsorted(levels, z, side="right")
+    rank = levels.rank(z, mesh.face_of_node)
     sides = number_sides(mesh)
     ends = rank[sides.nodes]
     lowest, count = ends.min(axis=1), np.abs(ends[:, 1] - ends[:, 0])
@@ -71,9 +109,14 @@ def find_crossings(mesh: SurfaceTriangulation, levels: Array) -> Crossings:
     side = np.repeat(np.arange(len(count)), count)
     level = lowest[side] + np.arange(len(side)) - first[side]
     fraction, point = np.empty(len(side)), np.empty((len(side), 2))
-    heights, target, tol = z[sides.nodes[side]], levels[level], LEVEL_REL_TOL * mesh.size
+    heights, target, tol = z[sides.nodes[side]], levels.heights[level], LEVEL_REL_TOL * mesh.size
     for members, line in lines_of_sides(mesh, sides, side):
         fraction[members], point[members] = _find_roots(line, heights[members], target[members], tol)
+    edge, parameter = np.full(len(side), -1), np.zeros(len(side))
+    outer = np.flatnonzero(sides.segment[side] >= 0)
+    own, (begin, end) = sides.segment[side[outer]], _ends_on_edges(mesh, sides, side[outer])
+    edge[outer] = mesh.segments.edge[own]
+    parameter[outer] = (1.0 - fraction[outer]) * begin + fraction[outer] * end
 
     corner_rank = rank[mesh.triangles]
     low, high = corner_rank.min(axis=1), corner_rank.max(axis=1)
@@ -94,7 +137,7 @@ def find_crossings(mesh: SurfaceTriangulation, levels: Array) -> Crossings:
 
     tail, tail_uv = end(falling)
     head, head_uv = end(rising)
-    return Crossings(point, level, tail, head, mesh.face[triangle], tail_uv, head_uv)
+    return Crossings(point, level, edge, parameter, tail, head, mesh.face[triangle], tail_uv, head_uv)
 
 
 def number_sides(mesh: SurfaceTriangulation) -> Sides:
@@ -113,16 +156,22 @@ def lines_of_sides(
     mesh: SurfaceTriangulation, sides: Sides, which: IntArray
 ) -> Iterator[tuple[IntArray, SideEvaluator]]:
     """Positions in `which` (n,) of the sides on faces and on edges, and the lines from their first nodes to their second ones."""
-    segment, table = sides.segment[which], mesh.segments
+    segment = sides.segment[which]
     inside, outer = np.flatnonzero(segment < 0), np.flatnonzero(segment >= 0)
     if len(inside):
         uv = sides.uv[which[inside]]
         yield inside, _lines_on_faces(mesh.surfaces, sides.face[which[inside]], uv[:, 0], uv[:, 1] - uv[:, 0])
     if len(outer):
-        own = segment[outer]
-        against = table.nodes[own, 0] != sides.nodes[which[outer], 0]
-        begin, end = (table.parameters[own, np.where(against, 1 - k, k)] for k in (0, 1))
-        yield outer, _lines_on_edges(mesh.curves, table.edge[own], begin, end)
+        begin, end = _ends_on_edges(mesh, sides, which[outer])
+        yield outer, _lines_on_edges(mesh.curves, mesh.segments.edge[segment[outer]], begin, end)
+
+
+def _ends_on_edges(mesh: SurfaceTriangulation, sides: Sides, which: IntArray) -> tuple[Array, Array]:
+    """Parameters on the curves of edges at the first and the second node of sides (n,) that lie on edges: (n,), (n,)."""
+    own, table = sides.segment[which], mesh.segments
+    against = table.nodes[own, 0] != sides.nodes[which, 0]
+    begin, end = (table.parameters[own, np.where(against, 1 - k, k)] for k in (0, 1))
+    return begin, end
 
 
 def _lines_on_faces(surfaces: SurfaceTable, face: IntArray, start: Array, by: Array) -> SideEvaluator:

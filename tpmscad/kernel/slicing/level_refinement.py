@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from tpmscad._typing import Array, IntArray
 from tpmscad.kernel.export.solid_mesh import EdgeSegments
-from tpmscad.kernel.slicing.level_crossings import SideEvaluator, Sides, lines_of_sides, number_sides
+from tpmscad.kernel.slicing.level_crossings import LevelSets, SideEvaluator, Sides, lines_of_sides, number_sides
 from tpmscad.kernel.slicing.surface_triangulation import SurfaceTriangulation
 
 MAX_PASSES = 40
@@ -31,8 +31,8 @@ MIN_BARYCENTRIC = 0.02
 """Barycentric coordinate below which a critical point counts as one of a side."""
 
 
-def resolve_levels(mesh: SurfaceTriangulation, levels: Array) -> SurfaceTriangulation:
-    """The mesh with nodes added until its corners lie between the same levels (n,), ascending, as the faces between them."""
+def resolve_levels(mesh: SurfaceTriangulation, levels: LevelSets) -> SurfaceTriangulation:
+    """The mesh with nodes added until its corners lie between the same levels as the faces between them."""
     sides_due = np.ones(len(mesh.triangles), bool)
     inside_due = sides_due.copy()
     for _ in range(MAX_PASSES):
@@ -61,7 +61,7 @@ def _corner_gradients(mesh: SurfaceTriangulation, which: IntArray) -> Array:
 
 
 def _split_sides(
-    mesh: SurfaceTriangulation, levels: Array, which: IntArray
+    mesh: SurfaceTriangulation, levels: LevelSets, which: IntArray
 ) -> tuple[SurfaceTriangulation, NDArray[np.bool_], IntArray]:
     """Split sides of some triangles (a,) at extrema that reach beyond a level.
 
@@ -71,9 +71,8 @@ def _split_sides(
     sides, triangles = number_sides(mesh), mesh.triangles
     number = np.unique(sides.of_corner[which])
     fraction, point, turning = _find_extrema(mesh, sides, number)
-    rank = np.searchsorted(levels, mesh.points[:, 2], side="right")
-    ends = rank[sides.nodes[number]]
-    reached = np.searchsorted(levels, point[:, 2], side="right")
+    ends = levels.rank(mesh.points[:, 2], mesh.face_of_node)[sides.nodes[number]]
+    reached = levels.rank(point[:, 2], sides.face[number])
     due = turning & ((reached > ends.max(axis=1)) | (reached < ends.min(axis=1)))
 
     priority = np.full(len(sides.nodes), -1)
@@ -171,7 +170,7 @@ def _split_segments(
 
 
 def _split_triangles(
-    mesh: SurfaceTriangulation, levels: Array, which: IntArray
+    mesh: SurfaceTriangulation, levels: LevelSets, which: IntArray
 ) -> tuple[SurfaceTriangulation, IntArray]:
     """Split some triangles (a,) at critical points of the height that reach beyond a level.
 
@@ -188,8 +187,8 @@ def _split_triangles(
     which, weights = which[inside], weights[inside]
     uv = np.einsum("nk,nkd->nd", weights, mesh.uv[which])
     point = mesh.surfaces(mesh.face[which], uv)[0]
-    rank = np.searchsorted(levels, mesh.points[:, 2], side="right")[mesh.triangles[which]]
-    reached = np.searchsorted(levels, point[:, 2], side="right")
+    rank = levels.rank(mesh.points[:, 2], mesh.face_of_node)[mesh.triangles[which]]
+    reached = levels.rank(point[:, 2], mesh.face[which])
     due = (reached > rank.max(axis=1)) | (reached < rank.min(axis=1))
     parents, uv = which[due], uv[due]
     v = len(mesh.points) + np.arange(len(parents))

@@ -51,6 +51,13 @@ class SurfaceTriangulation:
         """Greatest extent of the points along an axis."""
         return float(np.ptp(self.points, axis=0).max())
 
+    @property
+    def face_of_node(self) -> IntArray:
+        """A face that each point is a corner of, (n,)."""
+        face = np.zeros(len(self.points), np.int64)
+        face[self.triangles] = self.face[:, None]
+        return face
+
     def height_ranges(self) -> Array:
         """Lowest and highest point of the solid's boundary over each triangle, or beyond: (m, 2)."""
         z = self.points[self.triangles, 2]
