@@ -8,7 +8,12 @@ import pytest
 from OCP.BRepAdaptor import BRepAdaptor_Surface
 
 from tpmscad.kernel.occt.evaluator_tables import pack_curves, pack_surfaces
-from tpmscad.kernel.occt.geometry_evaluators import SplineSurfaceEvaluator, edge_evaluator, face_evaluator
+from tpmscad.kernel.occt.geometry_evaluators import (
+    RevolutionEvaluator,
+    SplineSurfaceEvaluator,
+    edge_evaluator,
+    face_evaluator,
+)
 from tpmscad.splines.bspline import BSplineSurface
 
 pytestmark = pytest.mark.kernel
@@ -18,6 +23,10 @@ SOLIDS = {
     "box": lambda: bd.Pos(1, 2, 3) * bd.Box(2, 3, 4),
     "cylinder": lambda: bd.Rot(20, 30, 0) * bd.Cylinder(2, 5),
     "torus": lambda: bd.Torus(4, 1),
+    "cone": lambda: bd.Rot(0, 40, 10) * bd.Cone(3, 1, 4),
+    "mirrored cone": lambda: bd.mirror(bd.Rot(0, 40, 10) * bd.Cone(3, 1, 4), bd.Plane.YZ),
+    "ball": lambda: bd.Pos(0, 1, 0) * bd.Rot(30, 0, 50) * bd.Sphere(2),
+    "oblique cylinder": lambda: bd.split(bd.Cylinder(2, 9), bd.Plane((0, 0, 0), z_dir=(1, 0, 2))),
     "spline": lambda: bd.extrude(bd.make_face(bd.Spline((0, 0), (2, 1), (3, -1), (0, 0), periodic=False)), 2),
 }
 
@@ -79,3 +88,20 @@ def test_tables_give_what_their_surfaces_and_curves_give() -> None:
     for k, values in enumerate(pack_curves(curves).select(np.arange(len(curves)))(which, t)):
         expected = [curves[e](at[None])[k][0] for e, at in zip(which.tolist(), t, strict=True)]
         np.testing.assert_allclose(values, expected, atol=1e-12)
+
+
+@pytest.mark.parametrize("name", ["cylinder", "torus", "cone", "mirrored cone", "ball"])
+def test_heights_of_a_part_of_a_quadric_are_bounded(name: str) -> None:
+    rng = np.random.default_rng(5)
+    for face in SOLIDS[name]().faces():
+        evaluate = face_evaluator(face.wrapped)
+        if not isinstance(evaluate, RevolutionEvaluator):
+            continue
+        for _ in range(40):
+            low = rng.uniform([-7.0, -2.0], [7.0, 2.0])
+            high = low + rng.uniform(0.0, [7.0, 2.0])
+            z = evaluate(low + rng.uniform(size=(400, 2)) * (high - low))[0][:, 2]
+            bottom, top = evaluate.bound_heights(low, high)
+            assert bottom <= z.min() + 1e-12
+            assert top >= z.max() - 1e-12
+            assert top - bottom <= 20.0

@@ -6,15 +6,19 @@ import json
 import zipfile
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
+from typing import Any
 from xml.etree import ElementTree
 
 import build123d as bd
 import numpy as np
 import pytest
+from scipy.spatial import cKDTree
 
 import tpmscad
 from tpmscad import cli
+from tpmscad.kernel.export.layer_files import Layer
 from tpmscad.kernel.measure.shape_extents import shape_bounds
+from tpmscad.kernel.slicing.repeated_faces import LOOSE, RepeatedFaces
 from tpmscad.studies.layer_slices import Slices, slice_shape
 
 pytestmark = pytest.mark.kernel
@@ -183,3 +187,55 @@ def test_the_command_slices_a_file_and_reports(tmp_path: Path, capsys: pytest.Ca
     assert layers.read_text().count("$$LAYER/") == 4
     assert run_command(f"slice {part} --height 0 -o {layers}") == 2
     assert run_command(f"slice {part} --height 0.25 -o {tmp_path / 'part.gcode'}") == 2
+
+
+def outlines(layer: Layer) -> tuple[np.ndarray, np.ndarray]:
+    """The corners of the contours of a layer, and points along their chords."""
+    corners = np.concatenate(layer.contours)
+    ahead = np.concatenate([np.roll(contour, -1, axis=0) for contour in layer.contours])
+    return corners, np.concatenate([corners + t * (ahead - corners) for t in np.linspace(0, 1, 40)])
+
+
+@pytest.mark.parametrize("height", [0.25, 0.3])
+def test_repeated_faces_give_the_contours_of_the_whole_solid(height: float) -> None:
+    """With a height of .25, layers are cut at heights of corners of patches; with .3, cells are cut at different heights."""
+    model = tpmscad.lattice("gyroid", cell=4, cells=(2, 2, 3), thickness=0.5, tol=0.02)
+    bounds = [z for *_, z in model.bounding_box]
+    found, whole = model.slices(height, 0.01), slice_shape(model.wrapped, model.name, height, 0.01, bounds)
+    assert len(found) == len(whole) == 12 / height
+    for a, b in zip(found, whole, strict=True):
+        assert len(a.contours) == len(b.contours)
+        np.testing.assert_allclose([a.area, a.perimeter], [b.area, b.perimeter], rtol=2e-4)
+        for (corners, _), (_, chords) in ((outlines(a), outlines(b)), (outlines(b), outlines(a))):
+            assert cKDTree(chords).query(corners)[0].max() < 0.02
+    assert found.volume == pytest.approx(whole.volume, rel=1e-5)
+    assert found.volume == pytest.approx(model.volume, rel=1e-3)
+
+
+def test_layers_at_which_curves_do_not_close_are_cut_as_a_whole(monkeypatch: pytest.MonkeyPatch) -> None:
+    model = tpmscad.lattice("schwarz_p", cell=4, cells=(2, 1, 1), thickness=0.5, tol=0.05)
+    expected = model.slices(0.5, 0.02)
+    number_ends = RepeatedFaces._number_ends
+
+    def lose_one(self: RepeatedFaces, curves: Any, copies: Any, which: int, n_levels: int) -> np.ndarray:
+        number = number_ends(self, curves, copies, which, n_levels)
+        number[np.flatnonzero(copies.level == 3)[which]] = LOOSE
+        return number
+
+    monkeypatch.setattr(RepeatedFaces, "_number_ends", lose_one)
+    found = model.slices(0.5, 0.02)
+    assert [len(layer.contours) for layer in found] == [len(layer.contours) for layer in expected]
+    np.testing.assert_allclose([x.area for x in found], [x.area for x in expected], rtol=1e-4)
+
+
+def test_copies_of_faces_that_do_not_meet_are_noticed(monkeypatch: pytest.MonkeyPatch) -> None:
+    model = tpmscad.lattice("schwarz_p", cell=4, cells=(2, 1, 1), thickness=0.5, tol=0.05)
+    prepare = RepeatedFaces.__init__
+
+    def misplace(self: RepeatedFaces, *arguments: Any) -> None:
+        prepare(self, *arguments)
+        self.moved = self.moved * 1.001
+
+    monkeypatch.setattr(RepeatedFaces, "__init__", misplace)
+    with pytest.raises(tpmscad.KernelError, match=r"neighbouring faces end 0\.004 apart"):
+        model.slices(0.5, 0.02)

@@ -145,10 +145,10 @@ def _make_cutter(
 
     In a boundary representation, faces that are repeated are cut once. Raises KernelError if OCCT cannot triangulate the faces.
     """
-    shape = solids.shape if isinstance(solids, BrepSolids | OcctSolids) else solids
 
     @cache
     def triangulate() -> list[SurfaceTriangulation]:
+        shape = solids.shape if isinstance(solids, BrepSolids | OcctSolids) else solids
         return triangulate_for_slices(shape, chord_error)
 
     def cut_whole(levels: Array) -> LayerContours:

@@ -1,7 +1,7 @@
 """Many surfaces or curves evaluated at once, each at parameters of its own.
 
-B-splines, planes and lines lie side by side in flat arrays, and one compiled loop serves them all: a call for each face would
-cost more than the evaluation. Other kinds are evaluated by OCCT, one after another.
+B-splines, planes, quadrics, lines and conics lie side by side in flat arrays, and one compiled loop serves them all: a call for
+each face would cost more than the evaluation. Other kinds are evaluated by OCCT, one after another.
 """
 
 from __future__ import annotations
@@ -15,17 +15,21 @@ import numpy as np
 from tpmscad._compiled_loops import njit_cached
 from tpmscad._typing import Array, IntArray
 from tpmscad.kernel.occt.geometry_evaluators import (
+    ConicEvaluator,
     CurveEvaluator,
     LineEvaluator,
     PlaneEvaluator,
+    RevolutionEvaluator,
     SplineCurveEvaluator,
     SplineSurfaceEvaluator,
     SurfaceEvaluator,
     evaluate_basis,
 )
 
-LINEAR, FOREIGN = 0, -1
-"""Degrees that stand for planes and lines, of which the table holds origin and directions, and for what OCCT evaluates."""
+LINEAR, FOREIGN, INCLINED, ROUND = 0, -1, -2, -3
+"""Degrees that stand for planes and lines, of which the table holds origin and directions; for what OCCT evaluates; and for
+surfaces of revolution with a straight and a circular profile, of which it holds the frame and a row with two lengths or angles.
+Conics are ROUND curves: the table holds the centre and both half axes."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -93,6 +97,9 @@ def pack_surfaces(evaluators: Sequence[SurfaceEvaluator]) -> SurfaceTable:
         if isinstance(each, PlaneEvaluator):
             degrees.append((LINEAR, LINEAR))
             poles.append(np.stack([each.origin, each.along_u, each.along_v]))
+        elif isinstance(each, RevolutionEvaluator):
+            degrees.append((ROUND, ROUND) if each.round else (INCLINED, INCLINED))
+            poles.append(np.concatenate([each.frame, [[each.first, each.second, 0.0]]]))
         else:
             degrees.append((FOREIGN, FOREIGN))
             poles.append(np.zeros((0, 3)))
@@ -117,6 +124,10 @@ def pack_curves(evaluators: Sequence[CurveEvaluator]) -> CurveTable:
             degrees.append(LINEAR)
             knots.append(np.zeros(0))
             poles.append(np.stack([each.origin, each.along]))
+        elif isinstance(each, ConicEvaluator):
+            degrees.append(ROUND)
+            knots.append(np.zeros(0))
+            poles.append(np.stack([each.origin, each.major, each.minor]))
         else:
             degrees.append(FOREIGN)
             knots.append(np.zeros(0))
@@ -170,6 +181,21 @@ def _evaluate_surfaces(
                 along_u, along_v = poles[first + 1, axis], poles[first + 2, axis]
                 found[0, i, axis] = poles[first, axis] + uv[i, 0] * along_u + uv[i, 1] * along_v
                 found[1, i, axis], found[2, i, axis] = along_u, along_v
+        elif degree_u in (INCLINED, ROUND):
+            p, q, v = poles[first + 4, 0], poles[first + 4, 1], uv[i, 1]
+            cosine, sine = np.cos(uv[i, 0]), np.sin(uv[i, 0])
+            if degree_u == ROUND:
+                r, z = p + q * np.cos(v), q * np.sin(v)
+                by_r, by_z = -z, q * np.cos(v)
+            else:
+                by_r, by_z = np.sin(q), np.cos(q)
+                r, z = p + v * by_r, v * by_z
+            for axis in range(3):
+                e_x, e_y, e_z = poles[first + 1, axis], poles[first + 2, axis], poles[first + 3, axis]
+                away = cosine * e_x + sine * e_y
+                found[0, i, axis] = poles[first, axis] + r * away + z * e_z
+                found[1, i, axis] = r * (cosine * e_y - sine * e_x)
+                found[2, i, axis] = by_r * away + by_z * e_z
         elif degree_u > 0:
             knots_u = knots[knots_from[2 * f] : knots_from[2 * f + 1]]
             knots_v = knots[knots_from[2 * f + 1] : knots_from[2 * f + 2]]
@@ -212,6 +238,12 @@ def _evaluate_curves(
             for axis in range(3):
                 found[0, i, axis] = poles[first, axis] + t[i] * poles[first + 1, axis]
                 found[1, i, axis] = poles[first + 1, axis]
+        elif degree == ROUND:
+            cosine, sine = np.cos(t[i]), np.sin(t[i])
+            for axis in range(3):
+                major, minor = poles[first + 1, axis], poles[first + 2, axis]
+                found[0, i, axis] = poles[first, axis] + cosine * major + sine * minor
+                found[1, i, axis] = cosine * minor - sine * major
         elif degree > 0:
             own = knots[knots_from[e] : knots_from[e + 1]]
             start = first + evaluate_basis(own, degree, t[i], basis, slope)

@@ -1,7 +1,7 @@
 """Points and first derivatives of OCCT faces and edges at many parameters at once.
 
-B-splines, planes and lines are evaluated in arrays, and other processes can have these evaluators; other kinds are evaluated by
-OCCT, point by point.
+B-splines, planes, quadrics, lines and conics are evaluated in arrays, and other processes can have these evaluators; other kinds
+are evaluated by OCCT, point by point.
 """
 
 from __future__ import annotations
@@ -9,10 +9,22 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
+from typing import Any
 
 import numpy as np
 from OCP.BRepAdaptor import BRepAdaptor_Curve, BRepAdaptor_Surface
-from OCP.GeomAbs import GeomAbs_BSplineCurve, GeomAbs_BSplineSurface, GeomAbs_Line, GeomAbs_Plane
+from OCP.GeomAbs import (
+    GeomAbs_BSplineCurve,
+    GeomAbs_BSplineSurface,
+    GeomAbs_Circle,
+    GeomAbs_Cone,
+    GeomAbs_Cylinder,
+    GeomAbs_Ellipse,
+    GeomAbs_Line,
+    GeomAbs_Plane,
+    GeomAbs_Sphere,
+    GeomAbs_Torus,
+)
 from OCP.TopoDS import TopoDS_Edge, TopoDS_Face
 
 from tpmscad._compiled_loops import njit_cached
@@ -39,6 +51,17 @@ def face_evaluator(face: TopoDS_Face) -> SurfaceEvaluator:
         frame = adaptor.Plane().Position()
         corners = (frame.Location(), frame.XDirection(), frame.YDirection())
         return PlaneEvaluator(*(np.array(each.Coord()) for each in corners))
+    if kind == GeomAbs_Cylinder:
+        return RevolutionEvaluator(_frame_of(adaptor.Cylinder()), adaptor.Cylinder().Radius(), 0.0, False)
+    if kind == GeomAbs_Cone:
+        return RevolutionEvaluator(
+            _frame_of(adaptor.Cone()), adaptor.Cone().RefRadius(), adaptor.Cone().SemiAngle(), False
+        )
+    if kind == GeomAbs_Sphere:
+        return RevolutionEvaluator(_frame_of(adaptor.Sphere()), 0.0, adaptor.Sphere().Radius(), True)
+    if kind == GeomAbs_Torus:
+        torus = adaptor.Torus()
+        return RevolutionEvaluator(_frame_of(torus), torus.MajorRadius(), torus.MinorRadius(), True)
     return partial(evaluate_pointwise, adaptor)
 
 
@@ -51,7 +74,20 @@ def edge_evaluator(edge: TopoDS_Edge) -> CurveEvaluator:
         return LineEvaluator(np.array(line.Location().Coord()), np.array(line.Direction().Coord()))
     if kind == GeomAbs_BSplineCurve and not (adaptor.IsRational() or adaptor.IsPeriodic()):
         return SplineCurveEvaluator(convert.curve_from_occt(adaptor.BSpline()))
+    if kind in (GeomAbs_Circle, GeomAbs_Ellipse):
+        conic = adaptor.Circle() if kind == GeomAbs_Circle else adaptor.Ellipse()
+        radii = (conic.Radius(),) * 2 if kind == GeomAbs_Circle else (conic.MajorRadius(), conic.MinorRadius())
+        frame = conic.Position()
+        x, y = (np.array(each.Coord()) for each in (frame.XDirection(), frame.YDirection()))
+        return ConicEvaluator(np.array(frame.Location().Coord()), radii[0] * x, radii[1] * y)
     return partial(evaluate_pointwise, adaptor)
+
+
+def _frame_of(surface: Any) -> Array:
+    """Location, directions of x and y, and axis of an elementary surface of OCCT, whose frame may be left-handed: (4, 3)."""
+    frame = surface.Position()
+    rows = (frame.Location(), frame.XDirection(), frame.YDirection(), frame.Direction())
+    return np.array([row.Coord() for row in rows])
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -92,6 +128,69 @@ class PlaneEvaluator:
             np.broadcast_to(self.along_u, (len(uv), 3)),
             np.broadcast_to(self.along_v, (len(uv), 3)),
         )
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class RevolutionEvaluator:
+    """Evaluator of a cylinder, cone, sphere or torus with OCCT's parameters.
+
+    frame: location, directions of x and y, and axis, (4, 3). If it is `round` (torus, sphere), the profile is a circle of the
+    radius `second`, with its centre at the distance `first` from the axis; else (cylinder, cone) it is a line that begins at the
+    distance `first` and is inclined by `second` radians.
+    """
+
+    frame: Array
+    first: float
+    second: float
+    round: bool
+
+    def __call__(self, uv: Array) -> tuple[Array, Array, Array]:
+        """Points and both first derivatives at parameters."""
+        origin, x, y, axis = self.frame
+        u, v = uv[:, :1], uv[:, 1:]
+        away, around = np.cos(u) * x + np.sin(u) * y, np.cos(u) * y - np.sin(u) * x
+        if self.round:
+            r, z = self.first + self.second * np.cos(v), self.second * np.sin(v)
+            by_r, by_z = -z, self.second * np.cos(v)
+        else:
+            sine, cosine = np.sin(self.second), np.cos(self.second)
+            r, z, by_r, by_z = self.first + v * sine, v * cosine, np.full_like(v, sine), np.full_like(v, cosine)
+        return origin + r * away + z * axis, r * around, by_r * away + by_z * axis
+
+    def bound_heights(self, low: Array, high: Array) -> tuple[float, float]:
+        """Heights between which the part over the parameters from low to high (2,) lies; not the narrowest ones."""
+        origin, x, y, axis = self.frame[:, 2].tolist()
+        v = np.array([low[1], high[1]])
+        if self.round:
+            cosine, sine = _bound_cosine(v), _bound_cosine(v - 0.5 * np.pi)
+            r, z = self.first + self.second * cosine, self.second * sine
+        else:
+            r, z = self.first + v * np.sin(self.second), v * np.cos(self.second)
+        across = np.hypot(x, y) * _bound_cosine(np.array([low[0], high[0]]) - np.arctan2(y, x))
+        products, lifts = np.outer(r, across), z * axis
+        return origin + float(products.min() + lifts.min()), origin + float(products.max() + lifts.max())
+
+
+def _bound_cosine(angles: Array) -> Array:
+    """The least and the greatest cosine between two ascending angles (2,): (2,)."""
+    low, high = np.cos(angles).min(), np.cos(angles).max()
+    turns = angles / np.pi
+    crests = np.arange(np.ceil(turns[0]), min(np.floor(turns[1]), np.ceil(turns[0]) + 1) + 1)
+    return np.array([-1.0 if (crests % 2 == 1).any() else low, 1.0 if (crests % 2 == 0).any() else high])
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ConicEvaluator:
+    """Evaluator of a circle or an ellipse by its centre and both half axes, (3,) each."""
+
+    origin: Array
+    major: Array
+    minor: Array
+
+    def __call__(self, t: Array) -> tuple[Array, Array]:
+        """Points and first derivatives at parameters."""
+        cosine, sine = np.cos(t)[:, None], np.sin(t)[:, None]
+        return self.origin + cosine * self.major + sine * self.minor, cosine * self.minor - sine * self.major
 
 
 @dataclass(frozen=True, slots=True, eq=False)

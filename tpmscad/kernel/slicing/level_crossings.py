@@ -114,9 +114,9 @@ def find_crossings(mesh: SurfaceTriangulation, levels: LevelSets) -> Crossings:
         fraction[members], point[members] = _find_roots(line, heights[members], target[members], tol)
     edge, parameter = np.full(len(side), -1), np.zeros(len(side))
     outer = np.flatnonzero(sides.segment[side] >= 0)
-    own, (begin, end) = sides.segment[side[outer]], _ends_on_edges(mesh, sides, side[outer])
-    edge[outer] = mesh.segments.edge[own]
-    parameter[outer] = (1.0 - fraction[outer]) * begin + fraction[outer] * end
+    at_first, at_second = _ends_on_edges(mesh, sides, side[outer])
+    edge[outer] = mesh.segments.edge[sides.segment[side[outer]]]
+    parameter[outer] = (1.0 - fraction[outer]) * at_first + fraction[outer] * at_second
 
     corner_rank = rank[mesh.triangles]
     low, high = corner_rank.min(axis=1), corner_rank.max(axis=1)

@@ -143,7 +143,8 @@ class RepeatedFaces:
 
     def _add_areas(self, curves: FaceCurves, copies: CopiedCurves, n_levels: int) -> Array:
         moved = self.moved[copies.face, 0]
-        return np.bincount(copies.level, curves.area[copies.curve] + moved * curves.rise[copies.curve], n_levels)
+        areas = curves.area[copies.curve] + moved * curves.rise[copies.curve]
+        return np.bincount(copies.level, areas, n_levels).astype(float)
 
     def _cut_copies(self, levels: Array, executor: Executor | None) -> tuple[FaceCurves, CopiedCurves]:
         """The curves of one face of each class, and the copies of them that all faces are cut in."""
@@ -205,7 +206,7 @@ class RepeatedFaces:
             first_point[starts],
             copies.level[order[starts[:-1]]],
             self._add_areas(curves, copies, n_levels),
-            np.bincount(copies.level, curves.length[copies.curve], n_levels),
+            np.bincount(copies.level, curves.length[copies.curve], n_levels).astype(float),
             int(curves.unresolved[copies.curve].sum()),
         )
 
@@ -292,7 +293,7 @@ def _cut_faces(mesh: SurfaceTriangulation, sets: LevelSets, chord_error: float, 
     own = np.empty(n, np.int64)  # the curve of each point
     own[order] = path
     areas = 0.5 * (a[:, 0] + b[:, 0]) * (b[:, 1] - a[:, 1]) + arcs.beyond
-    area, length = (np.bincount(own[arcs.tail], each, len(by_level)) for each in (areas, arcs.length))
+    area, length = (np.bincount(own[arcs.tail], each, len(by_level)).astype(float) for each in (areas, arcs.length))
     return FaceCurves(
         points=arcs.point[order],
         starts=starts,

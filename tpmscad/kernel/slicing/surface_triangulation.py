@@ -14,9 +14,11 @@ from tpmscad._typing import Array, IntArray
 from tpmscad.kernel.export.solid_mesh import EdgeSegments, ParametricMesh
 from tpmscad.kernel.occt.evaluator_tables import CurveTable, SurfaceTable, pack_curves, pack_surfaces
 from tpmscad.kernel.occt.geometry_evaluators import (
+    ConicEvaluator,
     CurveEvaluator,
     LineEvaluator,
     PlaneEvaluator,
+    RevolutionEvaluator,
     SplineCurveEvaluator,
     SplineSurfaceEvaluator,
     SurfaceEvaluator,
@@ -26,6 +28,11 @@ from tpmscad.kernel.occt.geometry_evaluators import (
 
 HEIGHT_MARGIN = 1e-3
 """Height added to every range, in sizes of the solid: edges may lie beside the surfaces of their faces."""
+
+
+PARAMETER_MARGIN = 0.25
+"""In extents of a face in its parameters: how far a face on a quadric may reach beyond the nodes of its triangulation. Between
+two nodes an edge turns by half a radian at most, and so leaves its chord by a sixteenth of its length."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -62,7 +69,7 @@ class SurfaceTriangulation:
         """Lowest and highest point of the solid's boundary over each triangle, or beyond: (m, 2)."""
         z = self.points[self.triangles, 2]
         low, high = z.min(axis=1), z.max(axis=1)
-        of_face = np.array([_find_height_range(each) for each in self.surfaces.evaluators])[self.face]
+        of_face = np.array([self._bound_face(number) for number in range(len(self.surfaces.evaluators))])[self.face]
         of_curve = np.array([*(_find_height_range(each) for each in self.curves.evaluators), (np.inf, -np.inf)])
         of_side = of_curve[np.where(self.segment >= 0, self.segments.edge[self.segment], -1)]
         margin = HEIGHT_MARGIN * self.size
@@ -73,6 +80,15 @@ class SurfaceTriangulation:
             ],
             axis=1,
         )
+
+    def _bound_face(self, number: int) -> tuple[float, float]:
+        """Heights between which the inside of a face lies, if its edges do."""
+        evaluator = self.surfaces.evaluators[number]
+        if not isinstance(evaluator, RevolutionEvaluator):
+            return _find_height_range(evaluator)
+        uv = self.uv[self.face == number].reshape(-1, 2)
+        margin = PARAMETER_MARGIN * np.ptp(uv, axis=0)
+        return evaluator.bound_heights(uv.min(axis=0) - margin, uv.max(axis=0) + margin)
 
     def select(self, chosen: IntArray) -> SurfaceTriangulation:
         """The part of some triangles (k,), with their points, surfaces and curves alone."""
@@ -117,6 +133,9 @@ def _find_height_range(evaluator: SurfaceEvaluator | CurveEvaluator) -> tuple[fl
 
     Planes and straight lines add nothing to the corners and sides of triangles.
     """
+    if isinstance(evaluator, ConicEvaluator):
+        z, reach = float(evaluator.origin[2]), float(np.hypot(evaluator.major[2], evaluator.minor[2]))
+        return z - reach, z + reach
     if isinstance(evaluator, SplineSurfaceEvaluator | SplineCurveEvaluator):
         z = evaluator.spline.poles[..., 2]
         return float(z.min()), float(z.max())
