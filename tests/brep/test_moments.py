@@ -171,6 +171,17 @@ def test_gaps_between_faces_count_alike_near_the_origin_and_far_from_it() -> Non
         assert integral_properties.centroid(moments) == pytest.approx(place + SIZE / 2, abs=1e-8)
 
 
+def test_the_volume_of_a_chip_far_from_the_origin_is_not_lost_in_gaps() -> None:
+    """A gap of 2e-9 mm2 counts 4e-9 mm3 about the origin, seven times the volume of the chip."""
+    size, place = np.array([3e-2, 3e-4, 6e-5]), np.array([-5.9, -3.3, -5.9])
+    moments = integral_properties.integrate_faces(plane_box(tuple(size), translation=tuple(place)))
+    normal, gap = np.array([0.0, 1.0, 0.0]), 2e-9
+    moments.normal[0] += gap * normal
+    moments.first[0] += gap * np.outer(place, normal)
+    moments.second[0] += gap * (place @ normal) * place
+    assert integral_properties.volume(moments)[0] == pytest.approx(size.prod(), rel=0.01)
+
+
 def test_gaps_between_pcurves_on_a_quadric_count_as_little_as_the_face_is_small() -> None:
     """A triangle far round a cylinder, two of whose pcurves end 1e-8 apart: the gap counts times the face, not the turn."""
     gap, size, radius = 1e-8, 2e-3, 13.0

@@ -93,14 +93,16 @@ def _find_starts(brep: Brep, curved: IntArray) -> Array:
 def volume(moments: FaceMoments, face_group: IntArray | None = None) -> Array:
     """Signed volume of each closed group of faces (n_groups,); all faces form one group if `face_group` (F,) is None.
 
-    It is taken about each group's own centroid: neighbouring faces agree to a tolerance only, so that int n dA is not quite zero,
-    and its scalar product with the position of the group would count as volume.
+    It is taken about a point amid each group's own faces: neighbouring faces agree to a tolerance only, so that int n dA is not
+    quite zero, and its scalar product with the position of the group would count as volume. A flat face has (int x n' dA)
+    (int n dA) = area^2 times its centroid; the point is the mean of these.
     """
     group = np.zeros(len(moments.area), np.int64) if face_group is None else face_group
     each = np.trace(moments.first, axis1=1, axis2=2) / 3.0
-    about_origin = np.bincount(group, weights=each)
-    arms = np.column_stack([np.bincount(group, weights=column) for column in moments.second.T])
-    centre = arms / (4.0 * np.where(about_origin, about_origin, np.inf))[:, None]
+    arms = np.einsum("fij,fj->fi", moments.first, moments.normal)
+    weight = np.bincount(group, weights=(moments.normal**2).sum(axis=1))
+    centre = np.column_stack([np.bincount(group, weights=column) for column in arms.T])
+    centre /= np.where(weight > 0.0, weight, np.inf)[:, None]
     return np.bincount(group, weights=each - (centre[group] * moments.normal).sum(axis=1) / 3.0).astype(float)
 
 
