@@ -1,14 +1,15 @@
-"""Every valid single solid of a folder of CAD files filled with a gyroid, with and without a skin, and judged apart.
+"""CAD files, meshes and images of a folder, filled with a gyroid with and without a skin, and judged apart.
 
     python -m benchmarks.real_files FOLDER [--cells 30] [--skin-cells 0.1] [--seconds 120] [--only PART OF A NAME]
 
-The cell is that of which the body's volume holds as many as asked for; the wall is a tenth of it. Columns: faces of the body and
-how many of them are no plane or quadric, the greatest distance of an edge from its faces, then for each filling its outcome, CPU
-seconds, faces and method. Each filling runs in a process of its own.
+Of a CAD file the largest solid is filled, healed if it must be; of an image what is above Otsu's threshold, or all labels, which
+is also made a solid without a lattice. The cell is that of which the volume holds as many as asked for; the wall is a tenth of it.
+Each file has a line with its kind and faces or samples, and one for each task: outcome, CPU seconds, faces and method. Each task
+runs in a process of its own.
 
-Outcomes: met; WRONG if the file read again is not valid, or its volume is not that of random points that the kernel's classifier
-finds in the body and the published formula of the surface in the wall; "not met" and "refused" with the reason; "hang" after
-three times the CPU seconds given, without the judgement.
+Outcomes: met; WRONG if the file read again is not valid, or its volume is not that of random points which lie in the body (by the
+kernel's classifier, by winding numbers of the triangles, by the samples) and in the wall by the published formula of the surface;
+"not met" and "refused" with the reason; "hang" after three times the CPU seconds given, without the judgement.
 """
 
 from __future__ import annotations
@@ -21,30 +22,31 @@ import subprocess
 import sys
 import tempfile
 import time
+from collections.abc import Callable
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from OCP.BRep import BRep_Builder
+import trimesh
 from OCP.BRepAdaptor import BRepAdaptor_Surface
-from OCP.BRepCheck import BRepCheck_Analyzer
 from OCP.BRepClass3d import BRepClass3d_SolidClassifier
-from OCP.BRepTools import BRepTools
-from OCP.GeomAbs import GeomAbs_Cone, GeomAbs_Cylinder, GeomAbs_Plane, GeomAbs_Sphere, GeomAbs_Torus
 from OCP.gp import gp_Pnt
 from OCP.TopAbs import TopAbs_IN
-from OCP.TopoDS import TopoDS_Shape
 from scipy.spatial import cKDTree
 
 import tpmscad
 from benchmarks.trial_judges import MINIMAL_OFF, STANDARD_ERRORS, NodalFunction, signed_distance
 from benchmarks.trial_statements import triangulate
+from tpmscad import fields
+from tpmscad._typing import Array
 from tpmscad.kernel.measure.edge_gaps import measure_accuracy
 from tpmscad.kernel.measure.shape_report import check_shape
 from tpmscad.kernel.occt.exploration import faces_of, solids_of
-from tpmscad.kernel.step.step_reader import read_step
 
-SUFFIXES = (".step", ".stp", ".brep")
+CAD, MESHES = (".step", ".stp", ".brep", ".iges", ".igs"), (".stl", ".obj", ".ply", ".3mf")
+IMAGES = (".nii", ".nrrd", ".mha", ".map", ".mrc", ".tif", ".npy", ".npz", ".vti", ".vtu")
+
 QUADRICS = (GeomAbs_Plane, GeomAbs_Cylinder, GeomAbs_Cone, GeomAbs_Sphere, GeomAbs_Torus)
 
 WALL_CELLS = 0.1
@@ -55,33 +57,118 @@ SURFACE_SAMPLES = 400_000
 """Points of the body's triangles, from which depths in the body are measured."""
 
 
-def load_solids(path: Path) -> list[Any]:
-    """The solids of a STEP or BREP file."""
-    if path.suffix == ".brep":
-        shape = TopoDS_Shape()
-        BRepTools.Read_s(shape, str(path), BRep_Builder())
-        return list(solids_of(shape))
-    return list(read_step(path, with_clear_seams=True).solids)
+VOXEL_RTOL = 0.1
+"""Difference allowed between the volume of an image's solid and that of its samples inside: they are few."""
 
 
-def sample_fraction(body: Any, cell: float, skin: float | None, samples: int) -> tuple[float, float]:
-    """Part of the body that the filling takes by random points, and its standard error; a wall and a skin by distances."""
-    vertices, triangles = triangulate(body, 0.005 * cell)
-    low, high = vertices.min(axis=0), vertices.max(axis=0)
-    rng = np.random.default_rng(5)
-    points = low + (high - low) * rng.random((samples, 3))
+@dataclass(frozen=True)
+class Judged:
+    """A body by means of its own: which points are inside, triangles of its surface, and its volume; `given` is filled."""
+
+    given: Any
+    is_inside: Callable[[Array], Array]
+    vertices: Array
+    triangles: Array
+    volume: float
+    what: str
+    tolerance: float = 0.0
+
+
+def load_cad(path: Path) -> Judged:
+    """The largest solid of a CAD file, as `read_body` heals it."""
+    file = tpmscad.read_body(path)
+    (body,) = solids_of(file.shape)
+    volume = check_shape(body).volume
+    vertices, triangles = triangulate(body, 0.002 * volume ** (1 / 3))
     classifier = BRepClass3d_SolidClassifier(body)
 
-    def is_inside(p: np.ndarray) -> bool:
-        classifier.Perform(gp_Pnt(*map(float, p)), 1e-7)
-        return bool(classifier.State() == TopAbs_IN)
+    def is_inside(points: Array) -> Array:
+        found = np.zeros(len(points), bool)
+        for k, point in enumerate(points.tolist()):
+            classifier.Perform(gp_Pnt(*point), 1e-7)
+            found[k] = classifier.State() == TopAbs_IN
+        return found
 
-    points = points[[is_inside(p) for p in points]]
+    faces = faces_of(body)
+    free = sum(BRepAdaptor_Surface(face).GetType() not in QUADRICS for face in faces)
+    words = f"{len(file.solids)} solids, {len(faces)} faces, {free} free-form, gaps {measure_accuracy([body]):.1e}"
+    return Judged(file, is_inside, vertices, triangles, volume, words + (", healed" if file.healed else ""))
+
+
+def load_mesh(path: Path) -> Judged:
+    """The triangles of a file."""
+    mesh: Any = trimesh.load(path, force="mesh")
+    vertices, triangles = np.asarray(mesh.vertices), np.asarray(mesh.faces)
+
+    def is_inside(points: Array) -> Array:
+        corners = vertices[triangles]
+        return np.concatenate(
+            [find_winding(corners, batch) > 0.5 for batch in np.array_split(points, len(points) // 50 + 1)]
+        )
+
+    return Judged(path, is_inside, vertices, triangles, float(mesh.volume), f"{len(triangles)} triangles")
+
+
+def find_winding(corners: Array, points: Array) -> Array:
+    """Winding numbers of triangles (m, 3, 3) about points (n, 3): van Oosterom and Strackee (1983)."""
+    a, b, c = (corners[None, :, k] - points[:, None] for k in range(3))
+    la, lb, lc = (np.linalg.norm(side, axis=2) for side in (a, b, c))
+    top = (a * np.cross(b, c)).sum(axis=2)
+    below = la * lb * lc + (a * b).sum(axis=2) * lc + (b * c).sum(axis=2) * la + (c * a).sum(axis=2) * lb
+    return np.arctan2(top, below).sum(axis=1) / (2 * np.pi)
+
+
+def load_image(path: Path) -> Judged:
+    """What is above Otsu's threshold in an image, or its greatest label."""
+    read: Callable[..., Any] = fields.sampled
+    given: dict[str, Any] = {}
+    try:
+        field = read(path)
+    except tpmscad.InvalidRequest as error:
+        if "labels" in str(error):
+            read, given = fields.labels, {"label": "all"}
+        else:
+            given = {"volume": 0} if "volumes" in str(error) else {"centred": True}
+        field = read(path, **given)
+    low, high = np.array(field.domain)
+    points = low + (high - low) * np.random.default_rng(3).random((200_000, 3))
+    if read is fields.sampled:
+        field = read(path, level=find_otsu_threshold(field(points)), **given)
+    inside = field(points) < 0
+    nearest = points[inside]
+    return Judged(
+        field,
+        lambda at: field(at) < 0,
+        nearest,
+        np.zeros((0, 3), int),
+        float(inside.mean() * np.prod(high - low)),
+        f"{field}"[:60],
+        VOXEL_RTOL,
+    )
+
+
+def find_otsu_threshold(values: Array) -> float:
+    """The threshold that parts values (n,) into two classes with the greatest variance between them (Otsu 1979)."""
+    counts, edges = np.histogram(values, 256)
+    middles = 0.5 * (edges[1:] + edges[:-1])
+    below, sums = np.cumsum(counts)[:-1], np.cumsum(counts * middles)[:-1]
+    above, mean = len(values) - below, float(values.mean())
+    with np.errstate(divide="ignore", invalid="ignore"):
+        between = np.where((below > 0) & (above > 0), (mean * below - sums) ** 2 / (below * above), 0.0)
+    return float(edges[1:-1][int(np.argmax(between))])
+
+
+def sample_fraction(body: Judged, cell: float, skin: float | None, samples: int) -> tuple[float, float]:
+    """Part of the body that the filling takes by random points, and its standard error; a wall and a skin by distances."""
+    low, high = body.vertices.min(axis=0), body.vertices.max(axis=0)
+    rng = np.random.default_rng(5)
+    points = low + (high - low) * rng.random((samples, 3))
+    points = points[body.is_inside(points)]
     f = NodalFunction(tpmscad.surfaces.find_surface("gyroid").formula, (cell,) * 3, (0, 0, 0))
     half = WALL_CELLS * cell / 2
     taken = np.abs(signed_distance(f, points, half, cell)) < half
     if skin is not None:
-        corners = vertices[triangles]
+        corners = body.vertices[body.triangles]
         area = np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1)
         chosen = corners[rng.choice(len(corners), SURFACE_SAMPLES, p=area / area.sum())]
         u, v = rng.random((2, SURFACE_SAMPLES, 1))
@@ -92,23 +179,38 @@ def sample_fraction(body: Any, cell: float, skin: float | None, samples: int) ->
     return mean, float(np.sqrt(max(mean * (1 - mean), 1e-4) / len(points)))
 
 
-def fill(path: Path, cells: float, skin_cells: float | None) -> dict[str, Any]:
-    """Outcome, words, faces and method of one filling."""
-    (body,) = load_solids(path)
-    volume = check_shape(body).volume
-    cell = (volume / cells) ** (1 / 3)
-    skin = None if skin_cells is None else skin_cells * cell
+def judge(body: Judged, model: Any, cell: float, skin: float | None, filled: bool) -> list[str]:
+    """What is wrong with the file of a solid, read again."""
+    with tempfile.TemporaryDirectory() as folder:
+        file = Path(folder) / "filled.step"
+        model.export_step(file)
+        again: Any = tpmscad.check_step(file)
+    faults = [] if again.ok else ["the file read again is not valid"]
+    taken = (again.shape.volume + sum(model.certificate.dropped)) / body.volume
+    fraction, error = sample_fraction(body, cell, skin, SAMPLES) if filled else (1.0, 0.0)
+    allowed = STANDARD_ERRORS * error + (0.2 * MINIMAL_OFF["gyroid"] * 6 if filled else 0.0) + body.tolerance
+    if abs(taken - fraction) > allowed:
+        faults.append(f"it takes {taken:.4g} of the body, the sample says {fraction:.4g} +- {allowed:.2g}")
+    return faults
+
+
+def carry_out(path: Path, task: str, cells: float, skin_cells: float) -> dict[str, Any]:
+    """Outcome, words, faces and method of one task."""
+    try:
+        body = LOADERS[kind_of(path)](path)
+    except tpmscad.TpmscadError as error:
+        return {"outcome": "refused", "words": str(error), "seconds": time.process_time()}
+    if task == "describe":
+        return {"outcome": "read", "words": body.what}
+    cell = (body.volume / cells) ** (1 / 3)
+    skin = skin_cells * cell if task == "skin" else None
     begun = time.process_time()
     try:
-        model = tpmscad.infill(
-            body if path.suffix == ".brep" else path,
-            "gyroid",
-            cell=cell,
-            thickness=WALL_CELLS * cell,
-            skin=skin,
-            tol=0.005 * cell,
-            progress=False,
-        )
+        if task == "solid":
+            model: Any = tpmscad.solidify(body.given, body.given.domain, tol=0.005 * cell, progress=False)
+        else:
+            lattice = {"cell": cell, "thickness": WALL_CELLS * cell, "skin": skin, "tol": 0.005 * cell}
+            model = tpmscad.infill(body.given, "gyroid", **lattice, progress=False)
     except tpmscad.TpmscadError as error:
         return {"outcome": "refused", "words": str(error), "seconds": time.process_time() - begun}
     seconds = time.process_time() - begun
@@ -118,30 +220,22 @@ def fill(path: Path, cells: float, skin_cells: float | None) -> dict[str, Any]:
     found = {"seconds": seconds, "faces": model.certificate.n_faces, "method": model.trimmed_by, "words": ""}
     if not model.certificate.met:
         return found | {"outcome": "not met", "words": "; ".join(model.certificate.shortfalls)}
-    with tempfile.TemporaryDirectory() as folder:
-        file = Path(folder) / "filled.step"
-        model.export_step(file)
-        again = tpmscad.check_step(file)
-        faults = [] if again.ok else ["the file read again is not valid"]
-        fraction, error = sample_fraction(body, cell, skin, SAMPLES)
-        allowed = STANDARD_ERRORS * error + 0.2 * MINIMAL_OFF["gyroid"] * 6
-        taken = (again.shape.volume + sum(model.certificate.dropped)) / volume
-        if abs(taken - fraction) > allowed:
-            faults.append(f"it takes {taken:.4g} of the body, the sample says {fraction:.4g} +- {allowed:.2g}")
+    if task == "skin" and not len(body.triangles):
+        return found | {"outcome": "met", "words": "the skin was not judged"}
+    faults = judge(body, model, cell, skin, task != "solid")
     return found | {"outcome": "WRONG" if faults else "met", "words": "; ".join(faults)}
 
 
-def describe(path: Path) -> dict[str, Any] | None:
-    """Faces, free-form faces and accuracy of a valid single solid, None for anything else."""
-    solids = load_solids(path)
-    if len(solids) != 1 or not BRepCheck_Analyzer(solids[0]).IsValid():
-        return None
-    faces = faces_of(solids[0])
-    free = sum(BRepAdaptor_Surface(face).GetType() not in QUADRICS for face in faces)
-    return {"faces": len(faces), "free": free, "gap": measure_accuracy(solids)}
+LOADERS = {"CAD": load_cad, "mesh": load_mesh, "image": load_image}
 
 
-def run_apart(path: Path, task: str, given: argparse.Namespace) -> dict[str, Any] | None:
+def kind_of(path: Path) -> str:
+    """The kind of a file, or "" for none that is read."""
+    kinds = {"CAD": CAD, "mesh": MESHES, "image": IMAGES}
+    return next((kind for kind, suffixes in kinds.items() if path.suffix.lower() in suffixes), "")
+
+
+def run_apart(path: Path, task: str, given: argparse.Namespace) -> dict[str, Any]:
     """The result of a task in a process of its own."""
     command = [sys.executable, "-m", "benchmarks.real_files", str(path), "--task", task]
     command += ["--cells", str(given.cells), "--skin-cells", str(given.skin_cells)]
@@ -154,40 +248,36 @@ def run_apart(path: Path, task: str, given: argparse.Namespace) -> dict[str, Any
     if done.returncode or not lines:
         last = (done.stderr.strip().splitlines() or ["no words"])[-1]
         return {"outcome": "crash", "words": f"status {done.returncode}: {last}", "seconds": float("nan")}
-    result: dict[str, Any] | None = json.loads(lines[-1])
+    result: dict[str, Any] = json.loads(lines[-1])
     return result
 
 
 def main(arguments: list[str] | None = None) -> None:
-    """Print a line for each file and filling."""
+    """Print a line for each file and task."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("folder", type=Path)
     parser.add_argument("--cells", type=float, default=30)
     parser.add_argument("--skin-cells", type=float, default=0.1)
     parser.add_argument("--seconds", type=float, default=120)
     parser.add_argument("--only", default="")
-    parser.add_argument("--task", choices=("describe", "plain", "skin"), help=argparse.SUPPRESS)
+    parser.add_argument("--task", choices=("describe", "solid", "plain", "skin"), help=argparse.SUPPRESS)
     given = parser.parse_args(arguments)
-    if given.task == "describe":
-        print(json.dumps(describe(given.folder)))
-        return
     if given.task:
-        print(json.dumps(fill(given.folder, given.cells, given.skin_cells if given.task == "skin" else None)))
+        print(json.dumps(carry_out(given.folder, given.task, given.cells, given.skin_cells)))
         return
     counts: dict[str, int] = {}
-    for path in sorted(p for p in given.folder.iterdir() if p.suffix in SUFFIXES and given.only in p.name):
+    for path in sorted(p for p in given.folder.rglob("*") if kind_of(p) and given.only in p.name):
         what = run_apart(path, "describe", given)
-        if what is None or "faces" not in what:
-            print(f"{path.name:42s} {'no valid single solid' if what is None else what['words']}", flush=True)
+        print(f"{path.name} ({kind_of(path)}): {what['words'][:300]}", flush=True)
+        if what["outcome"] != "read":
+            counts[what["outcome"]] = counts.get(what["outcome"], 0) + 1
             continue
-        head = f"{path.name:42s} {what['faces']:4d} {what['free']:4d} {what['gap']:8.1e}"
-        for task in ("plain", "skin"):
+        for task in ("solid", "plain", "skin") if kind_of(path) == "image" else ("plain", "skin"):
             found = run_apart(path, task, given)
-            assert found is not None
             counts[found["outcome"]] = counts.get(found["outcome"], 0) + 1
             print(
-                f"{head} {task:5s} {found['outcome']:8s} {found.get('seconds', 0):7.1f} {found.get('faces', 0):6d} "
-                f"{found.get('method', '') or ''} {found['words'][:200]}",
+                f"    {task:5s} {found['outcome']:8s} {found.get('seconds', 0):7.1f} {found.get('faces', 0):6d} "
+                f"{found.get('method', '') or ''} {found['words'][:250]}",
                 flush=True,
             )
     print(counts)
