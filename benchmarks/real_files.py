@@ -3,7 +3,7 @@
     python -m benchmarks.real_files FOLDER [--cells 30] [--skin-cells 0.1] [--seconds 120] [--only PART OF A NAME]
 
 Of a CAD file the largest solid is filled, healed if it must be; of an image what is above Otsu's threshold, or all labels, which
-is also made a solid without a lattice. The cell is that of which the volume holds as many as asked for; the wall is a tenth of it.
+is also made a solid without a lattice. The cell is that of which the volume holds as many as asked for; the wall is a tenth.
 Each file has a line with its kind and faces or samples, and one for each task: outcome, CPU seconds, faces and method. Each task
 runs in a process of its own.
 
@@ -31,6 +31,7 @@ import numpy as np
 import trimesh
 from OCP.BRepAdaptor import BRepAdaptor_Surface
 from OCP.BRepClass3d import BRepClass3d_SolidClassifier
+from OCP.GeomAbs import GeomAbs_Cone, GeomAbs_Cylinder, GeomAbs_Plane, GeomAbs_Sphere, GeomAbs_Torus
 from OCP.gp import gp_Pnt
 from OCP.TopAbs import TopAbs_IN
 from scipy.spatial import cKDTree
