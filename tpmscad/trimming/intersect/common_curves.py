@@ -34,6 +34,9 @@ MIN_LAST_STEP = 0.3
 MAX_STEP_RATIO = 2.2
 """Greatest ratio of adjacent steps: with four, a spline of degree 7 through the points of a hairpin swings by any length."""
 
+SMOOTHING_STEPS = 3
+"""Steps on either side of one over which the trend of their lengths is taken."""
+
 CHECKS = np.array([0.15, 0.38, 0.62, 0.85])
 """Fractions of the intervals between sites at which a curve is measured."""
 
@@ -107,7 +110,7 @@ def _fit_paths(
     if not paths:
         return [], np.zeros(0)
     sites = _grade_sites(patches, face, [_join_last_step(p) for p in paths])
-    at = [_measure_lengths(p) for p in sites]
+    at = [_choose_parameters(p) for p in sites]
     values = [p[:, :7] for p in sites]
     splines = [make_interp_spline(t, v, DEGREE) for t, v in zip(at, values, strict=True)]
     deviation = np.zeros(len(paths))
@@ -185,11 +188,20 @@ def _insert_sites(patches: PatchPolynomials, face: IntArray, paths: list[Array],
         paths[i] = np.insert(paths[i], at, new, axis=0)
 
 
-def _measure_lengths(path: Array) -> Array:
-    """Arc lengths (n,) at the points of a path, to fourth order in the turn of its steps."""
-    chord = np.linalg.norm(np.diff(path[:, :3], axis=0), axis=1)
-    turn = np.linalg.norm(np.diff(path[:, 7:], axis=0), axis=1)
-    return np.concatenate([[0.0], np.cumsum(chord * (1.0 + turn**2 / 24.0))])
+def _choose_parameters(path: Array) -> Array:
+    """Parameters (n,) of the sites of a path: steps of their lengths, over the trend of the lengths around.
+
+    A spline of degree 7 in arc length through 14 sites, each step 1.6 times the one before, multiplies an error by up to 3e6,
+    and a curve that leaves the fold of a patch swung by any length. Over the trend, a geometric mean of SMOOTHING_STEPS on
+    either side taken twice, such steps are even, and the speed of the curve is as smooth as the trend.
+    """
+    lengths = np.log(np.linalg.norm(np.diff(path[:, :3], axis=0), axis=1))
+    n = min(SMOOTHING_STEPS, (len(lengths) - 1) // 2)
+    trend = lengths
+    for _ in range(2):  # reflected in its ends, a geometric sequence is its own trend
+        before, after = 2 * trend[0] - trend[n:0:-1], 2 * trend[-1] - trend[-2 : -n - 2 : -1]
+        trend = np.convolve(np.concatenate([before, trend, after]), np.full(2 * n + 1, 1 / (2 * n + 1)), "valid")
+    return np.concatenate([[0.0], np.cumsum(np.exp(lengths - trend))])
 
 
 def _measure_deviations(
