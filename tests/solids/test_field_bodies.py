@@ -11,8 +11,9 @@ import pytest
 
 import tpmscad
 from tpmscad import fields
-from tpmscad.errors import InvalidRequest
+from tpmscad.errors import InvalidRequest, LevelSetError
 from tpmscad.results.model import Model
+from tpmscad.solids import field_skin
 
 trimesh = pytest.importorskip("trimesh")
 pytestmark = [pytest.mark.kernel, pytest.mark.slow]
@@ -65,6 +66,24 @@ def test_a_skin_keeps_its_thickness_and_the_lattice_within() -> None:
     assert certificate.volume / VOLUME == pytest.approx(expected, abs=0.01)
     assert certificate.betti[2] == 2  # both channels are closed off
     assert model.bounding_box[1][0] == pytest.approx(7.8, abs=0.03)
+
+
+def test_where_a_cavity_is_not_fitted_that_of_the_smoothed_distance_is_and_it_is_told(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    fit, calls = field_skin._fit_cavity, []
+
+    def fail_first(*arguments: Any) -> field_skin.ErodedFieldBody:
+        calls.append(arguments)
+        if len(calls) == 1:
+            raise LevelSetError("3 places could not be fitted")
+        return fit(*arguments)
+
+    monkeypatch.setattr(field_skin, "_fit_cavity", fail_first)
+    certificate = tpmscad.infill(ELLIPSOID, skin=1.0, **GYROID).certificate
+    assert certificate.met, certificate.shortfalls
+    assert any("after a Gaussian of 1 spacings" in note for note in certificate.notes)
+    assert len(calls) == 2
 
 
 def test_the_domains_of_an_exchanger_share_faces_and_fill_the_body(filled: Model, tmp_path: Path) -> None:

@@ -6,6 +6,7 @@ from functools import lru_cache
 
 import numpy as np
 import pytest
+from scipy.interpolate import make_interp_spline
 
 from tests.trimming.conftest import Cover, cover
 from tests.trimming.network_operands import combine, rod, volume
@@ -18,6 +19,7 @@ from tpmscad.levelset.field_solid import fit_field
 from tpmscad.rigid_motion import Motion
 from tpmscad.splines.bspline import BSplineSurface, line_segment
 from tpmscad.trimming.classify.network_edges import points_in_network
+from tpmscad.trimming.intersect.common_curves import DEGREE, _choose_parameters
 from tpmscad.trimming.intersect.edge_face import intersect_edges_with_faces
 from tpmscad.trimming.intersect.network_hits import prepare_network
 from tpmscad.trimming.network_boolean import KEPT_PARTS, NetworkResult, Operation, combine_networks
@@ -247,3 +249,18 @@ def test_a_reversed_operand_is_a_hole() -> None:
     difference = combine_networks(first, second, "difference").brep
     hole = combine_networks(first, reverse_faces(second), "difference").brep
     assert volume(hole) + volume(difference) == pytest.approx(volume(first), rel=1e-9)
+
+
+@pytest.mark.parametrize("ratio", [1.0, 1.6, 2.2])
+def test_curves_through_graded_sites_do_not_swing(ratio: float) -> None:
+    """A curve that leaves the fold of a patch, where its parameter goes with the square root of the length."""
+    s = np.concatenate([[0.0], np.cumsum(ratio ** np.arange(13.0))])
+    s /= s[-1]
+
+    def curve(x: np.ndarray) -> np.ndarray:
+        return np.column_stack([np.cos(x), np.sin(x), 0.1 * x**2, np.sqrt(1e-3 + x)])
+
+    spline = make_interp_spline(_choose_parameters(curve(s)), curve(s), DEGREE)
+    at = spline(np.linspace(spline.t[0], spline.t[-1], 500))
+    turn = np.arctan2(at[:, 1], at[:, 0])
+    assert np.abs(at - curve(turn)).max() < 0.03
