@@ -14,7 +14,7 @@ from functools import partial
 from typing import Any
 
 import numpy as np
-from scipy.ndimage import binary_dilation, gaussian_filter, label
+from scipy.ndimage import binary_dilation, distance_transform_edt, gaussian_filter, label
 from scipy.spatial import cKDTree
 
 from tpmscad._typing import Array, IntArray
@@ -35,6 +35,10 @@ from tpmscad.stage_timer import StageTimer
 
 SPACINGS_PER_SKIN = 3.0
 """Spacings of the grid in a skin."""
+
+BAND_SPACINGS = 9.0
+"""In spacings: within this of the skin's depth, distances are exact. An error of a spacing beyond it is 1e-5 of one at the depth,
+as a cubic spline hands on .27 of it from sample to sample."""
 
 MAX_SAMPLES = 3_000_000
 """Samples of the grid; a thinner skin has fewer spacings, which the thickness measured tells."""
@@ -113,7 +117,10 @@ of voxels, 28 across, with a skin of a tenth of the cell: not fitted; with one s
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _SampledDepth:
-    """Signed distances at the points of a grid, negative inside, its first point and its spacing, and the body's triangles."""
+    """Signed distances at the points of a grid, negative inside, its first point and its spacing, and the body's triangles.
+
+    They are exact near the depth of the skin; elsewhere those from the nearest point of the grid on the other side.
+    """
 
     tree: TriangleTree
     values: Array
@@ -132,9 +139,12 @@ def _sample_depth(body: FieldBody, skin: float) -> _SampledDepth:
     x, y, z = (a + spacing * np.arange(n) for a, n in zip(first.tolist(), counts.tolist(), strict=True))
     points = np.stack(np.meshgrid(x, y, z, indexing="ij"), axis=-1)
     tree = build_triangle_tree(made.points, made.triangles)
-    distance = tree.distances(points.reshape(-1, 3)).reshape(points.shape[:3])
     inside = grid_winding_numbers(made.points, made.triangles, x, y, z) > 0
-    return _SampledDepth(tree, np.where(inside, -distance, distance), (x[0], y[0], z[0]), spacing)
+    values = spacing * (distance_transform_edt(~inside) - distance_transform_edt(inside))
+    near = np.abs(values + skin) < BAND_SPACINGS * spacing
+    distance = tree.distances(points[near])
+    values[near] = np.where(inside[near], -distance, distance)
+    return _SampledDepth(tree, values, (x[0], y[0], z[0]), spacing)
 
 
 def _find_excess(depth: _SampledDepth, skin: float) -> float:
