@@ -236,7 +236,7 @@ time=$(grep '^Time = ' flow/{0}/log.simpleFoam | last)
 PRESSURE_DROP_BETWEEN = """echo "{0}: pressure drop $(last flow/{0}/postProcessing/pressureDrop/0/*.dat) Pa"
 sed 's/\\[0 3 -1 0 0 0 0\\]/[1 0 -1 0 0 0 0]/' "flow/{0}/$time/phi" > 0/{0}/phi"""
 
-PRESSURE_DROP_OF_PERIOD = """gradient=$(sed -n 's/^gradient *\\(.*\\);/\\1/p' "flow/{0}/$time/uniform/drivingProperties")
+PRESSURE_DROP_OF_PERIOD = """gradient=$(grep 'pressure gradient = ' flow/{0}/log.simpleFoam | last)
 echo "{0}: pressure drop $(echo "$gradient" | awk '{{ print $1 * {scale:.9g} }}') Pa over a period\""""
 
 ALLRUN_HEAT = """
