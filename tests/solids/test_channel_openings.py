@@ -114,6 +114,10 @@ REFUSED: dict[str, tuple[dict[str, Any], str]] = {
     "an unknown face": ({"openings": {"+": [99], "-": ">Y"}}, "99 is no face of .* numbers from 0 to 5"),
     "no selector": ({"openings": {"+": "X", "-": ">Y"}}, "`openings` 'X' is no selector"),
     "no openings": ({"openings": None}, "give openings="),
+    "a skin without openings": (
+        {"openings": None, "transition": None, "skin": 2},
+        "skin is the wall along faces .* give openings=",
+    ),
     "too short": (
         {"openings": OPENINGS, "transition": 1.0},
         r"transition 1 is too short: .* 45 degrees; give at least \d",

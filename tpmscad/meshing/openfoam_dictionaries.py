@@ -15,6 +15,9 @@ from collections.abc import Sequence
 WATER_DENSITY = 997.0
 """kg/m3."""
 
+WATER_VISCOSITY = 0.853
+"""mm2/s, kinematic, at 300 K."""
+
 WATER_HEAT_CAPACITY = 4.167
 """mJ/(mm3 K)."""
 
@@ -88,7 +91,7 @@ relaxationFactors { equations { h 1; } }  // below 1 the mean temperature of a s
 """
 
 FLOW_FILES = {
-    "transportProperties": "transportModel Newtonian;\nnu 0.853;  // mm2/s: water at 300 K; pressures are over the density\n",
+    "transportProperties": f"transportModel Newtonian;\nnu {WATER_VISCOSITY};  // mm2/s; pressures are over the density\n",
     "turbulenceProperties": "simulationType laminar;\n",
 }
 """Files of flow/REGION/constant."""
@@ -114,7 +117,7 @@ mixture
 """
 WATER = (
     f"thermodynamics {{ Cp {WATER_HEAT_CAPACITY}; Hf 0; }}     // mJ/(mm3 K)\n"
-    "    transport { mu 0.853; Pr 5.83; }  // conductivity = Cp mu / Pr"
+    f"    transport {{ mu {WATER_VISCOSITY}; Pr 5.83; }}  // conductivity = Cp mu / Pr"
 )
 ALUMINIUM = "thermodynamics { Cp 2.43; Hf 0; }   // mJ/(mm3 K)\n    transport { kappa 200; }       // W/(m K)"
 FLUID_FILES = {

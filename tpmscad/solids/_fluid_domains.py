@@ -103,7 +103,7 @@ def fluid_domains(options: FluidDomainsOptions) -> FluidDomains:
     if openings is None:
         block = build_lattice_block(request, turn, read, stages)
     else:
-        block = build_closed_block(request, turn, read, openings, options.transition, stages)
+        block = build_closed_block(request, turn, read, openings, options.transition, options.skin, stages)
     with stages("trim"):
         found = _divide_field_body(body, block) if isinstance(body, FieldBody) else _compute_domains(block, read)
     if isinstance(body, FieldBody):
@@ -156,6 +156,8 @@ def _resolve_openings(
     if options.openings is None:
         if options.transition is not None:
             raise InvalidRequest("transition is the length over which channels close: give openings=, where they open")
+        if options.skin is not None:
+            raise InvalidRequest("skin is the wall along faces where channels do not open: give openings=, where they do")
         return None
     if isinstance(body, FieldBody):
         raise InvalidRequest(f"openings are faces of a CAD body; {read.name} has none: leave openings out")
