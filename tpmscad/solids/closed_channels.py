@@ -172,6 +172,7 @@ def build_closed_block(
             ),
         ),
         lambda: found.fitted.brep,
+        closes_channels=True,
     )
 
 
