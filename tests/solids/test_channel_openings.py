@@ -26,26 +26,27 @@ from tpmscad.solids.field_bodies import FieldBody
 
 pytestmark = pytest.mark.kernel
 
-SIZE = np.array([30.0, 20.0, 20.0])
+SIZE = np.array([20.0, 18.0, 16.0])
+SKIN = 1.5
 OPENINGS = {"+": ["<X", ">X"], "-": "<Y,>Y"}
 ASKED: dict[str, Any] = {"surface": "gyroid", "cell": 10, "thickness": 1, "tol": 0.1, "transition": 6}
 
 
 @pytest.fixture(scope="module")
 def domains() -> FluidDomains:
-    return tpmscad.fluid_domains(bd.Box(*SIZE), **ASKED, phase=(0.1, 0.2, 0.3), openings=OPENINGS)
+    return tpmscad.fluid_domains(bd.Box(*SIZE), **ASKED, skin=SKIN, openings=OPENINGS)
 
 
 @pytest.mark.slow
 class TestCrossFlow:
-    def test_each_channel_reaches_its_own_faces_only_and_keeps_the_thickness_from_others(
+    def test_each_channel_reaches_its_own_faces_only_and_keeps_the_skin_from_others(
         self, domains: FluidDomains
     ) -> None:
         for channel, axis in ((domains.plus, 0), (domains.minus, 1)):
             points = sample_faces(faces_of(channel.solid.wrapped), 0.3).points
             depth = (SIZE / 2 - np.abs(points)).min(axis=0)
             assert depth[axis] == pytest.approx(0.0, abs=1e-9)
-            assert np.delete(depth, axis).min() > 1.0 - 0.1
+            assert np.delete(depth, axis).min() > SKIN - 0.1
 
     def test_the_channels_are_nowhere_nearer_than_the_thickness(self, domains: FluidDomains) -> None:
         plus, minus = (
@@ -114,6 +115,10 @@ REFUSED: dict[str, tuple[dict[str, Any], str]] = {
     "an unknown face": ({"openings": {"+": [99], "-": ">Y"}}, "99 is no face of .* numbers from 0 to 5"),
     "no selector": ({"openings": {"+": "X", "-": ">Y"}}, "`openings` 'X' is no selector"),
     "no openings": ({"openings": None}, "give openings="),
+    "a skin without openings": (
+        {"openings": None, "transition": None, "skin": 2},
+        "skin is the wall along faces .* give openings=",
+    ),
     "too short": (
         {"openings": OPENINGS, "transition": 1.0},
         r"transition 1 is too short: .* 45 degrees; give at least \d",

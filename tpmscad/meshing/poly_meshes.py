@@ -1,6 +1,7 @@
-"""OpenFOAM's polyMesh of each group of elements: points, faces, owners and neighbours of faces, and patches.
+"""OpenFOAM's polyMesh of each group of elements: points, faces, owners and neighbours of faces, patches, and zones of faces.
 
-Every group is a region of its own. The faces between two regions are a patch of either, mapped to the other one. Faces inside
+Every group is a region of its own. The faces between two regions are a patch of either, mapped to the other one. Periodic sides
+are cyclic patches, whose faces are in the same order and begin at the same corner. Faces inside
 a region are in upper triangular order; their normals point from the owner, of the lower number, to the neighbour. Elements have
 flat faces between their corners, as OpenFOAM has no curved ones.
 
@@ -10,6 +11,7 @@ Source: OpenFOAM user guide, "Mesh description" (v1912).
 from __future__ import annotations
 
 import re
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -27,6 +29,8 @@ BETWEEN = " | "
 FACING_COSINE = 1.0 - 1e-9
 """Vector area of facets over their area from which they face along an axis."""
 
+ENDS = "near", "far"
+
 HEADER = """FoamFile
 {{
     version     2.0;
@@ -40,15 +44,18 @@ HEADER = """FoamFile
 
 @dataclass(frozen=True, slots=True)
 class FoamPatch:
-    """A patch: its name, the region on its other side or None, its number of faces, and the side of an opening.
+    """A patch: its name, the region on its other side or None, its first face and number of faces, and the side of an opening.
 
     side: the direction along an axis that a plane opening faces, such as "X+"; None of walls and of curved openings.
+    image: the patch that repeats a cyclic one; None of others.
     """
 
     name: str
     other: str | None
+    start: int
     count: int
     side: str | None
+    image: str | None = None
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -62,11 +69,21 @@ class PolyMesh:
     neighbour: IntArray
     patches: tuple[FoamPatch, ...]
 
+    def number_faces(self, names: Sequence[str]) -> IntArray:
+        """The numbers of the faces of some patches."""
+        found = [np.arange(p.start, p.start + p.count) for p in self.patches if p.name in names]
+        return np.concatenate([np.zeros(0, np.int64), *found])
+
 
 def name_for_foam(text: str) -> str:
     """A name as OpenFOAM takes it: "channel +: opening X-" becomes "channel_plus_opening_X_minus"."""
     spoken = text.replace("+", "_plus").replace("-", "_minus").replace(BETWEEN, "_to_")
     return re.sub(r"\W+", "_", spoken, flags=re.ASCII).replace("__", "_").strip("_")
+
+
+def name_period(translation: str, end: str) -> str:
+    """The name of the cyclic patch at one end of a translation: "period_x_near"."""
+    return name_for_foam(f"period {translation} {end}")
 
 
 def divide_regions(mesh: MeshArrays) -> list[PolyMesh]:
@@ -88,7 +105,7 @@ def _make_region(mesh: MeshArrays, region: str) -> PolyMesh:
     face_kind = SHAPES[kind].face_kind
     n_corners = SHAPES[face_kind].corners
     table = tabulate_faces({kind: nodes[mesh.cell_groups[region]]})[face_kind]
-    faces, element = table.nodes[:, :n_corners], table.owner[:, 0]
+    faces, element = table.nodes[:, :n_corners].copy(), table.owner[:, 0]
     _, which, count = np.unique(np.sort(faces, axis=1), axis=0, return_inverse=True, return_counts=True)
     by_face = np.argsort(which.ravel(), kind="stable")  # of two elements the one of the lower number first
     first = np.cumsum(count) - count
@@ -96,17 +113,36 @@ def _make_region(mesh: MeshArrays, region: str) -> PolyMesh:
     owner, neighbour = element[by_face[inside]], element[by_face[inside + 1]]
     order = np.lexsort([neighbour, owner])
     rows, patches = [by_face[inside][order]], []
+    start = len(inside)
+
+    def add_patch(chosen: IntArray, name: str, **kind: str | None) -> None:
+        nonlocal start
+        rows.append(chosen)
+        patches.append(
+            FoamPatch(name_for_foam(name), kind.get("other"), start, len(chosen), kind.get("side"), kind.get("image"))
+        )
+        start += len(chosen)
+
     outer = by_face[first[count == 1]]
     groups, regions = [*mesh.facet_groups, "sides"], list(mesh.cell_groups)
     beyond = _find_regions_beyond(mesh, region, faces[outer])
     patch_of = np.where(beyond < 0, _find_groups(mesh, faces[outer]), len(groups) + beyond)
-    for number in np.unique(patch_of).tolist():
+    for translation, (near, far, images) in _pair_faces(mesh, faces[outer]).items():
+        patch_of[near] = patch_of[far] = -1
+        faces[outer[far]] = images
+        names = [name_period(translation, end) for end in ENDS]
+        add_patch(outer[near], names[0], image=names[1])
+        add_patch(outer[far], names[1], image=names[0])
+    for number in np.unique(patch_of[patch_of >= 0]).tolist():
         chosen = outer[patch_of == number]
-        group, other = (groups[number], None) if number < len(groups) else ("", regions[number - len(groups)])
-        name = name_for_foam(f"{region}{BETWEEN}{other}" if other else group)
-        rows.append(chosen[np.argsort(element[chosen], kind="stable")])
-        side = _find_side(mesh.points[faces[chosen]]) if group in mesh.openings else None
-        patches.append(FoamPatch(name, other, len(chosen), side))
+        chosen = chosen[np.argsort(element[chosen], kind="stable")]
+        if number < len(groups):
+            group = groups[number]
+            side = _find_side(mesh.points[faces[chosen]]) if group in mesh.openings else None
+            add_patch(chosen, group, side=side)
+        else:
+            other = regions[number - len(groups)]
+            add_patch(chosen, f"{region}{BETWEEN}{other}", other=other)
     chosen = np.concatenate(rows)
     used, local = np.unique(faces[chosen], return_inverse=True)
     return PolyMesh(
@@ -117,6 +153,28 @@ def _make_region(mesh: MeshArrays, region: str) -> PolyMesh:
         neighbour[order],
         tuple(patches),
     )
+
+
+def _pair_faces(mesh: MeshArrays, faces: IntArray) -> dict[str, tuple[IntArray, IntArray, IntArray]]:
+    """For each translation of a periodic mesh the rows of outer faces (m, k) at its near side, and those of their images.
+
+    Then the corners of these, which are the images of the others, the other way round.
+    """
+    found = {}
+    for translation, pairs in mesh.periodic.items():
+        image = np.full(len(mesh.points), -1)
+        image[pairs[:, 0]] = pairs[:, 1]
+        near = np.flatnonzero((image[faces] >= 0).all(axis=1))
+        moved = image[faces[near]]
+        _, first, which = np.unique(
+            np.sort(np.concatenate([faces, moved]), axis=1), axis=0, return_index=True, return_inverse=True
+        )
+        far = first[which.ravel()[len(faces) :]]
+        is_face = far < len(faces)
+        if is_face.any():
+            reversed_corners = np.roll(moved[:, ::-1], 1, axis=1)
+            found[translation] = near[is_face], far[is_face], reversed_corners[is_face]
+    return found
 
 
 def _find_regions_beyond(mesh: MeshArrays, region: str, faces: IntArray) -> IntArray:
@@ -133,11 +191,18 @@ def _find_regions_beyond(mesh: MeshArrays, region: str, faces: IntArray) -> IntA
 
 def _find_side(corners: Array) -> str | None:
     """The direction along an axis that facets with corners (m, k, 3) face, from "X+" to "Z-"; None if they do not."""
-    diagonals = corners[:, 2] - corners[:, 0], corners[:, -1] - corners[:, 1]
-    vectors = np.cross(*diagonals) if corners.shape[1] == 4 else np.cross(corners[:, 1] - corners[:, 0], diagonals[0])
+    vectors = vector_areas(corners)
     total, area = vectors.sum(axis=0), np.linalg.norm(vectors, axis=1).sum()
     axis = int(np.abs(total).argmax())
     return "XYZ"[axis] + ("+" if total[axis] > 0 else "-") if abs(total[axis]) > FACING_COSINE * area else None
+
+
+def vector_areas(corners: Array) -> Array:
+    """Vector areas (m, 3) of triangles and quadrilaterals with corners (m, k, 3)."""
+    diagonals = corners[:, 2] - corners[:, 0], corners[:, -1] - corners[:, 1]
+    first = diagonals[0] if corners.shape[1] == 4 else corners[:, 1] - corners[:, 0]
+    second = diagonals[1] if corners.shape[1] == 4 else diagonals[0]
+    return np.asarray(0.5 * np.cross(first, second))
 
 
 def _find_groups(mesh: MeshArrays, faces: IntArray) -> IntArray:
@@ -151,8 +216,8 @@ def _find_groups(mesh: MeshArrays, faces: IntArray) -> IntArray:
     return group_of[of.ravel()[len(facets) :]]
 
 
-def write_poly_mesh(part: PolyMesh, folder: Path) -> None:
-    """Write the mesh of a region to its folder "polyMesh", in the model's unit."""
+def write_poly_mesh(part: PolyMesh, folder: Path, zones: Mapping[str, IntArray]) -> None:
+    """Write the mesh of a region to its folder "polyMesh", in the model's unit; `zones` are faces of the boundary by name."""
     folder.mkdir(parents=True)
     place = "/".join(folder.parts[-3:])
     points = part.points.tolist()
@@ -162,16 +227,27 @@ def write_poly_mesh(part: PolyMesh, folder: Path) -> None:
     _write_list(folder, place, "faces", "faceList", faces)
     _write_list(folder, place, "owner", "labelList", [str(i) for i in part.owner.tolist()])
     _write_list(folder, place, "neighbour", "labelList", [str(i) for i in part.neighbour.tolist()])
-    start, entries = len(part.neighbour), []
-    for patch in part.patches:
-        mapped = ""
-        if patch.other:
-            other, theirs = name_for_foam(patch.other), name_for_foam(f"{patch.other}{BETWEEN}{part.region}")
-            mapped = f"sampleMode nearestPatchFace; sampleRegion {other}; samplePatch {theirs}; "
-        kind = "mappedWall" if patch.other else "patch"
-        entries.append(f"{patch.name} {{ type {kind}; {mapped}nFaces {patch.count}; startFace {start}; }}")
-        start += patch.count
+    entries = [
+        f"{patch.name} {{ {_patch_type(part, patch)} nFaces {patch.count}; startFace {patch.start}; }}"
+        for patch in part.patches
+    ]
     _write_list(folder, place, "boundary", "polyBoundaryMesh", entries)
+    entries = [
+        f"{name} {{ type faceZone; faceLabels List<label> {len(of)}({' '.join(map(str, of.tolist()))}); "
+        f"flipMap List<bool> {len(of)}({' '.join(['false'] * len(of))}); }}"
+        for name, of in zones.items()
+    ]
+    _write_list(folder, place, "faceZones", "regIOobject", entries)
+
+
+def _patch_type(part: PolyMesh, patch: FoamPatch) -> str:
+    """The type of a patch, and what it is joined to."""
+    if patch.image:
+        return f"type cyclic; neighbourPatch {patch.image};"
+    if patch.other:
+        other, theirs = name_for_foam(patch.other), name_for_foam(f"{patch.other}{BETWEEN}{part.region}")
+        return f"type mappedWall; sampleMode nearestPatchFace; sampleRegion {other}; samplePatch {theirs};"
+    return "type patch;" if patch.side else "type wall;"
 
 
 def _write_list(folder: Path, place: str, name: str, kind: str, rows: list[str]) -> None:

@@ -121,13 +121,17 @@ class VolumeMesh(MeshArrays):
             FLOW,
             'For each group of elements that a fluid fills, the side to which it flows: ``{"channel +": "X+", '
             '"channel -": "X-"}``. It enters at the openings of the opposite side; other openings are closed. Other '
-            "groups are solid. By default every group that is open at both sides of an axis, by turns to and fro.",
+            "groups are solid. By default every group that is open at both sides of an axis, by turns to and fro. Along an "
+            "axis of a periodic mesh a body force drives the fluid, and the case has no heat.",
         ] = None,
-        velocity: Annotated[float, POSITIVE.described_as(example="0.01"), "Mean velocity at the inlets, m/s."] = 0.01,
+        velocity: Annotated[
+            float, POSITIVE.described_as(example="0.01"), "Mean velocity at the inlets, or over a periodic fluid, m/s."
+        ] = 0.01,
     ) -> None:
         """Write a case of OpenFOAM: steady laminar flow with conjugate heat transfer, each group of elements a region.
 
-        Its `Allrun` checks the meshes, and runs `simpleFoam` in every channel and `chtMultiRegionSimpleFoam` on all regions.
+        Its `Allrun` checks the meshes, and runs `simpleFoam` in every channel and `chtMultiRegionSimpleFoam` on all regions. They
+        stop on convergence; it prints pressure drops, heat and its imbalance, and fails if something has not converged.
         Elements have flat faces between their corners. The fluid is water, the solid aluminium; the first channel's inlet has
         350 K, the others' 300 K, and outer walls are adiabatic: change these, with lengths in mm, in the files.
 

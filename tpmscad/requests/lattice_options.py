@@ -189,7 +189,13 @@ class FluidDomainsOptions(BodyOptions):
     transition: Annotated[
         float | None,
         POSITIVE.described_as(example="10.0"),
-        "Length over which a channel closes, mm, behind the thickness of the wall; by default the longest edge of the cell.",
+        "Length over which a channel closes, mm, behind the skin; by default the longest edge of the cell.",
+    ] = None
+    skin: Annotated[
+        float | None,
+        POSITIVE,
+        "With `openings`: thickness of the solid wall kept along faces where a channel does not open, mm; by default the "
+        "thickness of the wall.",
     ] = None
 
 

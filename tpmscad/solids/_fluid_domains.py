@@ -44,6 +44,7 @@ from tpmscad.solids.boolean_strategies import (
     read_trimming_body,
 )
 from tpmscad.solids.closed_channels import build_closed_block
+from tpmscad.solids.dead_ends import absorb_dead_ends
 from tpmscad.solids.field_bodies import (
     FieldBody,
     fit_field_body,
@@ -103,7 +104,7 @@ def fluid_domains(options: FluidDomainsOptions) -> FluidDomains:
     if openings is None:
         block = build_lattice_block(request, turn, read, stages)
     else:
-        block = build_closed_block(request, turn, read, openings, options.transition, stages)
+        block = build_closed_block(request, turn, read, openings, options.transition, options.skin, stages)
     with stages("trim"):
         found = _divide_field_body(body, block) if isinstance(body, FieldBody) else _compute_domains(block, read)
     if isinstance(body, FieldBody):
@@ -156,6 +157,10 @@ def _resolve_openings(
     if options.openings is None:
         if options.transition is not None:
             raise InvalidRequest("transition is the length over which channels close: give openings=, where they open")
+        if options.skin is not None:
+            raise InvalidRequest(
+                "skin is the wall along faces where channels do not open: give openings=, where they do"
+            )
         return None
     if isinstance(body, FieldBody):
         raise InvalidRequest(f"openings are faces of a CAD body; {read.name} has none: leave openings out")
@@ -218,12 +223,13 @@ def _trim_domains_by(read: FreeFormBody, patches: Brep, block: LatticeBlock, bod
         if not len(domain.faces):
             raise _missing_domain(body, name)
     first, n_faces = len(patches.tags), len(read.brep.tags)
+    trimmed, absorbed = absorb_dead_ends(trimmed, first) if block.closes_channels else (trimmed, ())
     openings = (*patches.tags, *[OPENING] * n_faces)
     domains = [trimmed.breps[0], *(replace(channel, tags=openings) for channel in trimmed.breps[1:])]
     built = build_regions(trimmed.shared, domains, trimmed.members)
     if not all(is_brep_valid(domain, of.faces) for domain, of in zip(domains, built, strict=True)):
         raise TrimmingError("the kernel's check rejects a domain")
-    notes = "trimmed on the patches' parameter domains", *report.notes, *read.notes
+    notes = "trimmed on the patches' parameter domains", *report.notes, *read.notes, *absorbed
     result = {}
     for name, domain, of in zip(bounds, domains, built, strict=True):
         area = np.bincount(domain.faces.tag, integral_properties.integrate_faces(domain).area, first + n_faces)

@@ -3,13 +3,13 @@
 Let D be the signed distance from the mid surface and [a, b] the offsets of the wall. The channel + is {D > b + C+}, the channel
 - {D < a - C-}, and the wall what lies between. C+ vanishes deep in the body and grows, towards each face where the channel +
 must not open, to the greatest value of D: no channel is left there. With the depth t below face i and the quintic step s from 1
-at t <= thickness to 0 at t >= thickness + transition,
+at t <= skin to 0 at t >= skin + transition,
 
     C = H (1 - prod_i (1 - s_i)),
 
 which is twice continuously differentiable where depths are, is nowhere below any single term, and never exceeds H. Since C >= 0
 the wall contains {a <= D <= b}, so that the channels are nowhere nearer to each other than b - a, and since C = H next to a
-closed face they stay the thickness away from it.
+closed face they stay the skin away from it.
 
 The distance is smooth up to the reach of the surface only; farther off its place is taken by an affine function of the surface's
 own function f. D is tabulated as a periodic cubic spline, which costs a fiftieth of a search for foot points.
@@ -115,6 +115,7 @@ def build_closed_block(
     body: CadBody,
     openings: ChannelOpenings,
     transition: float | None,
+    skin: float | None,
     stages: StageTimer,
 ) -> LatticeBlock:
     """The wall around a body, closed for each channel towards the faces that it does not open at.
@@ -127,6 +128,7 @@ def build_closed_block(
         )
     thickness = float(np.ptp(request.offset))
     length = max(request.cell) if transition is None else transition
+    depth = thickness if skin is None else skin
     with stages("fit"):
         distance = extend_distance(request)
     heights = distance.high - request.offset[1], request.offset[0] - distance.low
@@ -142,7 +144,7 @@ def build_closed_block(
         placed = AffineTransformedField(placed, triple(rows), (0.0, 0.0, 0.0), 1.0)
     samples = _sample_body(body)
     closings = [
-        HEIGHT_MARGIN * each * (1.0 - _open_fraction(body, samples, opened, thickness, length))
+        HEIGHT_MARGIN * each * (1.0 - _open_fraction(body, samples, opened, depth, length))
         for each, opened in zip(heights, (openings.plus, openings.minus), strict=True)
     ]
     wall = intersection(
@@ -164,12 +166,13 @@ def build_closed_block(
             notes=(
                 *measures.notes,
                 *request.notes,
-                f"each channel closes over {length:g} towards the faces where it does not open, behind {thickness:g} of wall; "
+                f"each channel closes over {length:g} towards the faces where it does not open, behind {depth:g} of wall; "
                 f"channels are at least {thickness:g} apart, less twice the deviation",
                 *notes,
             ),
         ),
         lambda: found.fitted.brep,
+        closes_channels=True,
     )
 
 

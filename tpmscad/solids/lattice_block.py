@@ -136,12 +136,13 @@ class LatticeBlock:
     """The open patches that cover a body, in its coordinates, and what was measured on them.
 
     `trim_to_box` makes the closed boundary representation of the same lattice cut flat outside the body. `closed` and `built`,
-    the kernel's solid of it, are made on first use.
+    the kernel's solid of it, are made on first use. `closes_channels`: the channels beside the wall end inside the body.
     """
 
     patches: Brep
     measures: PatchMeasures
     trim_to_box: Callable[[], Brep]
+    closes_channels: bool = False
 
     @cached_property
     def closed(self) -> Brep:
