@@ -37,7 +37,8 @@ def test_a_vertex_without_image_divides_the_edge_of_the_other_side() -> None:
     tube = make_tube(50.0)
     near, far = on_side(tube, 0.0), on_side(tube, 4.0)
     assert np.abs(near - far).max() > 0.1
-    (found,) = make_sides_alike([tube], LOW, HIGH, 0.01)
+    (found,), moved = make_sides_alike([tube], LOW, HIGH, 0.01, 0.05)
+    assert moved < 1e-6
     np.testing.assert_allclose(on_side(found, 0.0), on_side(found, 4.0), atol=1e-6)
     assert len(on_side(found, 0.0)) == len(near) + 1
     report = check_shape(found)
@@ -51,9 +52,14 @@ def check_center(face: object) -> tuple[float, ...]:
     return tuple(bd.Face(face).center())
 
 
-def test_vertices_that_nearly_are_images_divide_nothing() -> None:
+def test_vertices_that_nearly_are_images_are_moved_to_them() -> None:
     tube = make_tube(0.5)
-    assert make_sides_alike([tube], LOW, HIGH, 0.1)[0] is tube
+    (found,), moved = make_sides_alike([tube], LOW, HIGH, 0.1, 0.1)
+    assert moved == pytest.approx(2 * 0.8 * np.sin(np.radians(0.25)), rel=1e-6)
+    assert len(on_side(found, 0.0)) == len(on_side(tube, 0.0))
+    np.testing.assert_allclose(on_side(found, 0.0), on_side(found, 4.0), atol=1e-12)
+    assert np.abs(on_side(tube, 0.0) - on_side(tube, 4.0)).max() > 5e-3, "the solid itself is left alone"
+    assert check_shape(found).ok
 
 
 def test_solids_that_share_a_face_share_it_afterwards() -> None:
@@ -66,7 +72,7 @@ def test_solids_that_share_a_face_share_it_afterwards() -> None:
         builder.AddArgument(shape)
     builder.Perform()
     solids = [s.wrapped for s in bd.Compound(builder.Shape()).solids()]
-    found = make_sides_alike(solids, LOW, HIGH, 0.01)
+    found, _ = make_sides_alike(solids, LOW, HIGH, 0.01, 0.05)
 
     def shared(shapes: list[object]) -> int:
         first, second = ({hash(f) for f in faces_of(shape)} for shape in shapes)

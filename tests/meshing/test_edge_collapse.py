@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from tests.meshing.test_volume_mesh import EXTENT, block
+from tpmscad.meshing import edge_collapse
 from tpmscad.meshing.edge_collapse import collapse_short_edges
 from tpmscad.meshing.element_shapes import SHAPES
 from tpmscad.meshing.facet_search import boundary_facets
@@ -66,12 +67,34 @@ def test_an_edge_is_collapsed_with_its_images(
     assert {tuple(p) for p in (EXTENT * np.array(list(np.ndindex(2, 2, 2)))).tolist()} <= corners
 
 
-def test_a_node_of_an_edge_of_the_box_does_not_go_into_a_side() -> None:
-    """Only the other end may go: the box keeps its edge."""
-    flat = squeeze(block("tetra10"), (0.0, 2.0, 0.0), (0.0, 2.0, 1.0))
-    box_edge = flat.points[int(np.argmin(np.linalg.norm(flat.points - (0.0, 2.0, 1.0), axis=1)))]
-    found = collapse_short_edges(flat, 2.0)
-    assert np.linalg.norm(found.points - box_edge, axis=1).min() > 1e-3 or found.collapsed == 0
+@pytest.mark.parametrize("by_angle", [False, True])
+def test_an_edge_of_the_box_stays_when_its_node_is_near_one_of_a_side(by_angle: bool) -> None:
+    """The node that may go is the other one: the edge belongs to groups that this is not in, or facets would turn."""
+    mesh = block("tetra10")
+    mesh = replace(mesh, periodic={}, facet_groups={} if by_angle else mesh.facet_groups)
+    flat = squeeze(mesh, (0.0, 2.0, 1.0), (0.0, 2.0, 0.0))
+    found = collapse_short_edges(flat, 0.5)
+    assert found.collapsed == 1
+    assert (np.abs(found.points - (0.0, 2.0, 0.0)).max(axis=1) == 0).any()
+    assert found.volume == pytest.approx(np.prod(EXTENT), rel=1e-12)
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_many_collapses_leave_a_mesh_of_the_same_body(seed: int, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(edge_collapse, "POOR", 0.9)
+    mesh = block("tetra")
+    rng = np.random.default_rng(seed)
+    inner = (mesh.points > 1e-9) & (mesh.points < EXTENT - 1e-9)
+    ties, _ = mesh.periodic_ties()
+    jitter = rng.uniform(-0.45, 0.45, mesh.points.shape)[ties] * inner  # alike for images
+    found = collapse_short_edges(replace(mesh, points=mesh.points + jitter), 10.0)
+    assert found.collapsed > 0
+    assert found.quality.inverted == 0
+    assert found.volume == pytest.approx(np.prod(EXTENT), rel=1e-12)
+    assert found.mismatch == 0.0
+    ((_, facets),) = found.facets.items()
+    ((_, outer),) = boundary_facets(found.cells).items()
+    assert {frozenset(row) for row in facets.tolist()} == {frozenset(row) for row in outer.tolist()}
 
 
 def test_a_good_mesh_is_left_alone() -> None:

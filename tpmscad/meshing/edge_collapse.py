@@ -2,8 +2,8 @@
 
 Patches of a fitted surface end where they like, so that a side of the box may pass a corner of patches at a hundredth of the
 element size. A mesh that has a node in every vertex is as flat there as the edge is short. An edge of an element below the
-quality wanted is collapsed if it is short, if it lies on all groups of facets that the end which goes lies on, if the facets
-there do not turn, and if the worst element around gets better. Nodes that are images of each other go together.
+quality wanted is collapsed if it is short, if all facets at the end which goes continue facets at the edge, in group and
+normal, if they do not turn, and if the worst element around gets better. Nodes that are images of each other go together.
 
 Source of the condition that keeps the topology: Dey, Edelsbrunner, Guha and Nekhayev, Topology preserving edge contraction,
 Publ. Inst. Math. 66 (1999) 23.
@@ -11,6 +11,7 @@ Publ. Inst. Math. 66 (1999) 23.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from itertools import combinations
 
@@ -22,32 +23,40 @@ from tpmscad.meshing.mesh_arrays import sort_nodes
 from tpmscad.meshing.volume_mesh import VolumeMesh
 
 POOR = 0.1
-"""Scaled Jacobian below which the edges of an element are tried: twice what remains, so that neighbours may lose a little."""
-
-SHORT = 0.2
+"""Scaled Jacobian below which the edges of an element are tried."""
+SHORT = 0.5
 """In element sizes: length above which edges are kept."""
+
+ALTERNATIONS = 6
+"""Projections on each of the faces that meet in an edge: the distance from it falls by half or more with each."""
 
 LEAST_COSINE = 0.98
 """Of the angle by which a facet may turn: that of a curved surface turns by its curvature times the length of the edge."""
 
+CREASE_COSINE = 0.85
+"""Of the angle between facets at a node beyond which a crease is taken to run between them, along which alone the node may go."""
+
 MAX_PASSES = 8
 
 
-def collapse_short_edges(mesh: VolumeMesh, size: float) -> VolumeMesh:
+Project = Callable[[int, Array], Array]
+"""From the number of a facet and a point (3,) to the nearest point of the face that the facet is of."""
+
+
+def collapse_short_edges(mesh: VolumeMesh, size: float, project: Project | None = None) -> VolumeMesh:
     """The mesh of tetrahedra without the short edges of its poor elements; `collapsed` of the result counts them.
 
     Size: the element size wanted, model units. Middles of edges that end in another node keep their height over the chord, in
-    proportion to the square of its length.
+    proportion to the square of its length, and are projected on the faces that they lie on, if these are known.
     """
     (kind,) = mesh.cells
-    state = _CollapsibleMesh(mesh)
+    state = _CollapsibleMesh(mesh, project)
     count = 0
     for _ in range(MAX_PASSES):
         quality = scaled_jacobians(kind, state.points, state.cells[state.alive])
-        poor = np.flatnonzero(state.alive)[quality < POOR]
-        done = sum(
-            state.collapse_best_edge(cell, SHORT * size) for cell in poor[np.argsort(quality[quality < POOR])].tolist()
-        )
+        poor = quality < POOR
+        cells = np.flatnonzero(state.alive)[poor][np.argsort(quality[poor])]
+        done = sum(state.collapse_best_edge(cell, SHORT * size) for cell in cells.tolist())
         if not done:
             break
         count += done
@@ -69,7 +78,8 @@ class _Collapse:
 class _CollapsibleMesh:
     """A mesh whose edges are collapsed in place, with the elements and facets at each corner."""
 
-    def __init__(self, mesh: VolumeMesh) -> None:
+    def __init__(self, mesh: VolumeMesh, project: Project | None) -> None:
+        self.project = project
         ((self.kind, cells),), ((self.facet_kind, facets),) = mesh.cells.items(), mesh.facets.items()
         self.mesh, self.points = mesh, mesh.points.copy()
         self.cells, self.facets = cells.copy(), facets.copy()
@@ -128,7 +138,8 @@ class _CollapsibleMesh:
         """The collapse of an edge, None if it would change the topology or what nodes lie on."""
         between = self.cells_at[gone] & self.cells_at[kept]
         facets = self.facets_at[gone] & self.facets_at[kept]
-        if not between or not self._labels_of(self.facets_at[gone]) <= self._labels_of(facets):
+        changed_facets = self.facets_at[gone] - facets
+        if not between or not all(self._continues(facet, facets) for facet in changed_facets):
             return None
         ring = {n for cell in between for n in self.cells[cell, :4].tolist()} - {gone, kept}
         if self._neighbours(gone) & self._neighbours(kept) != ring:
@@ -143,11 +154,24 @@ class _CollapsibleMesh:
                 renamed[middle[node]] = self._middle(kept, node)
             for node in middle.keys() - ring - {kept}:
                 moved[middle[node]] = self._place_middle(gone, kept, node, middle[node])
-        changed_facets = self.facets_at[gone] - facets
         if any(self._turns(facet, gone, kept) for facet in changed_facets):
             return None
         changed = self.cells_at[gone] - between
         return _Collapse(renamed, moved, sorted(between), sorted(changed), sorted(facets), sorted(changed_facets))
+
+    def _continues(self, facet: int, others: set[int]) -> bool:
+        """Whether one of other facets is of the same groups, with no crease between both."""
+        normal = self._normal(self.points[self.facets[facet, :3]])
+        return any(
+            self.labels[other] == self.labels[facet]
+            and normal @ self._normal(self.points[self.facets[other, :3]]) > CREASE_COSINE
+            for other in others
+        )
+
+    @staticmethod
+    def _normal(corners: Array) -> Array:
+        vector = np.cross(corners[1] - corners[0], corners[2] - corners[0])
+        return np.asarray(vector / max(float(np.linalg.norm(vector)), 1e-300))
 
     def _labels_of(self, facets: set[int]) -> set[int]:
         return set(self.labels[list(facets)].tolist())
@@ -171,15 +195,22 @@ class _CollapsibleMesh:
         """Where the middle of an edge goes whose end goes to another node."""
         former, chord = self.points[node] - self.points[gone], self.points[node] - self.points[kept]
         height = self.points[middle] - 0.5 * (self.points[node] + self.points[gone])
-        return np.asarray(self.points[kept] + 0.5 * chord + height * (chord @ chord) / (former @ former))
+        place = np.asarray(self.points[kept] + 0.5 * chord + height * (chord @ chord) / (former @ former))
+        facets = sorted(self.facets_at[gone] & self.facets_at[node])
+        if self.project is None or not facets:
+            return place
+        if len(self._labels_of(set(facets))) == 1:
+            return min((self.project(f, place) for f in facets), key=lambda p: float(np.linalg.norm(p - place)))
+        for facet in ALTERNATIONS * facets:  # to the curve in which faces of two groups meet
+            place = self.project(facet, place)
+        return place
 
     def _turns(self, facet: int, gone: int, kept: int) -> bool:
         """Whether the normal of a facet turns too far."""
         corners = self.facets[facet, :3]
         before = self.points[corners]
         after = np.where((corners == gone)[:, None], self.points[kept], before)
-        first, second = (np.cross(p[1] - p[0], p[2] - p[0]) for p in (before, after))
-        return not first @ second > LEAST_COSINE * np.linalg.norm(first) * np.linalg.norm(second)
+        return not self._normal(before) @ self._normal(after) > LEAST_COSINE
 
     def _improves(self, collapse: _Collapse) -> bool:
         """Whether the worst element around is better afterwards, and none is inverted."""

@@ -70,11 +70,11 @@ def _corners(gmsh: Any, face: int) -> Array:
     return np.array([gmsh.model.getValue(0, tag, []) for tag in vertices]).reshape(-1, 3)
 
 
-def match_sides(gmsh: Any, axis: int, low: float, high: float, same: float) -> tuple[list[int], list[int]]:
+def match_sides(gmsh: Any, axis: int, low: float, high: float, reach: float) -> tuple[list[int], list[int]]:
     """Have the planar faces at one side of a box meshed like those at the other side; the faces at either side, pair by pair.
 
-    Same: distance up to which the boundaries of faces at both sides may miss each other, model units. Raises InvalidRequest if
-    the sides have not the same faces.
+    Reach: distance up to which the curves that bound them may miss each other, model units; their vertices do not. Raises
+    InvalidRequest if the sides have not the same faces.
     """
     shift = np.eye(3)[axis] * (high - low)
     near: dict[int, Array] = {}
@@ -91,46 +91,32 @@ def match_sides(gmsh: Any, axis: int, low: float, high: float, same: float) -> t
         (face, other)
         for face, here in near.items()
         for other, there in far.items()
-        if np.abs(there - here - shift).max() < same and _have_same_boundary(gmsh, face, other, shift, same)
+        if np.abs(there - here - shift).max() < reach and _have_same_boundary(gmsh, face, other, shift)
     ]
     if not len(pairs) == len(near) == len(far) == len({other for _, other in pairs}):
         raise InvalidRequest(
             f"periodic: the {len(near)} faces at one side along {'xyz'[axis]} are no copies of the {len(far)} at the other, to "
-            f'within {same:g}; mesh a solid that repeats in a box of whole periods, with its loose pieces (loose="keep"), or '
+            f'within {reach:g}; mesh a solid that repeats in a box of whole periods, with its loose pieces (loose="keep"), or '
             "leave periodic out"
         )
     masters, slaves = [face for face, _ in pairs], [other for _, other in pairs]
     if pairs:
         affine = np.eye(4)
         affine[:3, 3] = shift
-        size = np.linalg.norm(np.subtract(*np.split(np.array(gmsh.model.getBoundingBox(-1, -1)), 2)))
-        apart = max(_measure_gap(gmsh, face, other, shift) for face, other in pairs)
-        former = gmsh.option.getNumber("Geometry.Tolerance")
-        gmsh.option.setNumber("Geometry.Tolerance", max(former, 1.1 * apart / size))  # gmsh's are in sizes of the model
         try:
             gmsh.model.mesh.setPeriodic(2, slaves, masters, affine.ravel().tolist())
         except Exception as error:  # gmsh raises Exception itself
             raise KernelError("mesh", f"gmsh finds the sides along {'xyz'[axis]} unlike: {error}") from error
-        finally:
-            gmsh.option.setNumber("Geometry.Tolerance", former)
     return masters, slaves
 
 
-def _have_same_boundary(gmsh: Any, face: int, other: int, shift: Array, same: float) -> bool:
-    """Whether the vertices of a face, and its edges in number, have images on the boundary of another."""
-    curves = [gmsh.model.getBoundary([(2, f)], combined=False, oriented=False) for f in (face, other)]
-    if len(curves[0]) != len(curves[1]):
-        return False
-    return _measure_gap(gmsh, face, other, shift) < same
-
-
-def _measure_gap(gmsh: Any, face: int, other: int, shift: Array) -> float:
-    """Greatest distance of the vertices of a face from those of another that they are images of; infinite for other numbers."""
+def _have_same_boundary(gmsh: Any, face: int, other: int, shift: Array) -> bool:
+    """Whether a face has as many edges as another, and its vertices have the other's for images."""
+    counts = [len(gmsh.model.getBoundary([(2, f)], combined=False, oriented=False)) for f in (face, other)]
     ours, theirs = _corners(gmsh, face) + shift, _corners(gmsh, other)
-    if len(ours) != len(theirs):
-        return float("inf")
-    gap = np.linalg.norm(ours[:, None] - theirs, axis=2)
-    return float(max(gap.min(axis=0).max(), gap.min(axis=1).max()))
+    if len(ours) != len(theirs) or counts[0] != counts[1]:
+        return False
+    return bool(np.linalg.norm(ours[:, None] - theirs, axis=2).min(axis=1).max() < ON_PLANE)
 
 
 def read_nodes(gmsh: Any) -> tuple[Array, IntArray]:

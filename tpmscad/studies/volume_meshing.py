@@ -52,9 +52,9 @@ def mesh_named_solids(
             "limit: the size is the length of an edge in mm"
         )
     stages = StageTimer(options.progress)
-    shapes = [of.solid for of in solids]
+    shapes, moved = [of.solid for of in solids], 0.0
     if request.periodic:
-        shapes = make_sides_alike(shapes, low, high, request.same)
+        shapes, moved = make_sides_alike(shapes, low, high, request.same, request.reach)
     numbers, places = number_distinct_faces(shapes)
     labels: list[list[tuple[str, str]]] = [[] for _ in places]
     several, openings = len(set(regions)) > 1, set()
@@ -68,7 +68,8 @@ def mesh_named_solids(
     with TemporaryDirectory() as folder, stages("mesh"):
         file = Path(folder) / "solids.brep"
         write_plain_brep(shapes, file)
-        return replace(mesh_tetrahedra(file, faces, request, name), openings=frozenset(openings))
+        mesh = mesh_tetrahedra(file, faces, request, name)
+    return replace(mesh, openings=frozenset(openings), moved=max(moved, mesh.moved))
 
 
 def _face_groups(uses: Sequence[tuple[str, str]], several: bool) -> tuple[str, ...]:
