@@ -73,9 +73,9 @@ def make_graded_sheet() -> Any:
 
 
 def make_waves() -> Any:
-    """A spinodoid that repeats: waves along all directions (h, k, l) of h^2 + k^2 + l^2 = 6, of random phases, in 10 mm."""
+    """A spinodoid that repeats: waves along all directions (h, k, l) of h^2 + k^2 + l^2 = 2, of random phases, in 10 mm."""
     rng = np.random.default_rng(4)
-    vectors = np.array([v for v in np.ndindex(5, 5, 5) if ((np.array(v) - 2) ** 2).sum() == 6]) - 2
+    vectors = np.array([v for v in np.ndindex(3, 3, 3) if ((np.array(v) - 1) ** 2).sum() == 2]) - 1
     vectors = vectors[[tuple(v) > (0, 0, 0) for v in vectors.tolist()]]
     phases = rng.uniform(0, 2 * np.pi, len(vectors))
     terms = "+".join(
@@ -105,6 +105,12 @@ def make_struts(kind: str, diameter: float, node_radius: float = 0.0) -> Callabl
     return lambda: tpmscad.struts(kind, cell=10, diameter=diameter, node_radius=node_radius, progress=False)
 
 
+def make_diamond_struts() -> Any:
+    """A cell in the middle of a lattice of diamond struts, whose sides cut struts of both neighbours and no node."""
+    field = fields.strut_lattice("diamond", 10.0, 1.4, 3)
+    return tpmscad.solidify(field, ((11.25,) * 3, (21.25,) * 3), tol=0.02, loose="keep", progress=False)
+
+
 def make_cell(surface: str) -> Callable[[], Any]:
     """A cell of a sheet."""
     return lambda: tpmscad.lattice(surface, cell=10, volume_fraction=0.25, tol=0.02)
@@ -129,13 +135,13 @@ PERIODIC_CASES: dict[str, tuple[Callable[[], Any], float, bool]] = {
     "field sheet": (cell_of(lambda: fields.sheet(fields.tpms("gyroid", 10.0), -0.35, 0.35)), 0.8, True),
     "graded sheet": (cell_of(make_graded_sheet), 0.7, True),
     "field rod": (cell_of(lambda: fields.rod(fields.tpms("iwp", 10.0), 1.0)), 0.9, True),
-    "spinodoid": (cell_of(make_waves), 0.7, True),
+    "spinodoid": (cell_of(make_waves), 0.9, True),
     "blend": (cell_of(make_periodic_blend, size=(20.0, 10.0, 10.0)), 1.0, True),
     "gyroid phases": (make_phases("gyroid"), 1.0, True),
     "P phases": (make_phases("P"), 1.0, True),
     "bcc": (make_struts("bcc", 2.0), 0.8, True),
     "octet, balls": (make_struts("octet", 1.2, 1.0), 0.5, True),
-    "diamond struts": (make_struts("diamond", 1.4), 0.6, True),
+    "diamond struts": (make_diamond_struts, 0.6, True),
     "struts + wall": (
         cell_of(
             lambda: fields.strut_lattice("octet", 10.0, 1.0) | fields.sheet(fields.tpms("gyroid", 10.0), -0.2, 0.2)

@@ -43,12 +43,15 @@ SHORTEST = 1e-6
 SAMPLES = 33
 """Points along an edge, from the nearest of which the foot of a point is found."""
 
+DIGITS = 6
+"""Of the coordinates by which vertices are told apart."""
+
 NEAR_SAMPLES = 6
 """Samples whose edges are tried for the foot of a point: those on both sides of a vertex, where edges end."""
 
 NEWTON_STEPS = 12
 
-MAX_ROUNDS = 8
+MAX_ROUNDS = 12
 """Rounds over the axes: a vertex on an edge of the box has images on three others, two rounds away at most."""
 
 
@@ -86,7 +89,8 @@ def make_sides_alike(
     whole = BRepBuilderAPI_Copy(make_compound(solids), False, False).Shape()  # whose vertices may be moved
     edges = _find_side_edges(whole, low, high)
     for _ in range(MAX_ROUNDS):
-        if not sum(_divide_along(edges, axis, low, high, same, reach) for axis in range(3)):
+        count = sum(_divide_along(edges, axis, low, high, same, reach) for axis in range(3))
+        if not count and not _divide_twins([e for e in edges if (np.abs(e.points - low).max(axis=0) <= IN_SIDE).any()]):
             break
     reshape = BRepTools_ReShape()
     for each in edges:
@@ -142,6 +146,28 @@ def _find_side_edges(whole: TopoDS_Shape, low: Array, high: Array) -> list[_Side
             ends = [np.array(BRep_Tool.Pnt_s(end(edge)).Coord()) for end in (first_vertex, last_vertex)]
             found.append(_SideEdge(edge, curve, parameters, points, vertices=ends))
     return found
+
+
+def _divide_twins(edges: Sequence[_SideEdge]) -> int:
+    """Divide edges between the same two vertices as another, which gmsh would take for it; the number of divisions.
+
+    Those of near sides: of far ones, the images are divided next.
+    """
+    known: set[frozenset[tuple[float, ...]]] = set()
+    count = 0
+    for each in edges:
+        order = np.argsort(each.splits)
+        stops = [float(each.parameters[0]), *np.array(each.splits)[order].tolist(), float(each.parameters[-1])]
+        points = [each.vertices[0], *(each.vertices[2 + i] for i in order.tolist()), each.vertices[1]]
+        for k in range(len(points) - 1):
+            key = frozenset(tuple(point.round(DIGITS).tolist()) for point in points[k : k + 2])
+            if key in known:
+                t = 0.5 * (stops[k] + stops[k + 1])
+                each.splits.append(t)
+                each.vertices.append(evaluate_pointwise(each.curve, np.array([t]))[0][0])
+                count += 1
+            known.add(key)
+    return count
 
 
 def _edges_in_sides(edges: Sequence[_SideEdge], axis: int, low: Array, high: Array) -> list[list[_SideEdge]]:
