@@ -1,6 +1,8 @@
-"""Meshes of ten results: inverted elements, quality, size, volume, groups, periodic pairs, and who reads their files.
+"""Meshes of results: inverted elements, quality, size, volume, groups, periodic pairs, and who reads their files.
 
-    python -m benchmarks.meshes [NAME ...] [--size FACTOR]
+    python -m benchmarks.meshes [NAME ...] [--periodic] [--size FACTOR]
+
+--periodic: the cells of anything that repeats (fields, blends, both phases, struts) in place of the first ten.
 
 Needs gmsh, meshio and scikit-fem; CalculiX is asked too if `ccx` is on the path (Debian: apt-get install calculix-ccx).
 """
@@ -57,6 +59,58 @@ def make_blend() -> Any:
     return tpmscad.solidify(mixed, ((0, 0, 0), (20, 10, 10)), tol=0.03)
 
 
+def cell_of(field: Callable[[], Any], tol: float = 0.02, size: tuple[float, float, float] = (10.0, 10.0, 10.0)) -> Any:
+    """Makes the solid of a field in a box of whole periods, loose pieces included: they go on at the opposite side."""
+    return lambda: tpmscad.solidify(field(), ((0.0, 0.0, 0.0), size), tol=tol, loose="keep", progress=False)
+
+
+def make_graded_sheet() -> Any:
+    """A Diamond sheet whose level goes up and down once along z."""
+    level = fields.expression(f"0.35+0.15*cos({2 * np.pi / 10:.16g}*z)")
+    return fields.sheet(
+        fields.tpms("diamond", 10.0), fields.expression(f"-0.35-0.15*cos({2 * np.pi / 10:.16g}*z)"), level
+    )
+
+
+def make_waves() -> Any:
+    """A spinodoid that repeats: waves along all directions (h, k, l) of h^2 + k^2 + l^2 = 2, of random phases, in 10 mm."""
+    rng = np.random.default_rng(4)
+    vectors = np.array([v for v in np.ndindex(3, 3, 3) if ((np.array(v) - 1) ** 2).sum() == 2]) - 1
+    vectors = vectors[[tuple(v) > (0, 0, 0) for v in vectors.tolist()]]
+    phases = rng.uniform(0, 2 * np.pi, len(vectors))
+    terms = "+".join(
+        f"cos({2 * np.pi / 10:.16g}*({h}*x+{k}*y+{n}*z)+{phase:.16g})"
+        for (h, k, n), phase in zip(vectors.tolist(), phases.tolist(), strict=True)
+    )
+    return fields.expression(f"({terms})/{len(vectors) ** 0.5:.16g}-0.1")
+
+
+def make_periodic_blend() -> Any:
+    """A gyroid rod that becomes a Schwarz P rod and a gyroid again, in 20 mm."""
+    first, second = ("sin(a*x)*cos(a*y)+sin(a*y)*cos(a*z)+sin(a*z)*cos(a*x)", "cos(a*x)+cos(a*y)+cos(a*z)")
+    a = f"{2 * np.pi / 10:.16g}"
+    weight = f"(0.5-0.5*cos({2 * np.pi / 20:.16g}*x))"
+    return fields.expression(f"(1-{weight})*({first})+{weight}*({second})".replace("a*", f"{a}*"))
+
+
+def make_phases(surface: str) -> Callable[[], Any]:
+    """The wall of a cell and both channels, with common nodes."""
+    return lambda: tpmscad.fluid_domains(
+        bd.Box(10, 10, 10, align=bd.Align.MIN), surface, cell=10, thickness=1.2, tol=0.02, progress=False
+    )
+
+
+def make_struts(kind: str, diameter: float, node_radius: float = 0.0) -> Callable[[], Any]:
+    """A cell of struts."""
+    return lambda: tpmscad.struts(kind, cell=10, diameter=diameter, node_radius=node_radius, progress=False)
+
+
+def make_diamond_struts() -> Any:
+    """A cell in the middle of a lattice of diamond struts, whose sides cut struts of both neighbours and no node."""
+    field = fields.strut_lattice("diamond", 10.0, 1.4, 3)
+    return tpmscad.solidify(field, ((11.25,) * 3, (21.25,) * 3), tol=0.02, loose="keep", progress=False)
+
+
 def make_cell(surface: str) -> Callable[[], Any]:
     """A cell of a sheet."""
     return lambda: tpmscad.lattice(surface, cell=10, volume_fraction=0.25, tol=0.02)
@@ -76,6 +130,27 @@ CASES: dict[str, tuple[Callable[[], Any], float, bool]] = {
     "blend": (make_blend, 0.9, False),
 }
 """Name, maker, size and whether the mesh is periodic."""
+
+PERIODIC_CASES: dict[str, tuple[Callable[[], Any], float, bool]] = {
+    "field sheet": (cell_of(lambda: fields.sheet(fields.tpms("gyroid", 10.0), -0.35, 0.35)), 0.8, True),
+    "graded sheet": (cell_of(make_graded_sheet), 0.7, True),
+    "field rod": (cell_of(lambda: fields.rod(fields.tpms("iwp", 10.0), 1.0)), 0.9, True),
+    "spinodoid": (cell_of(make_waves), 0.9, True),
+    "blend": (cell_of(make_periodic_blend, size=(20.0, 10.0, 10.0)), 1.0, True),
+    "gyroid phases": (make_phases("gyroid"), 1.0, True),
+    "P phases": (make_phases("P"), 1.0, True),
+    "bcc": (make_struts("bcc", 2.0), 0.8, True),
+    "octet, balls": (make_struts("octet", 1.2, 1.0), 0.5, True),
+    "diamond struts": (make_diamond_struts, 0.6, True),
+    "struts + wall": (
+        cell_of(
+            lambda: fields.strut_lattice("octet", 10.0, 1.0) | fields.sheet(fields.tpms("gyroid", 10.0), -0.2, 0.2)
+        ),
+        0.6,
+        True,
+    ),
+}
+"""The same of whatever repeats."""
 
 
 def count_warnings(read: Callable[[], Any]) -> int:
@@ -125,31 +200,42 @@ def readers(mesh: VolumeMesh) -> dict[str, int | None]:
         }
 
 
+def volume_of(model: Any) -> float:
+    """The volume of a model, or of all domains."""
+    return float(sum(part.volume for part in model.domains.values()) if hasattr(model, "domains") else model.volume)
+
+
 def main() -> None:
     """Mesh the cases and print a row for each."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("names", nargs="*", default=list(CASES))
+    parser.add_argument("names", nargs="*")
+    parser.add_argument("--periodic", action="store_true")
     parser.add_argument("--per-turn", type=int, help="elements along a full turn of curvature")
     parser.add_argument("--size", type=float, default=1.0, help="factor of all sizes")
     options = parser.parse_args()
     print(
-        "case          size   elements inverted straight SICN    SJ       mean size  volume off  groups pairs    mismatch  s    "
-        "warnings"
+        "case            size   elements inverted straight    SICN       SJ   mean size    volume off groups pairs   mismatch    "
+        "moved collapsed   s  warnings"
     )
-    for name in options.names:
-        make, size, periodic = CASES[name]
-        model = make()
-        begun = time.process_time()
-        mesh = model.mesh(size * options.size, periodic=periodic, per_turn=options.per_turn)
+    cases = CASES | PERIODIC_CASES
+    for name in options.names or (PERIODIC_CASES if options.periodic else CASES):
+        make, size, periodic = cases[name]
+        try:
+            model = make()
+            begun = time.process_time()
+            mesh = model.mesh(size * options.size, periodic=periodic, per_turn=options.per_turn)
+        except tpmscad.TpmscadError as error:
+            print(f"{name:14} refused: {error}", flush=True)
+            continue
         seconds = time.process_time() - begun
         quality = mesh.quality
         pairs = sum(map(len, mesh.periodic.values()))
         covered = np.unique(np.concatenate(list(mesh.facet_groups.values()))).size == mesh.n_facets
         print(
-            f"{name:12} {size * options.size:5.2f} {mesh.n_cells:10d} {quality.inverted:8d} {mesh.straightened:8d} "
+            f"{name:14} {size * options.size:5.2f} {mesh.n_cells:10d} {quality.inverted:8d} {mesh.straightened:8d} "
             f"{quality.smallest:7.4f} {quality.smallest_scaled_jacobian:8.5f} {quality.size / size / options.size:6.3f} of it "
-            f"{mesh.volume / model.volume - 1.0:10.1e} {len(mesh.facet_groups):5d}{'' if covered else '!'} {pairs:6d} "
-            f"{mesh.mismatch:10.1e} {seconds:5.0f}  {readers(mesh)}",
+            f"{mesh.volume / volume_of(model) - 1.0:10.1e} {len(mesh.facet_groups):5d}{'' if covered else '!'} {pairs:6d} "
+            f"{mesh.mismatch:10.1e} {mesh.moved:8.1e} {mesh.collapsed:5d} {seconds:5.0f}  {readers(mesh)}",
             flush=True,
         )
 

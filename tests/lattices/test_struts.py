@@ -7,6 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from benchmarks.struts import exact_volume
 from tpmscad import fields
 from tpmscad.brep import connectivity
 from tpmscad.brep.boundary_representation import Brep
@@ -86,6 +87,13 @@ def test_a_cell_of_every_kind_fills_what_its_field_does(kind: str, node_radius: 
     assert abs(volume(brep) - expected) < 4 * error
     assert (brep.vertices >= -1e-9).all()
     assert (brep.vertices <= 10 + 1e-9).all()
+
+
+@pytest.mark.parametrize("node_radius", [0.0, 0.9])
+@pytest.mark.parametrize("kind", KINDS)
+def test_a_cell_has_the_volume_of_an_integral_over_the_angle_of_each_strut(kind: str, node_radius: float) -> None:
+    field = fields.strut_lattice(kind, 10.0, 1.0, node_radius=node_radius)
+    assert volume(bound(field, BOX)) == pytest.approx(exact_volume(field, *BOX, steps=2000), rel=3e-7)
 
 
 @pytest.mark.parametrize("kind", [kind for kind in KINDS if kind != "diamond"])  # its sides cut unlike halves of joints

@@ -172,7 +172,7 @@ def test_only_nodes_of_the_sides_have_images_however_near_the_others_are() -> No
     inside = np.flatnonzero((mesh.points > 0.0).all(axis=1) & (mesh.points < EXTENT).all(axis=1))[0]
     points = mesh.points.copy()
     points[inside, 0] = 1e-7
-    found = pair_sides(replace(mesh, points=points, periodic={}), {0: ends}, np.zeros(3), EXTENT)
+    found = pair_sides(replace(mesh, points=points, periodic={}), {0: ends}, np.zeros(3), EXTENT, 1e-5)
     np.testing.assert_array_equal(np.sort(found.periodic["x"], axis=0), np.sort(mesh.periodic["x"], axis=0))
     assert found.points[inside, 0] == 1e-7
 
@@ -184,7 +184,7 @@ def test_a_middle_that_is_off_its_side_goes_to_the_chord_with_its_image() -> Non
     ends = tuple((mesh.points[facets][:, :, 0] == level).all(axis=1) for level in (0.0, EXTENT[0]))
     points = mesh.points.copy()
     points[facets[ends[0]][0, 3]] += (0.02, 0.01, 0.0)
-    found = pair_sides(replace(mesh, points=points, periodic={}), {0: ends}, np.zeros(3), EXTENT)
+    found = pair_sides(replace(mesh, points=points, periodic={}), {0: ends}, np.zeros(3), EXTENT, 1e-5)
     assert found.straightened == 1
     assert untangle(found).straightened == 1
     assert found.mismatch == 0.0

@@ -71,6 +71,22 @@ def test_sides_are_images_of_each_other_to_the_last_bits(cell: VolumeMesh) -> No
         np.testing.assert_array_equal(np.sort(cell.periodic[name][:, 1]), on_side)
 
 
+def test_the_solid_of_a_periodic_field_has_a_periodic_mesh() -> None:
+    """Its patches end at other places on either side, and the curves of both agree within the tolerance only."""
+    rod = tpmscad.fields.rod(tpmscad.fields.tpms("gyroid", 10.0), -0.2)
+    model = tpmscad.solidify(rod, ((0, 0, 0), (10, 10, 10)), tol=0.05, loose="keep")
+    mesh = model.mesh(1.6, periodic=True)
+    assert list(mesh.periodic) == ["x", "y", "z"]
+    assert mesh.mismatch == 0.0
+    assert 0 < mesh.moved < 0.1
+    assert mesh.quality.inverted == 0
+    assert mesh.quality.smallest_scaled_jacobian > 0.02
+    assert mesh.volume == pytest.approx(model.volume, rel=2e-3)
+    for axis, name in enumerate("xyz"):
+        on_side = np.flatnonzero(np.abs(mesh.points[:, axis] - 10.0) < 1e-12)
+        np.testing.assert_array_equal(np.sort(mesh.periodic[name][:, 1]), on_side)
+
+
 def test_sides_that_differ_are_not_taken_for_periodic() -> None:
     shape = bd.Box(4, 4, 4) - bd.Pos(0, 0, 2) * bd.Cylinder(1, 2)
     with pytest.raises(InvalidRequest, match="faces at one side along z"):

@@ -70,10 +70,11 @@ def _corners(gmsh: Any, face: int) -> Array:
     return np.array([gmsh.model.getValue(0, tag, []) for tag in vertices]).reshape(-1, 3)
 
 
-def match_sides(gmsh: Any, axis: int, low: float, high: float) -> tuple[list[int], list[int]]:
+def match_sides(gmsh: Any, axis: int, low: float, high: float, reach: float) -> tuple[list[int], list[int]]:
     """Have the planar faces at one side of a box meshed like those at the other side; the faces at either side, pair by pair.
 
-    Raises InvalidRequest if the sides have not the same faces.
+    Reach: distance up to which the curves that bound them may miss each other, model units; their vertices do not. Raises
+    InvalidRequest if the sides have not the same faces.
     """
     shift = np.eye(3)[axis] * (high - low)
     near: dict[int, Array] = {}
@@ -85,25 +86,37 @@ def match_sides(gmsh: Any, axis: int, low: float, high: float) -> tuple[list[int
         across = np.append(_corners(gmsh, face)[:, axis], centre[axis])
         for side, level in ((near, low), (far, high)):
             if np.abs(across - level).max() < ON_PLANE:
-                side[face] = np.append(centre, gmsh.model.occ.getMass(2, face))
+                side[face] = centre
     pairs = [
         (face, other)
         for face, here in near.items()
         for other, there in far.items()
-        if np.abs(there - here - np.append(shift, 0.0)).max() < ON_PLANE
+        if np.abs(there - here - shift).max() < reach and _have_same_boundary(gmsh, face, other, shift)
     ]
-    if not len(pairs) == len(near) == len(far):
+    if not len(pairs) == len(near) == len(far) == len({other for _, other in pairs}):
         raise InvalidRequest(
             f"periodic: the {len(near)} faces at one side along {'xyz'[axis]} are no copies of the {len(far)} at the other, to "
-            f"within {ON_PLANE:g}; mesh a lattice of whole cells in a box (the solid of a periodic field is as exact, but its "
-            "patches do not repeat), or leave periodic out"
+            f'within {reach:g}; mesh a solid that repeats in a box of whole periods, with its loose pieces (loose="keep"), or '
+            "leave periodic out"
         )
     masters, slaves = [face for face, _ in pairs], [other for _, other in pairs]
     if pairs:
         affine = np.eye(4)
         affine[:3, 3] = shift
-        gmsh.model.mesh.setPeriodic(2, slaves, masters, affine.ravel().tolist())
+        try:
+            gmsh.model.mesh.setPeriodic(2, slaves, masters, affine.ravel().tolist())
+        except Exception as error:  # gmsh raises Exception itself
+            raise KernelError("mesh", f"gmsh finds the sides along {'xyz'[axis]} unlike: {error}") from error
     return masters, slaves
+
+
+def _have_same_boundary(gmsh: Any, face: int, other: int, shift: Array) -> bool:
+    """Whether a face has as many edges as another, and its vertices have the other's for images."""
+    counts = [len(gmsh.model.getBoundary([(2, f)], combined=False, oriented=False)) for f in (face, other)]
+    ours, theirs = _corners(gmsh, face) + shift, _corners(gmsh, other)
+    if len(ours) != len(theirs) or counts[0] != counts[1]:
+        return False
+    return bool(np.linalg.norm(ours[:, None] - theirs, axis=2).min(axis=1).max() < ON_PLANE)
 
 
 def read_nodes(gmsh: Any) -> tuple[Array, IntArray]:

@@ -69,6 +69,8 @@ class MeshArrays:
     periods: Array = field(default_factory=lambda: np.full(3, np.nan))
     name: str = "part"
     straightened: int = 0
+    moved: float = 0.0
+    collapsed: int = 0
     openings: frozenset[str] = frozenset()
 
     def __post_init__(self) -> None:

@@ -16,6 +16,7 @@ from scipy.spatial import cKDTree
 
 from tpmscad._typing import Array, BoolArray, IntArray
 from tpmscad.errors import KernelError
+from tpmscad.meshing.edge_collapse import collapse_short_edges
 from tpmscad.meshing.element_shapes import TETRA_EDGES, TRIANGLE_EDGES, jacobian_coefficients
 from tpmscad.meshing.facet_search import find_facets
 from tpmscad.meshing.gmsh_model import (
@@ -34,8 +35,16 @@ from tpmscad.meshing.volume_mesh import VolumeMesh
 SURFACE_SIZE = 0.83
 """Of the element size wanted, what gmsh is told: it keeps to that on faces and makes elements inside 1.4 times as long."""
 
+SAME_PLACE = 0.01
+"""In element sizes: distance along an edge in a side of the box up to which a vertex and the image of one in the opposite side
+are one place."""
+
+SIDES_APART = 0.05
+"""In element sizes: distance up to which the curves in opposite sides may miss each other, where nodes are moved to images. Those
+of a fitted field agree within twice its tolerance, which is thus for elements of 40 tolerances at least."""
+
 ON_SIDE = 1e-5
-"""Model units: distance of a node at a side of the box from its image up to which it is moved there."""
+"""Model units: distance from a side of the box up to which the middle of an edge in a face of the side lies in the side."""
 
 MAX_UNTANGLING_PASSES = 4
 """Passes over the inverted elements: to straighten an edge may invert a neighbour."""
@@ -58,6 +67,16 @@ class MeshRequest:
     order: int = 2
     periodic: bool = False
     per_turn: int | None = None
+
+    @property
+    def same(self) -> float:
+        """Distance up to which vertices are one place, model units."""
+        return SAME_PLACE * self.size
+
+    @property
+    def reach(self) -> float:
+        """Distance up to which curves and nodes in opposite sides are images, model units."""
+        return SIDES_APART * self.size
 
     def options(self) -> dict[str, float]:
         """Gmsh's options."""
@@ -108,12 +127,12 @@ def mesh_tetrahedra(brep_file: Path, faces: SolidFaces, request: MeshRequest, na
 
 
 def _generate(brep_file: Path, faces: SolidFaces, request: MeshRequest) -> VolumeMesh:
-    """The mesh as gmsh makes it, with its groups and periodic pairs."""
+    """The mesh as gmsh makes it, with its groups and periodic pairs, without the short edges of flat elements."""
     kinds = ("tetra", "triangle") if request.order == 1 else ("tetra10", "triangle6")
     with open_model(brep_file, request.options()) as gmsh:
         face_tags = check_faces(gmsh, faces.places)
         matched = {
-            axis: match_sides(gmsh, axis, float(faces.low[axis]), float(faces.high[axis]))
+            axis: match_sides(gmsh, axis, float(faces.low[axis]), float(faces.high[axis]), request.reach)
             for axis in range(3 if request.periodic else 0)
         }
         try:
@@ -124,19 +143,24 @@ def _generate(brep_file: Path, faces: SolidFaces, request: MeshRequest) -> Volum
         volumes = sorted(tag for _, tag in gmsh.model.getEntities(3))
         blocks = [read_elements(gmsh, tag, GMSH_TETRAHEDRA[request.order], row) for tag in volumes]
         sides = [read_elements(gmsh, tag, GMSH_TRIANGLES[request.order], row)[:, :3] for tag in face_tags]
-    cells = {kinds[0]: np.concatenate(blocks)[:, np.argsort(GMSH_KINDS[kinds[0]][1])]}
-    facets = {kinds[1]: find_facets(cells, kinds[1], np.concatenate(sides))}
-    counts = list(map(len, sides))
-    mesh = VolumeMesh(
-        points,
-        cells,
-        facets,
-        _number_groups([(name,) for name in faces.solids], list(map(len, blocks))),
-        _number_groups(faces.groups, counts),
-    )
-    face_of = np.repeat(face_tags, counts)
-    ends = {axis: tuple(np.isin(face_of, tags) for tags in ends) for axis, ends in matched.items() if ends[0]}
-    return pair_sides(sort_nodes(mesh), ends, faces.low, faces.high)
+        cells = {kinds[0]: np.concatenate(blocks)[:, np.argsort(GMSH_KINDS[kinds[0]][1])]}
+        facets = {kinds[1]: find_facets(cells, kinds[1], np.concatenate(sides))}
+        counts = list(map(len, sides))
+        mesh = VolumeMesh(
+            points,
+            cells,
+            facets,
+            _number_groups([(name,) for name in faces.solids], list(map(len, blocks))),
+            _number_groups(faces.groups, counts),
+        )
+        face_of = np.repeat(face_tags, counts)
+        ends = {axis: tuple(np.isin(face_of, tags) for tags in ends) for axis, ends in matched.items() if ends[0]}
+        paired = pair_sides(sort_nodes(mesh), ends, faces.low, faces.high, request.reach)
+
+        def project(facet: int, point: Array) -> Array:
+            return np.array(gmsh.model.getClosestPoint(2, int(face_of[facet]), point.tolist())[0])
+
+        return collapse_short_edges(paired, request.size, project)
 
 
 def _number_groups(groups: Sequence[tuple[str, ...]], counts: Sequence[int]) -> dict[str, IntArray]:
@@ -149,7 +173,9 @@ def _number_groups(groups: Sequence[tuple[str, ...]], counts: Sequence[int]) -> 
     return {name: np.concatenate(found[name]) for name in sorted(found)}
 
 
-def pair_sides(mesh: VolumeMesh, ends: Mapping[int, tuple[BoolArray, ...]], low: Array, high: Array) -> VolumeMesh:
+def pair_sides(
+    mesh: VolumeMesh, ends: Mapping[int, tuple[BoolArray, ...]], low: Array, high: Array, reach: float
+) -> VolumeMesh:
     """The mesh with its periodic pairs along axes, and with nodes on far sides exactly at the images of those on near ones.
 
     `ends` says for each such axis which facets, of one kind, lie at the near and at the far side: other nodes may be as near to
@@ -163,7 +189,7 @@ def pair_sides(mesh: VolumeMesh, ends: Mapping[int, tuple[BoolArray, ...]], low:
         near, far = facets[near_side], facets[far_side]
         shift = np.eye(3)[axis] * (high[axis] - low[axis])
         periods[axis] = shift[axis]
-        pairs = _match_corners(points, near[:, :3], far[:, :3], shift, AXES[axis])
+        pairs = _match_corners(points, near[:, :3], far[:, :3], shift, AXES[axis], reach)
         if near.shape[1] > 3:
             middles, chords = _match_middles(points, near, far, pairs)
             off = np.abs(points[middles] - np.stack([chords, chords + shift], axis=1))[:, :, axis].max(axis=1) > ON_SIDE
@@ -174,17 +200,18 @@ def pair_sides(mesh: VolumeMesh, ends: Mapping[int, tuple[BoolArray, ...]], low:
         periodic[AXES[axis]] = pairs[np.argsort(pairs[:, 0])]
     paired = replace(mesh, periodic=periodic, periods=periods, straightened=straightened)
     repeated, count = paired.periodic_ties()
-    points = points[repeated] + count * np.where(np.isnan(periods), 0.0, periods)
-    return replace(paired, points=points)
+    images = points[repeated] + count * np.where(np.isnan(periods), 0.0, periods)
+    moved = float(np.linalg.norm(images - points, axis=1).max(initial=0.0))
+    return replace(paired, points=images, moved=moved)
 
 
-def _match_corners(points: Array, near: IntArray, far: IntArray, shift: Array, axis: str) -> IntArray:
+def _match_corners(points: Array, near: IntArray, far: IntArray, shift: Array, axis: str, reach: float) -> IntArray:
     """Pairs (p, 2) of the corners of facets at either side."""
     ours, theirs = np.unique(near), np.unique(far)
     if len(ours) != len(theirs):
         raise KernelError("mesh", f"{len(ours)} corners at one side along {axis}, {len(theirs)} at the other")
     distance, other = cKDTree(points[theirs]).query(points[ours] + shift)
-    if len(np.unique(other)) != len(ours) or distance.max(initial=0.0) > ON_SIDE:
+    if len(np.unique(other)) != len(ours) or distance.max(initial=0.0) > reach:
         raise KernelError("mesh", f"corners along {axis} are {distance.max():.1e} off their images")
     return np.column_stack([ours, theirs[other]])
 

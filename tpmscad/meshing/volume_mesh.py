@@ -19,6 +19,9 @@ from tpmscad.meshing.msh_files import write_msh
 from tpmscad.meshing.openfoam_case import write_openfoam_case
 from tpmscad.result_display import list_names
 
+MOVED = 1e-6
+"""Model units: a move of nodes that is worth telling."""
+
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
 class VolumeMesh(MeshArrays):
@@ -46,6 +49,11 @@ class VolumeMesh(MeshArrays):
     straightened : int
         Curved edges on faces that are straight instead, as an element beside them would be inverted; their middles are not on the
         exact surface.
+    moved : float
+        Greatest distance by which a node at a side of the box was moved to the image of one at the opposite side, model units:
+        the sides of a fitted field agree within the tolerance of the fit only.
+    collapsed : int
+        Short edges of flat elements that were collapsed to one of their ends, with edges of facets among them; each image counts.
     openings : frozenset of str
         Groups of facets through which a fluid enters and leaves, for cases of flow.
     """
@@ -153,4 +161,6 @@ class VolumeMesh(MeshArrays):
         periodic = f"\nperiodic along {', '.join(self.periodic)}" if self.periodic else ""
         head = f"{self.name}: {counts}, {len(self.points)} nodes, volume {self.volume:.9g}"
         straight = f"\n{self.straightened} edges on faces are straight instead of curved" if self.straightened else ""
-        return f"{head}\n{self.quality}\ngroups {groups}{periodic}{straight}"
+        moved = f", nodes moved by up to {self.moved:.2g} to images" if self.moved > MOVED else ""
+        collapsed = f"\n{self.collapsed} short edges of flat elements collapsed" if self.collapsed else ""
+        return f"{head}\n{self.quality}\ngroups {groups}{periodic}{moved}{collapsed}{straight}"

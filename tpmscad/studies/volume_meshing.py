@@ -12,6 +12,7 @@ import numpy as np
 from tpmscad._lazy_import import import_extra
 from tpmscad._typing import BoxCorners
 from tpmscad.errors import InvalidRequest
+from tpmscad.kernel.export.alike_sides import make_sides_alike
 from tpmscad.kernel.export.brep_file import number_distinct_faces, write_plain_brep
 from tpmscad.kernel.step.face_labels import NamedSolid
 from tpmscad.meshing.tetrahedra import MeshRequest, SolidFaces, mesh_tetrahedra
@@ -51,7 +52,10 @@ def mesh_named_solids(
             "limit: the size is the length of an edge in mm"
         )
     stages = StageTimer(options.progress)
-    numbers, places = number_distinct_faces([of.solid for of in solids])
+    shapes, moved = [of.solid for of in solids], 0.0
+    if request.periodic:
+        shapes, moved = make_sides_alike(shapes, low, high, request.same, request.reach)
+    numbers, places = number_distinct_faces(shapes)
     labels: list[list[tuple[str, str]]] = [[] for _ in places]
     several, openings = len(set(regions)) > 1, set()
     for own, of, region in zip(numbers, solids, regions, strict=True):
@@ -63,8 +67,9 @@ def mesh_named_solids(
     faces = SolidFaces(tuple(regions), groups, places, low, high)
     with TemporaryDirectory() as folder, stages("mesh"):
         file = Path(folder) / "solids.brep"
-        write_plain_brep([of.solid for of in solids], file)
-        return replace(mesh_tetrahedra(file, faces, request, name), openings=frozenset(openings))
+        write_plain_brep(shapes, file)
+        mesh = mesh_tetrahedra(file, faces, request, name)
+    return replace(mesh, openings=frozenset(openings), moved=max(moved, mesh.moved))
 
 
 def _face_groups(uses: Sequence[tuple[str, str]], several: bool) -> tuple[str, ...]:

@@ -1,0 +1,107 @@
+"""Short edges of flat tetrahedra are collapsed without a change of volume, groups, boundary or periodic pairs."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from tests.meshing.test_volume_mesh import EXTENT, block
+from tpmscad.meshing import edge_collapse
+from tpmscad.meshing.edge_collapse import collapse_short_edges
+from tpmscad.meshing.element_shapes import SHAPES
+from tpmscad.meshing.facet_search import boundary_facets
+from tpmscad.meshing.volume_mesh import VolumeMesh
+
+
+def squeeze(mesh: VolumeMesh, gone: tuple[float, ...], kept: tuple[float, ...], axis: int | None = None) -> VolumeMesh:
+    """The mesh with one corner, and its image along an axis, moved to within a hundredth of another, and straight edges."""
+    points = mesh.points.copy()
+    for shift in (0.0, 1.0) if axis is not None else (0.0,):
+        move = shift * EXTENT * (np.arange(3) == axis)
+        a, b = (int(np.argmin(np.linalg.norm(mesh.points - place - move, axis=1))) for place in (gone, kept))
+        points[a] = points[b] + 0.01 * (points[a] - points[b])
+    ((kind, cells),) = mesh.cells.items()
+    values = SHAPES["tetra"].values(SHAPES[kind].nodes)
+    points[cells] = np.einsum("pn,mnc->mpc", values, points[cells[:, :4]])
+    return replace(mesh, points=points)
+
+
+def areas(mesh: VolumeMesh) -> dict[str, float]:
+    ((_, facets),) = mesh.facets.items()
+    a, b, c = mesh.points[facets[:, :3]].swapaxes(0, 1)
+    each = 0.5 * np.linalg.norm(np.cross(b - a, c - a), axis=1)
+    return {name: float(each[numbers].sum()) for name, numbers in mesh.facet_groups.items()}
+
+
+@pytest.mark.parametrize("kind", ["tetra", "tetra10"])
+@pytest.mark.parametrize(
+    ("gone", "kept", "axis", "count"),
+    [
+        ((1.0, 2.0, 1.0), (2.0, 2.0, 1.0), None, 1),  # both inside
+        ((2.0, 2.0, 1.0), (3.0, 2.0, 1.0), None, 1),  # on to a side
+        ((0.0, 2.0, 1.0), (0.0, 2.0, 0.0), 0, 2),  # within a side, on to an edge of the box, and the image
+    ],
+)
+def test_an_edge_is_collapsed_with_its_images(
+    kind: str, gone: tuple[float, ...], kept: tuple[float, ...], axis: int | None, count: int
+) -> None:
+    flat = squeeze(block(kind), gone, kept, axis)
+    assert flat.quality.smallest_scaled_jacobian < 0.02
+    found = collapse_short_edges(flat, 2.0)
+    assert found.collapsed == count
+    assert found.quality.smallest_scaled_jacobian > 0.1
+    assert found.quality.inverted == 0
+    assert found.volume == pytest.approx(flat.volume, rel=1e-12)
+    assert areas(found) == pytest.approx(areas(flat), rel=1e-12)
+    assert found.mismatch == 0.0
+    for name, pairs in found.periodic.items():
+        number = "xyz".index(name)
+        on_side = np.flatnonzero(np.abs(found.points[:, number] - EXTENT[number]) < 1e-12)
+        np.testing.assert_array_equal(np.sort(pairs[:, 1]), on_side)
+    ((_, facets),) = found.facets.items()
+    ((_, outer),) = boundary_facets(found.cells).items()
+    assert {frozenset(row) for row in facets.tolist()} == {frozenset(row) for row in outer.tolist()}
+    corners = {tuple(point) for point in found.points.tolist()}
+    assert {tuple(p) for p in (EXTENT * np.array(list(np.ndindex(2, 2, 2)))).tolist()} <= corners
+
+
+@pytest.mark.parametrize("by_angle", [False, True])
+def test_an_edge_of_the_box_stays_when_its_node_is_near_one_of_a_side(by_angle: bool) -> None:
+    """The node that may go is the other one: the edge belongs to groups that this is not in, or facets would turn."""
+    mesh = block("tetra10")
+    mesh = replace(mesh, periodic={}, facet_groups={} if by_angle else mesh.facet_groups)
+    flat = squeeze(mesh, (0.0, 2.0, 1.0), (0.0, 2.0, 0.0))
+    found = collapse_short_edges(flat, 0.5)
+    assert found.collapsed == 1
+    assert (np.abs(found.points - (0.0, 2.0, 0.0)).max(axis=1) == 0).any()
+    assert found.volume == pytest.approx(np.prod(EXTENT), rel=1e-12)
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_many_collapses_leave_a_mesh_of_the_same_body(seed: int, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(edge_collapse, "POOR", 0.9)
+    mesh = block("tetra")
+    rng = np.random.default_rng(seed)
+    inner = (mesh.points > 1e-9) & (mesh.points < EXTENT - 1e-9)
+    ties, _ = mesh.periodic_ties()
+    jitter = rng.uniform(-0.45, 0.45, mesh.points.shape)[ties] * inner  # alike for images
+    found = collapse_short_edges(replace(mesh, points=mesh.points + jitter), 10.0)
+    assert found.collapsed > 0
+    assert found.quality.inverted == 0
+    assert found.volume == pytest.approx(np.prod(EXTENT), rel=1e-12)
+    assert found.mismatch == 0.0
+    ((_, facets),) = found.facets.items()
+    ((_, outer),) = boundary_facets(found.cells).items()
+    assert {frozenset(row) for row in facets.tolist()} == {frozenset(row) for row in outer.tolist()}
+
+
+def test_a_good_mesh_is_left_alone() -> None:
+    mesh = block("tetra10")
+    assert collapse_short_edges(mesh, 1.0) is mesh
+
+
+def test_long_edges_of_flat_elements_are_kept() -> None:
+    flat = squeeze(block("tetra"), (1.0, 2.0, 1.0), (2.0, 2.0, 1.0))
+    assert collapse_short_edges(flat, 0.01) is flat
