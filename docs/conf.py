@@ -28,12 +28,13 @@ extensions = [
     "sphinx_copybutton",
     "sphinx_design",
 ]
-myst_enable_extensions = ["colon_fence"]
+myst_enable_extensions = ["colon_fence", "deflist"]
 source_suffix = {".md": "markdown", ".rst": "restructuredtext"}
 exclude_patterns = ["_build", "site"]
 html_theme = "furo"
 html_title = f"tpmscad {version}"
-html_static_path = ["gallery/models"]  # glTF files, which the page of examples shows by their names
+html_static_path = ["viewer", "gallery"]  # the view in 3-D, and what it shows
+html_css_files = ["viewer.css"]
 myst_heading_anchors = 3
 numpydoc_show_class_members = False  # each public class lists its own members
 autodoc_member_order = "bysource"
