@@ -1,4 +1,4 @@
-"""Files of parts for the view in 3-D of the guide (docs/viewer/viewer.js): scripts that call showPart with a packed mesh.
+"""Files of parts for the view in 3-D of the guide (docs/static/viewer.js): scripts that call showPart with a packed mesh.
 
 A page opened from a folder may load scripts, but no other files, so that the mesh is a base64 text within a script. The stream of
 bytes, before gzip, holds for each part the coordinates x, y and z of its points, on a grid of GRID steps, as differences to the
@@ -25,7 +25,7 @@ from tpmscad.kernel.render.palette import DOMAIN_COLOURS, SURFACE_COLOUR, piece_
 GRID = 2**14
 """Steps of the grid along the longest side of all parts."""
 
-VIEW_BYTES = 200_000
+VIEW_BYTES = 320_000
 """Greatest size of a file."""
 
 VIEW_DEVIATION, VIEW_ANGLE = 1.5e-3, np.radians(20.0)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import re
-from pathlib import Path
 from typing import Any
 
 import typer
@@ -13,14 +12,11 @@ from tpmscad import cli
 ARGUMENTS, OPTIONS = "Arguments", "Options"
 
 
-def write_commands(folder: Path) -> None:
-    """Write the index `commands.md`, and a page for each command into a folder beside it."""
-    pages = folder / "commands"
-    pages.mkdir(exist_ok=True)
-    (folder / "commands.md").write_text(describe_index())
+def make_commands() -> dict[str, str]:
+    """The index, and a page for each command, by name."""
     program: Any = typer.main.get_command(cli.make_app())
-    for command in cli.COMMANDS:
-        (pages / f"{command.name}.md").write_text(describe_command(command, program.commands[command.name]))
+    own = {f"commands/{c.name}.md": describe_command(c, program.commands[c.name]) for c in cli.COMMANDS}
+    return {"commands.md": describe_index()} | own
 
 
 def describe_index() -> str:
@@ -46,7 +42,7 @@ def describe_command(command: cli.Command, parsed: Any) -> str:
         own = ARGUMENTS if parameter in arguments else OPTIONS
         groups.setdefault(parameter.rich_help_panel or own, []).append(parameter)
     for title in sorted(groups, key=lambda name: name not in (ARGUMENTS, OPTIONS)):
-        page += [f"## {title}", ""]
+        page += [f"## {escape(title)}", ""]
         for parameter in groups[title]:
             page += describe_parameter(parameter, parameter in arguments)
     return "\n".join(page)

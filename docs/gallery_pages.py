@@ -74,18 +74,14 @@ VIEW = """<figure class="part-view" data-model="{name}"><img src="../../_static/
 <script src="../../_static/viewer.js"></script><script src="../../_static/models/{name}.js"></script>"""
 
 
-def write_gallery(folder: Path) -> None:
-    """Write the index `examples.md`, and a page and a notebook for each example into folders beside it."""
-    pages, notebooks = folder / "examples", folder / "notebooks"
-    for made in (pages, notebooks):
-        made.mkdir(exist_ok=True)
-        for old in made.iterdir():
-            old.unlink()
-    (folder / "examples.md").write_text(describe_gallery())
+def make_gallery() -> dict[str, str]:
+    """The index, and a page and a notebook for each example, by name."""
+    made = {"examples.md": describe_gallery()}
     for name, title in list_examples().items():
         text = (EXAMPLES / f"{name}.py").read_text()
-        (pages / f"{name}.md").write_text(describe_example(name, title, text))
-        (notebooks / f"{name}.ipynb").write_text(json.dumps(make_notebook(name, text), indent=1) + "\n")
+        made[f"examples/{name}.md"] = describe_example(name, title, text)
+        made[f"notebooks/{name}.ipynb"] = json.dumps(make_notebook(name, text), indent=1) + "\n"
+    return made
 
 
 def list_examples() -> dict[str, str]:

@@ -44,7 +44,7 @@ def main(
         "deviation": certificate.max_deviation,
         "betti": certificate.betti,
         "scan to body": body.max_deviation,
-        "volume fraction": model.volume / abs(trimesh.load_mesh(scan).volume),
+        "volume fraction": float(model.volume / trimesh.load_mesh(scan).volume),
     }
 
 

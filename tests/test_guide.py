@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import importlib
+import inspect
 import re
 import sys
 from collections.abc import Callable, Iterator
@@ -64,7 +65,7 @@ def load_pages(monkeypatch: pytest.MonkeyPatch) -> Iterator[Callable[[str], Any]
 
 @pytest.mark.kernel
 def test_the_generated_pages_hold_all_public_functions(load_pages: Callable[[str], Any]) -> None:
-    page = load_pages("generated_pages").describe_module("tpmscad", "Solids", set())
+    page = load_pages("reference_pages").describe_module("tpmscad", "Solids", set())
     assert ".. autofunction:: sweep" in page
     for name in tpmscad.__all__:
         if callable(getattr(tpmscad, name)):
@@ -72,11 +73,57 @@ def test_the_generated_pages_hold_all_public_functions(load_pages: Callable[[str
 
 
 @pytest.mark.kernel
+def test_every_public_function_has_a_job(load_pages: Callable[[str], Any]) -> None:
+    listed = [name for names in load_pages("reference_pages").JOBS.values() for name in names]
+    for prefix, module in (("", tpmscad), ("fields.", tpmscad.fields), ("maps.", tpmscad.maps)):
+        functions = {f"{prefix}{name}" for name in module.__all__ if inspect.isfunction(getattr(module, name))}
+        assert functions - set(listed) == set()
+
+
+@pytest.mark.kernel
+def test_what_public_functions_return_is_described(load_pages: Callable[[str], Any]) -> None:
+    described = {name.rpartition(".")[2] for name in load_pages("reference_pages").RESULTS} | {"Field", "None"}
+    functions = [value for name in tpmscad.__all__ if inspect.isfunction(value := getattr(tpmscad, name))]
+    returned = {word for function in functions for word in str(function.__annotations__["return"]).split(" | ")}
+    assert returned - described == set()
+
+
+@pytest.mark.kernel
+def test_the_inventories_of_other_projects_are_read_by_sphinx(load_pages: Callable[[str], Any]) -> None:
+    inventory = pytest.importorskip("sphinx.util.inventory").InventoryFile
+    pages = load_pages("reference_pages")
+    for project, (url, linked) in pages.LINKED.items():
+        read = inventory.loads(pages.format_inventory(project, linked), uri=url).data
+        assert sorted(name for kind in read.values() for name in kind) == sorted(linked)
+        assert all(item.uri.startswith(url) for kind in read.values() for item in kind.values())
+    targets = {name for _, linked in pages.LINKED.values() for name in linked}
+    targets |= {f":class:`python:{name}`" for name in targets}
+    assert all(name in targets or name.startswith("tpmscad.") for name in pages.ALIASES.values())
+
+
+@pytest.mark.kernel
+def test_every_option_of_a_command_is_on_its_page(load_pages: Callable[[str], Any]) -> None:
+    from tpmscad import cli
+
+    pages = load_pages("command_pages").make_commands()
+    for command in cli.COMMANDS:
+        page = pages[f"commands/{command.name}.md"]
+        parameters = inspect.signature(command.load()).parameters
+        assert all(
+            f"`--{name.replace('_', '-')}" in page or f"`{name.upper()}" in page
+            for name in ("report", "quiet")
+            if name in parameters
+        )
+        assert page.count("\n: ") >= len(parameters)
+        assert f"commands/{command.name}.md" in pages["commands.md"]
+
+
+@pytest.mark.kernel
 def test_every_public_module_has_a_page_with_names(load_pages: Callable[[str], Any]) -> None:
-    generated_pages = load_pages("generated_pages")
+    reference_pages = load_pages("reference_pages")
     described: set[int] = set()
-    for module, title in generated_pages.MODULES.items():
+    for module, title in reference_pages.MODULES.items():
         assert (
             ":: "
-            in generated_pages.describe_module(module, title, described).split("currentmodule", 1)[1].split("\n", 1)[1]
+            in reference_pages.describe_module(module, title, described).split("currentmodule", 1)[1].split("\n", 1)[1]
         ), module

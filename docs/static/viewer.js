@@ -16,7 +16,7 @@ void main() {
     if (dot(plane.xyz, at) > plane.w) discard;
     vec3 n = normalize(facing);
     float light = 0.34 + 0.56 * max(dot(n, normalize(vec3(0.35, 0.55, 0.75))), 0.0) + 0.12 * max(dot(n, vec3(-0.8, 0.1, 0.5)), 0.0);
-    shown = gl_FrontFacing ? vec4(colour * light, 1.0) : vec4(colour * 0.5 + vec3(0.28, 0.12, 0.05), 1.0);
+    shown = gl_FrontFacing ? vec4(colour * light, 1.0) : vec4(colour * vec3(0.85, 0.72, 0.66), 1.0);
 }`;
 
 const ISO = { turn: 0.61, tilt: 0.45, zoom: 1, shift: [0, 0] };
@@ -76,7 +76,7 @@ class View {
         this.state = structuredClone(ISO);
         this.measure(parts);
         this.parts = parts.map((part) => ({ ...part, ...this.upload(part), hidden: false }));
-        this.cut = { axis: -1, share: 0.5 };
+        this.cut = { axis: parts.length > 1 ? 1 : -1, share: 0.5 }; // domains within each other are shown cut open
         this.canvas.tabIndex = 0;
         this.canvas.setAttribute("role", "img");
         this.canvas.setAttribute("aria-label", figure.querySelector("img")?.alt || "the part");
@@ -193,7 +193,8 @@ class View {
         for (const [value, text] of [[-1, "no cut"], [0, "cut x"], [1, "cut y"], [2, "cut z"]]) cut.add(new Option(text, value));
         const place = Object.assign(document.createElement("input"), { type: "range", min: 0, max: 1, step: 0.005, value: 0.5 });
         place.setAttribute("aria-label", "Place of the cut");
-        place.disabled = true;
+        cut.value = this.cut.axis;
+        place.disabled = this.cut.axis < 0;
         cut.oninput = () => {
             this.cut.axis = Number(cut.value);
             place.disabled = this.cut.axis < 0;
