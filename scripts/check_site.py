@@ -18,6 +18,10 @@ LOADED = {("script", "src"), ("img", "src"), ("iframe", "src"), ("source", "src"
 HINTS = {"search", "index", "next", "prev", "canonical", "edit", "author", "copyright"}
 """Kinds of `link` elements of which a browser loads nothing."""
 
+GUESSED_BACK_LINKS = "_modules"
+"""The folder of viewcode's pages of source text, whose links back name a function by its module where the guide names it by its
+public name: places there are not looked for."""
+
 
 class Page(HTMLParser):
     """The places, the links and the loaded resources of a page."""
@@ -55,6 +59,8 @@ def find_faults(site: Path) -> list[str]:
             file = (path.parent / unquote(parts.path)).resolve() if parts.path else path
             if not file.exists():
                 faults.append(f"{here} leads to {target}, which is not there")
+            elif here.parts[0] == GUESSED_BACK_LINKS:
+                continue
             elif parts.fragment and file in pages and unquote(parts.fragment) not in pages[file].places:
                 faults.append(f"{here} leads to {target}, a place that the page has not")
     return faults
