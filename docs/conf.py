@@ -21,7 +21,7 @@ import tpmscad
 sys.modules["cadquery"] = reference_pages.stand_in_for_cadquery()
 
 project = "tpmscad"
-author = "the authors of tpmscad"
+author = copyright = "the authors of tpmscad"
 release = version = tpmscad.__version__
 
 extensions = [
