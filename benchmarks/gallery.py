@@ -1,86 +1,90 @@
-"""The applications of the gallery at full size: measures, pictures, and meshes for the view in 3-D.
+"""The examples as the gallery of the guide shows them: CPU time, memory, measures, pictures, and meshes for the view in 3-D.
 
     python -m benchmarks.gallery [NAME ...]
 
-Each script of `examples/` that is named, or all of APPLICATIONS and PLOTS, runs in an empty folder. Its rows go into
-docs/gallery/measures.csv (seconds, faces, megabytes, deviation, Betti numbers) and its pictures, reduced, beside it; the page of
-examples shows both. The solids of VIEWS are meshed coarsely into docs/gallery/models, for the interactive view of that page.
+Each script of `examples/` that is named, or all of SCENES, runs in an empty folder and a process of its own, with the arguments
+of its scene. What it took goes into docs/gallery/runs.csv, what was measured on its solids into measures.csv (faces, megabytes,
+deviation, Betti numbers), its pictures, reduced, beside them, and its solids, meshed coarsely, into docs/gallery/models. The
+pages of the guide are made of these files: no example runs when the site is built.
 """
 
 from __future__ import annotations
 
 import csv
 import os
+import resource
 import runpy
+import subprocess
 import sys
 import tempfile
-from collections.abc import Iterable
-from contextlib import chdir
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from itertools import product
 from pathlib import Path
 from typing import Any
 
-import build123d as bd
-import numpy as np
 from PIL import Image
-
-from tpmscad.kernel.export.gltf_file import write_glb
-from tpmscad.kernel.export.mesh_parts import group_faces
-from tpmscad.kernel.export.solid_mesh import mesh_solids
-from tpmscad.kernel.render.palette import SURFACE_COLOUR, piece_colour
 
 ROOT = Path(__file__).resolve().parents[1]
 GALLERY = ROOT / "docs" / "gallery"
-COLUMNS = ("example", "solid", "cpu_seconds", "faces", "megabytes", "deviation_mm", "betti", "met")
-PICTURE_WIDTH = 640
-PALETTE = 256
-"""Colours of a kept picture, for small files."""
-
-APPLICATIONS = (
-    "trimmed",
-    "build123d_bracket",
-    "implant",
-    "bone",
-    "counter_flow_exchanger",
-    "beam",
-    "cell_size_grading",
-    "nozzle",
-    "tooth",
-)
-"""Examples that make a solid, without CadQuery."""
-
-PLOTS = ("sweep",)
-"""Examples that draw a plot, whose pictures are kept without a row of measures."""
-
-VIEWS = {
-    "build123d_bracket": "*.step",
-    "counter_flow_exchanger": "*fluid*.step",
-    "implant": "*.step",
-    "trimmed": "*.step",
-}
-"""Examples that are shown in 3-D, too, and their STEP files of which the solids are taken."""
-
 MODELS = GALLERY / "models"
-VIEW_BYTES = 1_500_000
-"""Greatest size of a GLB file of the page."""
+RUN_COLUMNS = ("example", "call", "cpu_seconds", "gib")
+MEASURE_COLUMNS = ("example", "solid", "faces", "megabytes", "deviation_mm", "betti", "met")
+PICTURE_WIDTHS = (640, 560, 480, 420)
+PALETTE = (256, 128, 64, 32)
+"""Widths and numbers of colours of a kept picture, the first ones that make it small enough."""
 
-VIEW_DEVIATION, VIEW_ANGLE = 2e-3, np.radians(25.0)
-"""Deviation of the meshes of views in diagonals of the solid, and the turn between facets; more if a file is too large."""
+PICTURE_BYTES = 50_000
+"""Greatest size of a kept picture."""
 
-COARSENING = 1.5
 
-FULL_SIZE: dict[str, dict[str, Any]] = {
-    "bone": {"arrangements": ("quadrants", "layers")},
-    "cell_size_grading": {"size": (40.0, 20.0, 20.0), "voxels": 80},
-    "nozzle": {"cells": (16, 1, 7)},
+@dataclass(frozen=True)
+class Scene:
+    """The arguments of an example's `main` (as a script where it has none), and the STEP files of its view in 3-D."""
+
+    arguments: dict[str, Any] = field(default_factory=dict)
+    view: str = ""
+
+
+SCENES: dict[str, Scene] = {
+    "build123d_bracket": Scene(view="*.step"),
+    "build123d_panel": Scene({"cells": (7, 4)}, view="*.step"),
+    "spinal_cage": Scene({"pore_size": 0.5}),
+    "scan": Scene({"radius": 9.0}, view="*.step"),
+    "segmentation": Scene({"size": 12.0}, view="*.step"),
+    "implant": Scene(view="*.step"),
+    "octet_truss": Scene({"cells": 2}, view="*.step"),
+    "voronoi_foam": Scene(view="*.step"),
+    "trimmed": Scene(view="*schwarz_p.step"),
+    "heat_exchanger": Scene({"cells": (5, 5, 8)}),
+    "exchanger_openings": Scene(view="*.step"),
+    "counter_flow_exchanger": Scene(view="*.step"),
+    "layers": Scene({"cell": 1.0, "height": 0.05}),
+    "nozzle": Scene({"cells": (16, 1, 7)}),
+    "closed_ring": Scene(view="*.step"),
+    "tooth": Scene(view="*.step"),
+    "beam": Scene(view="*.step"),
+    "cell_size_grading": Scene({"size": (40.0, 20.0, 20.0), "voxels": 80}),
+    "bone": Scene({"arrangements": ("quadrants", "layers")}),
+    "solidify_graded": Scene(view="*.step"),
+    "solidify_blend": Scene(view="*.step"),
+    "solidify_dask": Scene(),
+    "sweep": Scene(),
+    "mesh_gmsh": Scene(),
+    "beam_plate": Scene(),
+    "persistence_diagrams": Scene(),
+    "blend_scaffold": Scene(),
+    "blend_round_regions": Scene(),
+    "blend_free_regions": Scene(),
 }
-"""Arguments of examples that make less by default."""
+"""All examples that run without CadQuery, the most telling ones first; the gallery has their order."""
 
 
 def flatten(found: dict[str, Any]) -> dict[str, dict[str, Any]]:
     """The measures of each solid of an example by its name; of a single one under the empty name."""
     if "met" in found:
-        return {"": found}
-    return {name: value for name, value in found.items() if isinstance(value, dict) and "met" in value}
+        return {"": found} if "deviation" in found else {}
+    return {name: value for name, value in found.items() if isinstance(value, dict) and "deviation" in value}
 
 
 def keep_picture(example: str, path: Path) -> None:
@@ -90,91 +94,88 @@ def keep_picture(example: str, path: Path) -> None:
     reduce_picture(path, GALLERY / f"{name}.png")
 
 
-def reduce_picture(source: Path, target: Path) -> None:
-    """A picture for a page: of moderate width, in few colours."""
+def reduce_picture(source: Path, target: Path, limit: int = PICTURE_BYTES) -> None:
+    """A picture for a page: of moderate width, in few colours, of at most `limit` bytes."""
     with Image.open(source) as image:
-        reduced = image.convert("RGB")
-        reduced.thumbnail((PICTURE_WIDTH, PICTURE_WIDTH), Image.Resampling.LANCZOS)
-        reduced.quantize(PALETTE).save(target, optimize=True)
-
-
-def write_view(files: Iterable[Path], target: Path) -> None:
-    """The solids of STEP files as GLB of at most VIEW_BYTES, in as many colours, with sharp edges round planes and quadrics."""
-    shape = bd.Compound([solid for file in sorted(files) for solid in bd.import_step(file).solids()])
-    solids = shape.solids()
-    colours = [SURFACE_COLOUR] if len(solids) == 1 else [piece_colour("", i) for i in range(len(solids))]
-    deviation, angle = VIEW_DEVIATION * shape.bounding_box().diagonal, VIEW_ANGLE
-    while True:
-        meshes = mesh_solids(shape.wrapped, deviation, angle)
-        parts = [
-            group_faces(f"solid {i}", mesh, [smooth_group(face) for face in solid.faces()], lambda _, i=i: colours[i])
-            for i, (solid, mesh) in enumerate(zip(solids, meshes, strict=True))
-        ]
-        write_glb(parts, target, target.stem)
-        size = target.stat().st_size
-        print(f"{target.name}: {size / 1e6:.2f} MB, deviation {deviation:.3g} mm", flush=True)
-        if size <= VIEW_BYTES:
+        drawn = image.convert("RGB")
+    for width, colours in product(PICTURE_WIDTHS, PALETTE):
+        reduced = drawn.copy()
+        reduced.thumbnail((width, width), Image.Resampling.LANCZOS)
+        reduced.quantize(colours, dither=Image.Dither.NONE).save(target, optimize=True)
+        if target.stat().st_size <= limit:
             return
-        deviation, angle = COARSENING * deviation, min(COARSENING * angle, np.radians(80.0))
+    raise ValueError(f"{target.name} has more than {limit} bytes at {width} pixels and {colours} colours")
 
 
-def smooth_group(face: bd.Face) -> str:
-    """The faces within which normals are averaged: all patches, all faces in one plane, all quadrics of one kind."""
-    if face.geom_type != bd.GeomType.PLANE:
-        return face.geom_type.name
-    normal = face.normal_at()
-    place = np.round([*normal, normal.dot(face.center())], 3) + 0.0  # no -0
-    return f"PLANE {place.tolist()}"
+def run_scene(name: str) -> None:
+    """Run an example in this folder; keep its pictures, its view and what was measured."""
+    from benchmarks.view_files import write_view  # loads the kernel: not in the process that starts the others
+    from tpmscad import render
+
+    scene, script = SCENES[name], ROOT / "examples" / f"{name}.py"
+    sys.path.insert(0, str(script.parent))
+    read = runpy.run_path(str(script))
+    takes_main = "main" in read and not name.startswith("blend_")
+    begun = sum(os.times()[:4])
+    found = read["main"](**scene.arguments) if takes_main else runpy.run_path(str(script), run_name="__main__")
+    seconds = sum(os.times()[:4]) - begun  # with child processes
+    kib = max(resource.getrusage(who).ru_maxrss for who in (resource.RUSAGE_SELF, resource.RUSAGE_CHILDREN))
+    call = ", ".join(f"{key}={value!r}" for key, value in scene.arguments.items())
+    run = {
+        "example": name,
+        "call": f"main({call})" if call else "",
+        "cpu_seconds": round(seconds),
+        "gib": f"{kib / 2**20:.2g}",
+    }
+    replace_rows(GALLERY / "runs.csv", RUN_COLUMNS, name, [run])
+    print(run, found if takes_main else "", flush=True)
+    steps = sorted(Path().glob("*.step"), key=lambda file: len(file.stem))
+    if steps and not list(Path().glob("*.png")):
+        render(steps[0], f"{name}.png")
+    for picture in Path().glob("*.png"):
+        keep_picture(name, picture)
+    rows = []
+    for solid, values in flatten(found).items() if takes_main else ():
+        written = [file for file in steps if solid in file.stem] or steps
+        rows.append(
+            {
+                "example": name,
+                "solid": solid or name,
+                "faces": values.get("faces", values.get("n_faces")),
+                "megabytes": round(written[0].stat().st_size / 1e6, 1),
+                "deviation_mm": f"{values['deviation']:.2g}",
+                "betti": " ".join(map(str, values["betti"])),
+                "met": values["met"],
+            }
+        )
+    replace_rows(GALLERY / "measures.csv", MEASURE_COLUMNS, name, rows)
+    if scene.view:
+        MODELS.mkdir(exist_ok=True)
+        write_view(list(Path().glob(scene.view)), MODELS / f"{name}.js")
 
 
-def run_example(name: str) -> list[dict[str, Any]]:
-    """Run an example, keep its pictures, and return a row for each of its solids."""
-    sys.path.insert(0, str(ROOT / "examples"))
-    with tempfile.TemporaryDirectory() as folder, chdir(folder):
-        begun = sum(os.times()[:4])  # with child processes
-        found = runpy.run_path(str(ROOT / "examples" / f"{name}.py"))["main"](**FULL_SIZE.get(name, {}))
-        seconds = sum(os.times()[:4]) - begun
-        for picture in Path().glob("*.png"):
-            keep_picture(name, picture)
-        if name in PLOTS:
-            print(found)
-            return []
-        for key, value in found.items():
-            print(f"{name}: {key}: {value}")
-        files = sorted(Path().glob("*.step"), key=lambda file: len(file.stem))
-        if name in VIEWS:
-            MODELS.mkdir(exist_ok=True)
-            write_view(Path().glob(VIEWS[name]), MODELS / f"{name}.glb")
-        rows = []
-        for solid, values in flatten(found).items():
-            written = [file for file in files if solid in file.stem] or files
-            rows.append(
-                {
-                    "example": name,
-                    "solid": solid or name,
-                    "cpu_seconds": round(seconds),
-                    "faces": values["faces"],
-                    "megabytes": round(written[0].stat().st_size / 1e6, 1),
-                    "deviation_mm": f"{values['deviation']:.2g}",
-                    "betti": " ".join(map(str, values["betti"])),
-                    "met": values["met"],
-                }
-            )
-        return rows
+def replace_rows(path: Path, columns: Sequence[str], example: str, rows: list[dict[str, Any]]) -> None:
+    """Put rows in the place of those of an example in a table."""
+    if path.exists():
+        with path.open(newline="") as file:
+            rows = rows + [row for row in csv.DictReader(file) if row["example"] != example]
+    with path.open("w", newline="") as file:
+        table = csv.DictWriter(file, columns, lineterminator="\n", extrasaction="ignore")
+        table.writeheader()
+        table.writerows(sorted(rows, key=lambda row: (row["example"], row.get("solid", ""))))
 
 
 def main() -> None:
-    GALLERY.mkdir(exist_ok=True)
-    path = GALLERY / "measures.csv"
-    for name in sys.argv[1:] or (*APPLICATIONS, *PLOTS):
-        rows = run_example(name)
-        if path.exists():
-            rows += [row for row in csv.DictReader(path.open(newline="")) if row["example"] != name]
-        with path.open("w", newline="") as file:
-            table = csv.DictWriter(file, COLUMNS, lineterminator="\n")
-            table.writeheader()
-            table.writerows(sorted(rows, key=lambda row: (row["example"], row["solid"])))
-    print(path.read_text())
+    if sys.argv[1:2] == ["--here"]:
+        run_scene(sys.argv[2])
+        return
+    for name in sys.argv[1:] or SCENES:
+        print(f"=== {name}", flush=True)
+        with tempfile.TemporaryDirectory() as folder:
+            environment = {**os.environ, "PYTHONPATH": str(ROOT)}
+            subprocess.run(
+                [sys.executable, "-m", "benchmarks.gallery", "--here", name], cwd=folder, env=environment, check=False
+            )
 
 
 if __name__ == "__main__":

@@ -1,4 +1,14 @@
-"""A heat exchanger: 4 x 4 x 6 cells of a gyroid in a box with four ports, as wall and two channels that share their faces."""
+"""A heat exchanger: 4 x 4 x 6 cells of a gyroid in a box with four ports, as wall and two channels that share their faces.
+
+`main(cells=(5, 5, 8))` makes 200 cells in the same way.
+
+    python examples/heat_exchanger.py
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
 
 import build123d as bd
 import numpy as np
@@ -8,7 +18,7 @@ from tpmscad import fields
 from tpmscad.results.domain_results import FluidDomains
 from tpmscad.studies.flow_results import FlowEstimate
 
-CELL, CELLS = 8.0, (4, 4, 6)
+CELL = 8.0
 PHASE = (0.25, 0.0, 0.0)
 """Neither wall nor channels then lose a chip to the box."""
 
@@ -16,10 +26,10 @@ PORT, STUB = 1.0, 0.8
 """Radius and length of the ports: each stays within one channel, on its axis."""
 
 
-def ports() -> dict[str, list[np.ndarray]]:
+def ports(cells: tuple[int, int, int]) -> dict[str, list[np.ndarray]]:
     """Where the ports go, an inlet below and an outlet above for each channel: where the field is farthest from the wall."""
     phi = fields.translate(fields.tpms("gyroid", period=CELL), CELL * np.array(PHASE))
-    size = CELL * np.array(CELLS)
+    size = CELL * np.array(cells)
     x, y = (np.linspace(2 * PORT, size[axis] - 2 * PORT, 257) for axis in (0, 1))
     found: dict[str, list[np.ndarray]] = {"channel +": [], "channel -": []}
     for height, corner in ((0.0, (0.0, 0.0)), (size[2], (size[0], size[1]))):
@@ -31,34 +41,49 @@ def ports() -> dict[str, list[np.ndarray]]:
     return found
 
 
-def body() -> bd.Part:
+def body(cells: tuple[int, int, int]) -> bd.Part:
     """The box from the origin, with a stub at each port."""
-    size = CELL * np.array(CELLS)
+    size = CELL * np.array(cells)
     part = bd.Box(*size, align=bd.Align.MIN)
-    for places in ports().values():
+    for places in ports(cells).values():
         for x, y, z in places:
             part += bd.Pos(x, y, z + (STUB / 2 - 0.5 if z else 0.5 - STUB / 2)) * bd.Cylinder(PORT, STUB + 1)
     return part
 
 
-def exchanger(tol: float = 0.02) -> FluidDomains:
+def exchanger(cells: tuple[int, int, int] = (4, 4, 6), tol: float = 0.02) -> FluidDomains:
     """Wall, channel + and channel -."""
-    return tpmscad.fluid_domains(body(), "gyroid", cell=CELL, thickness=0.8, phase=PHASE, tol=tol)
+    return tpmscad.fluid_domains(body(cells), "gyroid", cell=CELL, thickness=0.8, phase=PHASE, tol=tol)
 
 
 WATER = {"density": 998.0, "viscosity": 1.0e-3, "conductivity": 0.6, "specific_heat": 4180.0}
 """At 20 degrees Celsius, SI units."""
 
 
-def estimate(domains: FluidDomains, volume_flow: float = 5e-6) -> FlowEstimate:
+def estimate(domains: FluidDomains, length: float, volume_flow: float = 5e-6) -> FlowEstimate:
     """What published correlations say of 0.3 litres of water a minute through one channel, without its ports."""
-    return tpmscad.estimate_flow(domains, side="+", length=CELL * CELLS[2], volume_flow=volume_flow, **WATER)
+    return tpmscad.estimate_flow(domains, side="+", length=length, volume_flow=volume_flow, **WATER)
+
+
+def main(
+    path: str | Path = "heat_exchanger.step", cells: tuple[int, int, int] = (4, 4, 6), tol: float = 0.02
+) -> dict[str, Any]:
+    """Make, draw and write an exchanger of so many cells; return what was measured on it, in mm."""
+    made = exchanger(cells, tol)
+    made.export_step(path)
+    made.render(Path(path).with_suffix(".png"), section=f"y={CELL * cells[1] / 2}")
+    certificate = made.certificate
+    assert certificate.met
+    return {
+        "met": certificate.met,
+        "faces": certificate.n_faces,
+        "deviation": certificate.max_deviation,
+        "betti": certificate.betti,
+        "flow": str(estimate(made, CELL * cells[2])),
+        "file": str(tpmscad.check_step(path)),
+    }
 
 
 if __name__ == "__main__":
-    made = exchanger()
-    print(made.certificate)
-    assert made.certificate.met
-    print(estimate(made))
-    made.export_step("heat_exchanger.step")
-    print(tpmscad.check_step("heat_exchanger.step"))
+    for name, value in main().items():
+        print(f"{name}: {value}")

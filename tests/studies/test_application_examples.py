@@ -225,3 +225,29 @@ def test_phases_keep_cell_sizes_that_plain_modulation_misses(load: Any) -> None:
     for kind in ("cell size error, rms", "measured cell size error, rms", "greatest ratio of stretches"):
         assert best[kind] < min(other[kind] for other in others)
     require_files("cell_size_grading")
+
+
+def test_a_drawn_layer_is_as_dark_as_the_layer_is_solid(load: Any) -> None:
+    image = pytest.importorskip("PIL.Image")
+    example = load("layers")
+    found = example.main(cell=11.0, height=4.0, chord_error=0.05)
+    assert found["layers"] == 5
+    assert Path("layers.cli").stat().st_size > 10_000
+    picture = np.asarray(image.open("layers.png").convert("L"))
+    layers = example.tpmscad.infill_layers(
+        example.block(), "gyroid", cell=11.0, volume_fraction=0.25, skin=0.8, height=4.0, chord_error=0.05
+    )
+    area = sum(
+        0.5 * (x[:-1] * np.roll(y, -1)[:-1] - np.roll(x, -1)[:-1] * y[:-1]).sum()
+        for x, y in (np.concatenate([c, c[:1]])[:, :2].T for c in layers[2].contours)
+    )
+    assert (picture < 128).mean() == pytest.approx(area / (example.LENGTH * example.WIDTH), rel=0.02)
+
+
+def test_the_shell_of_a_segmentation_has_the_volume_of_its_voxels(load: Any) -> None:
+    found = load("segmentation").main(size=8.0, cell=6.0)
+    assert found["lattice"]["met"]
+    assert found["shell"]["met"]
+    assert found["shell"]["betti"] == (1, 1, 0), "a tube"
+    assert found["shell"]["volume"] == pytest.approx(found["voxels of the shell"], rel=0.03)
+    require_files("segmentation_lattice")
