@@ -101,8 +101,8 @@ def volume(moments: FaceMoments, face_group: IntArray | None = None) -> Array:
     each = np.trace(moments.first, axis1=1, axis2=2) / 3.0
     arms = np.einsum("fij,fj->fi", moments.first, moments.normal)
     weight = np.bincount(group, weights=(moments.normal**2).sum(axis=1))
-    centre = np.column_stack([np.bincount(group, weights=column) for column in arms.T])
-    centre /= np.where(weight > 0.0, weight, np.inf)[:, None]
+    sums = np.column_stack([np.bincount(group, weights=column) for column in arms.T])
+    centre = sums / np.where(weight > 0.0, weight, np.inf)[:, None]
     return np.bincount(group, weights=each - (centre[group] * moments.normal).sum(axis=1) / 3.0).astype(float)
 
 
