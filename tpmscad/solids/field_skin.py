@@ -112,7 +112,7 @@ CAVITY_FITS: Fallbacks[[FieldBody, float, Any], ErodedFieldBody] = Fallbacks(
     retry_on=(LevelSetError,),
 )
 """Distances whose level sets are fitted, until one can be: ridges of the distance may be sharper than patches can follow. A ball
-of voxels, 28 across, with a skin of a tenth of the cell: not fitted; with one spacing the skin is .99 to 1.31 of that asked."""
+of voxels, 28 across, with a skin of a tenth of the cell: not fitted; with one spacing the skin is .99 to 1.25 of that asked."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -17,7 +17,7 @@ from tpmscad._typing import Array, IntArray
 from tpmscad.brep.loops import follow_paths
 from tpmscad.kernel.export.solid_mesh import mesh_parametrically
 from tpmscad.kernel.slicing.chord_splitting import cross, split_chords
-from tpmscad.kernel.slicing.level_crossings import LevelSets, find_crossings
+from tpmscad.kernel.slicing.level_crossings import LevelSets, expand_ranges, find_crossings
 from tpmscad.kernel.slicing.level_refinement import resolve_levels
 from tpmscad.kernel.slicing.surface_triangulation import SurfaceTriangulation, triangulation_of
 from tpmscad.parallel import split_batches, task_runner
@@ -111,10 +111,8 @@ def _slice_part(mesh: SurfaceTriangulation, levels: Array, chord_error: float, t
 
 def _reorder(points: Array, starts: IntArray, order: IntArray) -> tuple[Array, IntArray]:
     """Contours in another order."""
-    sizes = np.diff(starts)[order]
-    first = np.concatenate([[0], np.cumsum(sizes)])
-    index = np.repeat(starts[:-1][order] - first[:-1], sizes) + np.arange(first[-1])
-    return points[index], first.astype(np.int64)
+    _, index = expand_ranges(starts[:-1][order], starts[1:][order])
+    return points[index], np.append(0, np.cumsum(np.diff(starts)[order]))
 
 
 def join_contours(parts: Sequence[LayerContours], levels_of: Sequence[IntArray], n_levels: int) -> LayerContours:

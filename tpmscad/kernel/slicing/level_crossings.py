@@ -98,6 +98,13 @@ class Sides:
     segment: IntArray
 
 
+def expand_ranges(begin: IntArray, end: IntArray) -> tuple[IntArray, IntArray]:
+    """The number of each range [begin, end) (n,) as often as it has elements, and its elements: (m,), (m,)."""
+    count = np.maximum(end - begin, 0)
+    number = np.repeat(np.arange(len(count)), count)
+    return number, np.arange(len(number)) - np.repeat(np.cumsum(count) - count, count) + begin[number]
+
+
 def find_crossings(mesh: SurfaceTriangulation, levels: LevelSets) -> Crossings:
     """Crossings of the faces of a mesh with horizontal planes at their levels."""
     z = mesh.points[:, 2]
@@ -106,8 +113,7 @@ def find_crossings(mesh: SurfaceTriangulation, levels: LevelSets) -> Crossings:
     ends = rank[sides.nodes]
     lowest, count = ends.min(axis=1), np.abs(ends[:, 1] - ends[:, 0])
     first = np.concatenate([[0], np.cumsum(count)])
-    side = np.repeat(np.arange(len(count)), count)
-    level = lowest[side] + np.arange(len(side)) - first[side]
+    side, level = expand_ranges(lowest, lowest + count)
     fraction, point = np.empty(len(side)), np.empty((len(side), 2))
     heights, target, tol = z[sides.nodes[side]], levels.heights[level], LEVEL_REL_TOL * mesh.size
     for members, line in lines_of_sides(mesh, sides, side):
@@ -120,8 +126,7 @@ def find_crossings(mesh: SurfaceTriangulation, levels: LevelSets) -> Crossings:
 
     corner_rank = rank[mesh.triangles]
     low, high = corner_rank.min(axis=1), corner_rank.max(axis=1)
-    triangle = np.repeat(np.arange(len(low)), high - low)
-    at = low[triangle] + np.arange(len(triangle)) - np.repeat(np.cumsum(high - low) - (high - low), high - low)
+    triangle, at = expand_ranges(low, high)
     here, beyond = corner_rank[triangle], np.roll(corner_rank, -1, axis=1)[triangle]
     rising = np.argmax((here <= at[:, None]) & (at[:, None] < beyond), axis=1)
     falling = np.argmax((beyond <= at[:, None]) & (at[:, None] < here), axis=1)

@@ -33,7 +33,7 @@ from tpmscad.kernel.slicing.contours import (
     LayerContours,
     join_contours,
 )
-from tpmscad.kernel.slicing.level_crossings import NODE_REL_TOL, Crossings, LevelSets, find_crossings
+from tpmscad.kernel.slicing.level_crossings import NODE_REL_TOL, Crossings, LevelSets, expand_ranges, find_crossings
 from tpmscad.kernel.slicing.level_refinement import resolve_levels
 from tpmscad.kernel.slicing.surface_triangulation import SurfaceTriangulation, triangulation_of
 from tpmscad.parallel import split_batches, task_runner
@@ -108,9 +108,9 @@ class RepeatedFaces:
 
         self.uses = brep.uses
         self.ordered_uses = classes.use_order
-        self.first_use = np.append(0, np.cumsum(np.bincount(brep.face_of_use, minlength=len(brep.faces))))
+        self.first_use = brep.faces.use_start[brep.faces.loop_start]
         place = np.empty(len(brep.uses), np.int64)  # of a use among those of its face, in the order common to the class
-        place[self.ordered_uses] = np.arange(len(brep.uses)) - self.first_use[brep.face_of_use[self.ordered_uses]]
+        place[self.ordered_uses] = np.arange(len(brep.uses)) - self.first_use[brep.face_of_use]
         own = [np.arange(self.first_use[f], self.first_use[f + 1]) for f in first.tolist()]
         self.first_edge = np.cumsum([0, *map(len, own)])  # an edge of a mesh is a use of the first face of its class
         self.use_of_edge = np.concatenate(own)
@@ -222,13 +222,6 @@ class RepeatedFaces:
         most = int(curves.count.max(initial=0)) + 1
         number[some] = (self.uses.edge[use] * n_levels + copies.level[some]) * most + order
         return number
-
-
-def expand_ranges(begin: IntArray, end: IntArray) -> tuple[IntArray, IntArray]:
-    """The number of each range [begin, end) (n,) as often as it has elements, and its elements: (m,), (m,)."""
-    count = np.maximum(end - begin, 0)
-    number = np.repeat(np.arange(len(count)), count)
-    return number, np.arange(len(number)) - np.repeat(np.cumsum(count) - count, count) + begin[number]
 
 
 def _find_unmatched(tail: IntArray, head: IntArray) -> IntArray:
