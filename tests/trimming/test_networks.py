@@ -21,6 +21,7 @@ from tpmscad.splines.bspline import BSplineSurface, line_segment
 from tpmscad.trimming.classify.network_edges import points_in_network
 from tpmscad.trimming.intersect.common_curves import DEGREE, _choose_parameters
 from tpmscad.trimming.intersect.edge_face import intersect_edges_with_faces
+from tpmscad.trimming.intersect.face_face import _jumps
 from tpmscad.trimming.intersect.network_hits import prepare_network
 from tpmscad.trimming.network_boolean import KEPT_PARTS, NetworkResult, Operation, combine_networks
 from tpmscad.trimming.operands.network_tables import (
@@ -264,3 +265,12 @@ def test_curves_through_graded_sites_do_not_swing(ratio: float) -> None:
     at = spline(np.linspace(spline.t[0], spline.t[-1], 500))
     turn = np.arctan2(at[:, 1], at[:, 0])
     assert np.abs(at - curve(turn)).max() < 0.03
+
+
+def test_steps_onto_another_branch_of_a_folded_patch_are_told_by_their_parameters() -> None:
+    """Both branches may have the same d(u, v)/dx, and the place may be the one expected: u of a face went from .61 to .97 so."""
+    before, rate = np.array([0.61, 0.93, 0.34, 0.84]), np.array([0.21, 0.41, -0.31, 0.15])
+    expected = before + 0.24 * rate
+    assert not _jumps.py_func(before, expected + np.array([0.02, -0.02, 0.0, 0.01]), rate, 0.24)
+    for branch in ([0.31, 0.11, 0.0, 0.0], [0.0, 0.0, -0.03, -0.03]):  # of one face or of the other
+        assert _jumps.py_func(before, expected + np.array(branch), rate, 0.24)

@@ -417,7 +417,8 @@ def _trace(
         cosine = 0.0
         for d in range(3):
             cosine += work.tangent[d] * along[d]
-        if drift > (MAX_DRIFT * h) ** 2 or not cosine > np.cos(MAX_TURN) or _changes(rate, work.rate) > MAX_RATE_CHANGE:
+        swerves = drift > (MAX_DRIFT * h) ** 2 or not cosine > np.cos(MAX_TURN)
+        if swerves or _changes(rate, work.rate) > MAX_RATE_CHANGE or _jumps(at, new, rate, h):
             h *= 0.5
             continue
         if sine < MIN_SINE:
@@ -462,6 +463,22 @@ def _changes(before: Array, after: Array) -> float:  # pragma: no cover - compil
             apart += (after[c] - before[c]) ** 2
         result = max(result, apart / max(min(a, b), 1e-300))
     return np.sqrt(result)
+
+
+@njit_inner
+def _jumps(before: Array, after: Array, rate: Array, h: float) -> bool:  # pragma: no cover - compiled
+    """Whether the parameters of a step differ from h d(u, v)/dx by more than its change over the step explains.
+
+    Beyond its ranges a patch may fold: a step that ends there is near in space, and on the curve's other branch.
+    """
+    for side in range(2):
+        square, apart = 0.0, 0.0
+        for c in range(2 * side, 2 * side + 2):
+            square += (h * rate[c]) ** 2
+            apart += (after[c] - before[c] - h * rate[c]) ** 2
+        if apart > MAX_RATE_CHANGE**2 * square:
+            return True
+    return False
 
 
 @njit_inner
