@@ -14,6 +14,8 @@ from tpmscad import fields
 from tpmscad.errors import InvalidRequest, LevelSetError
 from tpmscad.results.model import Model
 from tpmscad.solids import field_skin
+from tpmscad.solids.field_bodies import FieldBody, fit_field_body
+from tpmscad.stage_timer import StageTimer
 
 trimesh = pytest.importorskip("trimesh")
 pytestmark = [pytest.mark.kernel, pytest.mark.slow]
@@ -110,6 +112,21 @@ def test_samples_that_end_at_their_box_are_closed_by_planes() -> None:
     flat = [face for face in model.solid.faces() if face.geom_type == bd.GeomType.PLANE]
     assert len(flat) == 1
     assert flat[0].area == pytest.approx(np.pi * 6.1**2, rel=5e-3)
+
+
+def test_noisy_data_are_followed_to_a_tenth_of_their_spacing_unless_a_tolerance_is_asked_for() -> None:
+    """The tolerance of a lattice of small cells is far below what samples say of their surface."""
+    x, y, z = np.meshgrid(*[np.arange(-6, 6.1, 0.5)] * 3, indexing="ij")
+    noise = np.random.default_rng(2).normal(0, 0.02, x.shape)
+    data = fields.sampled(np.sqrt(x**2 + y**2 + z**2) - 4 + noise, 0.5, (-6, -6, -6))
+    for field in (data, fields.smooth_intersection(data, fields.sphere((0, 0, 0), 7), width=0.1)):
+        body = fit_field_body(field, data.domain, 1e-3, StageTimer(None), is_default=True)
+        assert isinstance(body, FieldBody)
+        assert body.measures.tol == pytest.approx(0.05)
+        assert body.measures.deviation.max <= 0.05
+    asked = fit_field_body(data, None, 0.02, StageTimer(None), is_default=False)
+    assert isinstance(asked, FieldBody)
+    assert asked.measures.tol == 0.02
 
 
 def test_a_mesh_is_filled_and_its_distance_stated(tmp_path: Path) -> None:

@@ -92,7 +92,11 @@ def fluid_domains(options: FluidDomainsOptions) -> FluidDomains:
     request = resolve_lattice_request(lattice_in_body(options))
     with stages("read"):
         field = resolve_field(options.body)
-    body = None if field is None else fit_field_body(field, options.box, request.tol, stages)
+    body = (
+        None
+        if field is None
+        else fit_field_body(field, options.box, request.tol, stages, is_default=options.tol is None)
+    )
     with stages("read"):
         if field is None:
             reject_box(options.box)

@@ -73,7 +73,7 @@ def infill(options: InfillOptions) -> Model:
         field = resolve_field(options.body)
     if field is not None:
         reject_solid(options.solid)
-        body = fit_field_body(field, options.box, _find_tolerance(options), stages)
+        body = fit_field_body(field, options.box, _find_tolerance(options), stages, is_default=options.tol is None)
         return (
             _infill_field_body(body, options, stages) if isinstance(body, FieldBody) else _fill(options, body, stages)
         )

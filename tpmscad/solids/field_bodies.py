@@ -19,6 +19,7 @@ from tpmscad.brep.solid_properties import measure_solid
 from tpmscad.brep.triangles.closed_mesh import SolidMesh
 from tpmscad.errors import CrossingSurfaces, InvalidRequest, KernelError, LevelSetError
 from tpmscad.fields.analysis.solid_bounds import bound_solid
+from tpmscad.fields.data.field_notes import find_least_spacing
 from tpmscad.fields.data.triangle_distance import build_triangle_tree
 from tpmscad.fields.data.triangle_mesh import is_mesh_object, is_mesh_path
 from tpmscad.fields.field import Field
@@ -44,6 +45,10 @@ MESH_TOL_FRACTION = 0.25
 """Of the greatest distance of a mesh's triangles from its field: the least tolerance of the patches. A fit deviates by a
 thirtieth of its tolerance in the root mean square: the patches of a scanned animal follow its triangles as well as with a tenth
 of this, in a tenth of the time."""
+
+DATA_TOL_SPACINGS = 0.1
+"""In spacings of samples: the least tolerance of a body of data if none is asked for. That of a lattice follows from its cell,
+and in a bone of voxels of .5 mm a cell of 1.2 mm would ask for .0012: noise is no surface to be followed so closely."""
 
 MEASURED_POINTS = 20_000
 """Points of each surface at which its distance from the other one is measured."""
@@ -130,11 +135,19 @@ def find_field_box(field: Field, box: BoxCorners | None, name: str) -> tuple[Arr
     return found[0] - margin, found[1] + margin
 
 
-def fit_field_body(field: Field, box: BoxCorners | None, tol: float, stages: StageTimer) -> FieldBody | CadBody:
-    """The body of a field, as patches within `tol` of its level set, or of a CAD body if all of its faces are exact."""
+def fit_field_body(
+    field: Field, box: BoxCorners | None, tol: float, stages: StageTimer, *, is_default: bool
+) -> FieldBody | CadBody:
+    """The body of a field, as patches within `tol` of its level set, or of a CAD body if all of its faces are exact.
+
+    A mesh is followed no closer than its field follows the triangles, and data, where `tol` `is_default`, not to the last digit.
+    """
     name = field.mesh.name if isinstance(field, MeshField) else "the field"
     low, high = find_field_box(field, box, name)
-    closest = max(tol, MESH_TOL_FRACTION * field.max_deviation) if isinstance(field, MeshField) else tol
+    spacing = find_least_spacing(field) if is_default else None
+    closest = tol if spacing is None else max(tol, DATA_TOL_SPACINGS * spacing)
+    if isinstance(field, MeshField):
+        closest = max(closest, MESH_TOL_FRACTION * field.max_deviation)
     try:
         if has_meeting_quadrics(field, low, high, closest):
             return _combine(field, low, high, closest, stages, name)

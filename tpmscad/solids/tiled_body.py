@@ -50,7 +50,7 @@ def read_tiled_body(
         reject_solid(options.solid)
         if as_triangles and isinstance(field, MeshField) and options.skin is None and not options.open_faces:
             return TiledBody(field.mesh, (), request, turn)
-        fitted = fit_field_body(field, options.box, request.tol, stages)
+        fitted = fit_field_body(field, options.box, request.tol, stages, is_default=options.tol is None)
         if isinstance(fitted, FieldBody) and options.skin is not None:
             raise InvalidRequest(f"a skin without a solid needs a CAD body: leave skin out, or {instead}")
     else:

@@ -1,7 +1,8 @@
-"""What was assumed of the data that a field is made of."""
+"""The data that a field is made of: what was assumed of them, and how finely they are sampled."""
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from typing import Any
 
 from tpmscad.fields.field import Field
@@ -9,7 +10,16 @@ from tpmscad.fields.field import Field
 
 def collect_notes(field: Any) -> tuple[str, ...]:
     """The notes of a field and of all fields that it is made of, each once."""
-    notes: dict[str, None] = {}
+    return tuple(dict.fromkeys(note for part in _iterate_parts(field) for note in getattr(part, "notes", ())))
+
+
+def find_least_spacing(field: Field) -> float | None:
+    """The least spacing of samples that a field is made of, model units; None of formulas."""
+    return min((min(part.spacing) for part in _iterate_parts(field) if hasattr(part, "spacing")), default=None)
+
+
+def _iterate_parts(field: Any) -> Iterator[Any]:
+    """A field and all fields that it is made of, each once."""
     seen: set[int] = set()
     pending: list[Any] = [field]
     while pending:
@@ -20,6 +30,5 @@ def collect_notes(field: Any) -> tuple[str, ...]:
         if isinstance(part, list | tuple):
             pending.extend(reversed(part))
         elif isinstance(part, Field):
-            notes.update(dict.fromkeys(getattr(part, "notes", ())))
+            yield part
             pending.extend(getattr(part, name) for name in reversed(getattr(part, "__dataclass_fields__", {})))
-    return tuple(notes)
