@@ -134,6 +134,16 @@ class TestSmoothing:
         np.testing.assert_allclose(field([[0, 4, 4], [4, 4, 4], [3, 0, 7]]), -3.0, rtol=1e-12)
         assert field((5, 4, 4)) > 0
 
+    @pytest.mark.parametrize(("noise", "smoothing", "told"), [(0.02, 0.0, False), (1.5, 0.0, True), (1.5, 1.0, False)])
+    def test_rough_data_are_told(self, noise: float, smoothing: float, told: bool) -> None:
+        """Noise as large as the values change from sample to sample; smoothed, it is none."""
+        x, y, z = np.meshgrid(*[np.arange(30.0)] * 3, indexing="ij")
+        ball = 10.0 - np.sqrt((x - 14) ** 2 + (y - 15) ** 2 + (z - 14.5) ** 2)
+        values = ball + np.random.default_rng(4).normal(0, noise, ball.shape)
+        notes = fields.sampled(values, 0.7, level=0.0, smoothing=smoothing).notes
+        assert any("smoothing=1, one sample" in note for note in notes) == told
+        assert not any("rough" in note for note in fields.sampled(values, 0.7).notes)
+
 
 class TestSamplesOfCells:
     def test_the_domain_is_the_box_of_the_cells(self) -> None:

@@ -77,6 +77,15 @@ DataArrayName = Annotated[
 ]
 
 
+ROUGH_BEND = 0.3
+"""Median of the mean curvature times the spacing above which a surface is rough. Measured: .34 and .39 in a scan of a head, .15
+after a Gaussian of one sample; .07 in a synthetic scan with noise; .2 in a gyroid of six samples to the cell; .43 in a ball of
+voxels."""
+
+MEASURED_SIDE = 128
+"""Samples along each axis on which that is measured."""
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class SampledField(Field):
     """Cubic spline through samples on a uniform grid.
@@ -223,7 +232,32 @@ def sampled(
         array = level - array
     array, filled = fill_missing(name, array)
     notes += filled
+    if level is not None and not smoothing and _is_rough(array, placed[0]):
+        notes.append(
+            f"{name}: its surface is as rough as the samples are far apart, which is noise, or detail at their limit: "
+            "smoothing=1, one sample, makes a solid of far fewer faces in a part of the time"
+        )
     return interpolate_samples(array, *placed, centred=bool(of_cells), notes=tuple(notes))
+
+
+def _is_rough(array: Array, spacing: Triple) -> bool:
+    """Whether the zero level bends, in the median, as samples of noise do, by central differences in the middle of the array."""
+    middle = array[tuple(slice(max(0, (n - MEASURED_SIDE) // 2), (n + MEASURED_SIDE) // 2) for n in array.shape)]
+    crossed = np.zeros(middle.shape, bool)
+    inside = middle < 0
+    for axis in range(3):
+        one, other = (np.moveaxis(inside, axis, 0)[part] for part in (slice(None, -1), slice(1, None)))
+        rows = np.moveaxis(crossed, axis, 0)
+        rows[:-1] |= one != other
+        rows[1:] |= one != other
+    if min(middle.shape) < MIN_SAMPLES or not crossed.any():
+        return False
+    slopes = np.gradient(middle, *spacing)
+    length = np.maximum(np.sqrt(sum(slope**2 for slope in slopes)), np.finfo(float).tiny)
+    bend = sum(
+        np.gradient(slope / length, step, axis=k) for k, (slope, step) in enumerate(zip(slopes, spacing, strict=True))
+    )
+    return bool(0.5 * np.median(np.abs(bend[crossed])) * min(spacing) > ROUGH_BEND)
 
 
 def _smooth_samples(array: Array, width: float) -> Array:
