@@ -11,13 +11,20 @@ import numpy as np
 
 from tpmscad._lazy_import import import_extra
 from tpmscad.api.public_calls import validate_options
+from tpmscad.catalogue import CATALOGUE
 from tpmscad.errors import InvalidRequest
+from tpmscad.fields.field import Field
+from tpmscad.fields.kinds.thresholds import rod, sheet
+from tpmscad.fields.kinds.volume_fraction_thresholds import threshold_for
 from tpmscad.requests.study_options import HomogenizeOptions
 from tpmscad.results.model import Model
 from tpmscad.simulation.periodic_cell import CellProperties, IsotropicMaterial, solve_cell
 from tpmscad.simulation.properties import HomogenizedProperties
 from tpmscad.solids._lattice import lattice
+from tpmscad.solids._solidify import solidify
+from tpmscad.solids._struts import struts
 from tpmscad.stage_timer import StageTimer
+from tpmscad.strut_cells import KINDS
 
 EDGES_PER_WALL = 1.25
 """Edges of elements in the mean thickness of the wall, on the finer mesh: the error is then some tenths of a percent."""
@@ -33,6 +40,9 @@ REFINEMENTS_OF_HEXAHEDRA = ((2, 1), (3, 1), (4, 1))
 
 ERROR_GOAL = 4e-3
 """Relative error at which hexahedra are not refined further."""
+
+FIELD_TOL_CELLS = 1e-3
+"""Tolerance of the solid of a field, in its shortest period."""
 
 POISSON_LIMIT = 0.49
 """Elements of second order lock beyond."""
@@ -79,12 +89,20 @@ def homogenize(options: HomogenizeOptions) -> HomogenizedProperties:
             own = ", ".join([*(fractions or ["volume_fraction"]), "kind"])
             raise InvalidRequest(f"a model has its own {own} and reference: leave them out")
         model = surface
+    elif isinstance(surface, Field) and not fractions:
+        with stages("cell"):
+            model = _solidify_period(surface)
     else:
         if len(fractions) != 1:
             here = "both" if fractions else "none of them"
             raise InvalidRequest(f"give exactly one of `volume_fraction`, `porosity`; here: {here}")
-        with stages("lattice"):
-            model = _make_cell(options, wants_tetrahedra)
+        with stages("cell"):
+            if isinstance(surface, Field):
+                model = _solidify_period(_cut_structure(surface, options))
+            elif surface in KINDS and surface not in CATALOGUE:
+                model = _make_strut_cell(options)
+            else:
+                model = _make_cell(options, wants_tetrahedra)
     if not wants_tetrahedra and (elements == "hexahedra" or _repeats_as_hexahedra(model)):
         meshes = [partial(model.hexahedra, 2, refine) for refine in REFINEMENTS_OF_HEXAHEDRA]
     else:
@@ -143,6 +161,48 @@ def _make_cell(options: HomogenizeOptions, in_box: bool) -> Model:
             if _repeats_as_hexahedra(model):
                 return model
     return make()
+
+
+def _make_strut_cell(options: HomogenizeOptions) -> Model:
+    """A cell of struts of edge 1."""
+    if options.kind != "sheet" or options.reference is not None:
+        raise InvalidRequest(
+            f"kind and reference are those of surfaces, not of {options.surface} struts: leave them out"
+        )
+    return struts(
+        str(options.surface),
+        cell=1.0,
+        volume_fraction=options.volume_fraction,
+        porosity=options.porosity,
+        progress=False,
+    )
+
+
+def _cut_structure(phi: Field, options: HomogenizeOptions) -> Field:
+    """The sheet {|phi| <= c}, or the solid {phi <= c}, that has the volume fraction of the options."""
+    if options.reference is not None:
+        raise InvalidRequest("reference is that of a name: give fields.tpms(..., reference=) in its place")
+    if phi.periods() is None:
+        raise InvalidRequest(NOT_PERIODIC)
+    fraction = 1.0 - options.porosity if options.porosity is not None else options.volume_fraction
+    assert fraction is not None
+    kind = "sheet" if options.kind == "sheet" else "rod"
+    threshold = threshold_for(phi, fraction, kind)
+    return sheet(phi, *threshold) if isinstance(threshold, tuple) else rod(phi, threshold)
+
+
+NOT_PERIODIC = (
+    "the field has no periods, so it does not repeat: give a periodic field, such as fields.tpms, or a model of whole cells, "
+    "such as tpmscad.struts(...)"
+)
+
+
+def _solidify_period(field: Field) -> Model:
+    """The solid of a periodic field in one period from the origin."""
+    periods = field.periods()
+    if periods is None or 0 in periods:
+        raise InvalidRequest(NOT_PERIODIC)
+    return solidify(field, ((0.0, 0.0, 0.0), periods), tol=FIELD_TOL_CELLS * min(periods), loose="keep", progress=False)
 
 
 def _repeats_as_hexahedra(model: Model) -> bool:
