@@ -32,6 +32,13 @@ EDGES_PER_WALL = 1.25
 MAX_SIZE = 0.09
 """Greatest edge on the finer mesh, in cells: curvature, too, has to be resolved where walls are thick."""
 
+FLAT_SIZE, MOST_THICKNESSES = 0.03, 2.0
+"""Edge, in cells, at which the finer mesh of a thin wall is fine enough along it, and how many mean thicknesses it may be: a wall
+of 0.016 cells then has 30 thousand elements, where those of its thickness would be so many that the factors need 5 GB."""
+
+ELEMENTS_PER_TURN = 10
+"""Elements round a strut thinner than FLAT_SIZE, on the finer mesh."""
+
 REFINEMENT = 1.35
 """Ratio of the sizes of the two meshes of tetrahedra."""
 
@@ -106,8 +113,17 @@ def homogenize(options: HomogenizeOptions) -> HomogenizedProperties:
     if not wants_tetrahedra and (elements == "hexahedra" or _repeats_as_hexahedra(model)):
         meshes = [partial(model.hexahedra, 2, refine) for refine in REFINEMENTS_OF_HEXAHEDRA]
     else:
-        size = _choose_size(model) if size is None else size
-        meshes = [partial(model.mesh, edge, periodic=True, progress=False) for edge in (REFINEMENT * size, size)]
+        size, per_turn = _choose_size(model) if size is None else (size, None)
+        meshes = [
+            partial(
+                model.mesh,
+                ratio * size,
+                periodic=True,
+                per_turn=None if per_turn is None else round(per_turn / ratio),
+                progress=False,
+            )
+            for ratio in (REFINEMENT, 1.0)
+        ]
     found = []
     for number, make in enumerate(meshes, 1):
         stage = f"mesh {number}"
@@ -215,10 +231,16 @@ def _repeats_as_hexahedra(model: Model) -> bool:
         return False
 
 
-def _choose_size(model: Model) -> float:
-    """Edge length of the finer mesh: a part of the mean thickness, twice the volume over the area, or of the cell."""
+def _choose_size(model: Model) -> tuple[float, int | None]:
+    """Edge length of the finer mesh, a part of the mean thickness, twice the volume over the area, or of the cell.
+
+    Thin walls have longer edges than their thickness; then the elements along a turn, which keep thin struts round.
+    """
     low, high = np.array(model.bounding_box)
     cell = float((high - low).min())
     if model.unit_cell is not None:
         cell /= round(math.prod(model.unit_cell.counts) ** (1.0 / 3.0))
-    return min(2.0 * model.volume / model.area / EDGES_PER_WALL, MAX_SIZE * cell)
+    thickness = 2.0 * model.volume / model.area
+    size = min(thickness / EDGES_PER_WALL, MAX_SIZE * cell)
+    flat = min(FLAT_SIZE * cell, MOST_THICKNESSES * thickness)
+    return (size, None) if size >= flat else (flat, ELEMENTS_PER_TURN)
