@@ -61,13 +61,11 @@ def test_requests_that_fit_no_cell_are_refused() -> None:
 
 def test_a_field_with_a_porosity_is_the_lattice_between_the_same_levels() -> None:
     phi = fields.tpms("schwarz_p", 2.0)
-    by_porosity = tpmscad.homogenize(phi, porosity=0.6, size=0.32)
+    by_porosity = tpmscad.homogenize(phi, porosity=0.6, size=0.4)
     assert by_porosity.volume_fraction == pytest.approx(0.4, abs=3e-3)  # of a mesh of second order
     assert 0.8 < by_porosity.hashin_shtrikman_ratio < 1.0
     lattice = tpmscad.homogenize("P", volume_fraction=0.4, reference="nodal")  # of constant thickness
     np.testing.assert_allclose(by_porosity.stiffness, lattice.stiffness, atol=0.08 * lattice.stiffness[0, 0])
-    solid = fields.sheet(phi, *fields.threshold_for(phi, porosity=0.6, kind="sheet"))
-    np.testing.assert_array_equal(tpmscad.homogenize(solid, size=0.32).stiffness, by_porosity.stiffness)
 
 
 def test_thin_struts_carry_what_their_stretching_does() -> None:
