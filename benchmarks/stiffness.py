@@ -11,8 +11,8 @@ thickness around the exact minimal surface with the level sheet |f| < c of equal
 are moved along the gradient to the levels f = s c, where s is their place through the wall from -1 to 1.
 
 `thin` compares walls with K = 2 rho / (9 (1 - nu)) and k = 2 rho / 3, the limits of thin sheets, and struts with K = rho / 9 and
-k = rho / 3, what struts in tension alone carry if each has the mean strain along its axis. Its cells are kinds of struts, surfaces,
-"gyroid-levels" for a level sheet, and "gyroid-and-P" for the level sheet of the mean of both functions.
+k = rho / 3, what struts in tension alone carry if each has the mean strain along its axis. Its cells are kinds of struts,
+surfaces, "gyroid-levels" for a level sheet, and "gyroid-and-P" for the level sheet of the mean of both functions.
 """
 
 from __future__ import annotations

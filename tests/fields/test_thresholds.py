@@ -212,6 +212,6 @@ def test_a_porosity_is_one_less_the_volume_fraction(kind: str) -> None:
 
 
 def test_a_threshold_for_both_or_none_of_fraction_and_porosity_is_refused() -> None:
-    for given in ({}, {"volume_fraction": 0.3, "porosity": 0.7}):
+    for keywords in ({}, {"volume_fraction": 0.3, "porosity": 0.7}):
         with pytest.raises(InvalidRequest, match="exactly one of `volume_fraction` and `porosity`"):
-            fields.threshold_for(GYROID, **given)
+            fields.threshold_for(GYROID, **keywords)
