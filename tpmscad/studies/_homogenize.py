@@ -197,7 +197,7 @@ def _make_strut_cell(options: HomogenizeOptions) -> Model:
 def _cut_structure(phi: Field, options: HomogenizeOptions) -> Field:
     """The sheet {|phi| <= c}, or the solid {phi <= c}, that has the volume fraction of the options."""
     if options.reference is not None:
-        raise InvalidRequest("reference is that of a name: give fields.tpms(..., reference=) in its place")
+        raise InvalidRequest("reference is that of a name: leave it out, and make the field with it")
     if phi.periods() is None:
         raise InvalidRequest(NOT_PERIODIC)
     fraction = 1.0 - options.porosity if options.porosity is not None else options.volume_fraction
