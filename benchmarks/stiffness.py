@@ -3,11 +3,16 @@
     python -m benchmarks.stiffness table gyroid:0.1,0.2,0.3 P:0.2
     python -m benchmarks.stiffness table iwp:0.1,0.2,0.3 --reference minimal
     python -m benchmarks.stiffness levels gyroid:0.2,0.3 P:0.2,0.3
+    python -m benchmarks.stiffness thin gyroid:0.05 gyroid-levels:0.05 gyroid-and-P:0.05 bcc:0.05,0.01 octet:0.05
 
 Young's modulus 1, Poisson's ratio 0.3. `table` also extrapolates K / rho and k / rho to rho = 0 by a polynomial through the
 fractions given, against 2 / (9 (1 - nu)) and 2 / 3 (arXiv 2506.18910 and 2506.22319). `levels` compares a sheet of uniform normal
 thickness around the exact minimal surface with the level sheet |f| < c of equal volume. Both are the same hexahedra, whose nodes
 are moved along the gradient to the levels f = s c, where s is their place through the wall from -1 to 1.
+
+`thin` compares walls with K = 2 rho / (9 (1 - nu)) and k = 2 rho / 3, the limits of thin sheets, and struts with K = rho / 9 and
+k = rho / 3, what struts in tension alone carry if each has the mean strain along its axis. Its cells are kinds of struts,
+surfaces, "gyroid-levels" for a level sheet, and "gyroid-and-P" for the level sheet of the mean of both functions.
 """
 
 from __future__ import annotations
@@ -23,6 +28,7 @@ from tpmscad import fields
 from tpmscad._typing import Array
 from tpmscad.meshing.volume_mesh import VolumeMesh
 from tpmscad.simulation.periodic_cell import CellProperties, IsotropicMaterial, solve_cell
+from tpmscad.strut_cells import KINDS
 
 POISSON_RATIO = 0.3
 THIN_SHEET = {"K": 2.0 / (9.0 * (1.0 - POISSON_RATIO)), "k": 2.0 / 3.0}
@@ -126,10 +132,37 @@ def compare_levels(name: str, fraction: float, cuts: tuple[int, int]) -> None:
     )
 
 
+def print_thin(name: str, fraction: float) -> None:
+    """A thin cell: C11, C12, C44, K and k, with the ratios of K and k to the limits of its kind."""
+    cells: dict[str, str | fields.Field] = {
+        "gyroid-levels": fields.tpms("gyroid", 1.0),
+        "gyroid-and-P": 0.5 * fields.tpms("gyroid", 1.0) + 0.5 * fields.tpms("P", 1.0),
+    }
+    try:
+        found = tpmscad.homogenize(
+            cells.get(name, name), volume_fraction=fraction, poisson_ratio=POISSON_RATIO, progress=False
+        )
+    except tpmscad.TpmscadError as error:
+        print(f"{name:15} {fraction:.3f} refused: {error}", flush=True)
+        return
+    rho = found.volume_fraction
+    bulk, conductivity = rho * THIN_SHEET["K"], rho * THIN_SHEET["k"]
+    if name in KINDS and name not in tpmscad.surfaces.CATALOGUE:
+        bulk, conductivity = rho / 9.0, rho / 3.0  # the traces of <n n n n> and <n n>, whatever the directions
+    c11, c12, c44 = found.stiffness[0, 0], found.stiffness[0, 1], found.stiffness[3, 3]
+    k = float(np.trace(found.conductivity)) / 3.0
+    print(
+        f"{name:15} {fraction:.3f} {rho:8.5f} {c11:8.5f} {c12:8.5f} {c44:8.5f} {found.bulk_modulus:8.5f} "
+        f"{found.bulk_modulus / bulk:6.3f} {k:8.5f} {k / conductivity:6.3f} {found.error:8.1e} {found.cubic_deviation:8.1e} "
+        f"{found.cells:7d} {found.unknowns:7d} {found.seconds:5.0f}",
+        flush=True,
+    )
+
+
 def main() -> None:
     """Print the tables."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("what", choices=("table", "levels"))
+    parser.add_argument("what", choices=("table", "levels", "thin"))
     parser.add_argument("cases", nargs="+", help="SURFACE:FRACTION[,FRACTION...]")
     parser.add_argument("--cuts", type=int, default=CUTS[0], help="of each patch along its sides, for levels")
     parser.add_argument("--reference", choices=("minimal", "nodal"), help="of the table; by default the surface's own")
@@ -139,6 +172,11 @@ def main() -> None:
             "surface     rho      C11      C12      C44        E       nu    Zener   K / HS        k"
             "  cells unknowns   error    cubic     s"
         )
+    elif given.what == "thin":
+        print(
+            "cell            asked      rho      C11      C12      C44        K K/bound      k k/bound  error    cubic"
+            "   cells unknowns    s"
+        )
     else:
         print("surface     rho cells                        C11      C12      C44        E        K        k")
     for case in given.cases:
@@ -146,6 +184,9 @@ def main() -> None:
         fractions = [float(each) for each in listed.split(",")]
         if given.what == "table":
             print_table(name, fractions, given.reference)
+        elif given.what == "thin":
+            for fraction in fractions:
+                print_thin(name, fraction)
         else:
             for fraction in fractions:
                 compare_levels(name, fraction, (given.cuts, CUTS[1]))

@@ -27,6 +27,7 @@ GROUND = {
     "kernel_wheels",
     "memory_limit",
     "minimal_series",
+    "one_piece_ranges",
     "parallel",
     "progress_display",
     "result_display",

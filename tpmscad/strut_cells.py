@@ -143,3 +143,23 @@ KINDS = (*CELLS, "re-entrant")
 def make_cell(kind: str, angle: float = DEFAULT_ANGLE) -> Cell:
     """The nodes of one cell, in cells, and its struts as pairs of their numbers."""
     return _re_entrant(angle) if kind == "re-entrant" else CELLS[kind]()
+
+
+LARGEST_DIAMETERS: dict[str, float] = {
+    "cubic": 1.0,
+    "bcc": math.sqrt(1 / 2),
+    "bccz": (math.sqrt(6) - math.sqrt(2)) / 2,
+    "fcc": math.sqrt(1 / 3),
+    "fbcc": math.sqrt(1 / 6),
+    "octahedron": math.sqrt(1 / 6),
+    "octet": math.sqrt(1 / 6),
+    "diamond": math.sqrt(3) / 4,
+    "kelvin": math.sqrt(2) / 4,
+    "rhombic-dodecahedron": math.sqrt(1 / 6),
+    "cuboctahedron": math.sqrt(1 / 6),
+    "re-entrant": 2 * WALL_END,
+}
+"""In cells, for cubic cells and DEFAULT_ANGLE, without balls: the diameter at which struts begin to touch beside their nodes.
+
+Below it the struts are one piece, however thin, and so is their void (`python -m benchmarks.one_piece_ranges struts`).
+"""

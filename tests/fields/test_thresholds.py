@@ -199,3 +199,19 @@ def test_what_is_constant_at_the_threshold_counts_once() -> None:
     unit = ((0, 0, 0), (1, 1, 1))
     for part, exact in ((stairs - 1.0, 0.5), (fields.union(cube, 0.0), 1.0), (fields.intersection(cube, 0.0), 0.125)):
         assert fields.volume_fraction(part, unit, samples=16) == pytest.approx(exact, abs=1e-12)
+
+
+@pytest.mark.parametrize("kind", ["rod", "pore", "sheet"])
+def test_a_porosity_is_one_less_the_volume_fraction(kind: str) -> None:
+    threshold = fields.threshold_for(GYROID, porosity=0.7, kind=kind)
+    assert threshold == pytest.approx(fields.threshold_for(GYROID, 0.3, kind), rel=1e-12)
+    make = {"rod": fields.rod, "pore": fields.pore, "sheet": fields.sheet}[kind]
+    solid = make(GYROID, *threshold) if kind == "sheet" else make(GYROID, threshold)
+    points = np.random.default_rng(2).random((100_000, 3)) * (2.0, 3.0, 4.0)
+    assert (solid(points) > 0).mean() == pytest.approx(0.7, abs=5e-3)
+
+
+def test_a_threshold_for_both_or_none_of_fraction_and_porosity_is_refused() -> None:
+    for keywords in ({}, {"volume_fraction": 0.3, "porosity": 0.7}):
+        with pytest.raises(InvalidRequest, match="exactly one of `volume_fraction` and `porosity`"):
+            fields.threshold_for(GYROID, **keywords)

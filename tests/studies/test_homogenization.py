@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 import tpmscad
-from tpmscad import cli
+from tpmscad import cli, fields
 from tpmscad.errors import InvalidRequest
 
 pytest.importorskip("gmsh")
@@ -57,3 +57,35 @@ def test_requests_that_fit_no_cell_are_refused() -> None:
     model = tpmscad.infill(bd.Box(3, 3, 3), "schwarz_p", cell=3, thickness=0.4, phase=(0.1, 0.2, 0.3), tol=0.05)
     with pytest.raises(InvalidRequest, match="its own volume_fraction"):
         tpmscad.homogenize(model, volume_fraction=0.2)
+
+
+def test_a_field_with_a_porosity_is_the_lattice_between_the_same_levels() -> None:
+    phi = fields.tpms("schwarz_p", 2.0)
+    by_porosity = tpmscad.homogenize(phi, porosity=0.6, size=0.4)
+    assert by_porosity.volume_fraction == pytest.approx(0.4, abs=3e-3)  # of a mesh of second order
+    assert 0.8 < by_porosity.hashin_shtrikman_ratio < 1.0
+    lattice = tpmscad.homogenize("P", volume_fraction=0.4, reference="nodal")  # of constant thickness
+    np.testing.assert_allclose(by_porosity.stiffness, lattice.stiffness, atol=0.08 * lattice.stiffness[0, 0])
+
+
+def test_thin_struts_carry_what_their_stretching_does() -> None:
+    """Struts along <111> in tension alone: C11 = C12 = C44 = rho E / 9 (Gurtner and Durand, 2014); joints make them stiffer."""
+    found = tpmscad.homogenize("bcc", porosity=0.95)
+    assert found.volume_fraction == pytest.approx(0.05, rel=2e-3)
+    for entry in (found.stiffness[0, 0], found.stiffness[0, 1], found.stiffness[3, 3]):
+        assert 1.0 < entry / (0.05 / 9) < 1.4
+    assert 0.99 < 3 * found.conductivity[0, 0] / found.volume_fraction < 1.25
+    assert found.error < 0.01
+
+
+def test_fields_that_are_no_cell_are_refused() -> None:
+    with pytest.raises(InvalidRequest, match="has no periods"):
+        tpmscad.homogenize(fields.sphere((0, 0, 0), 1.0))
+    with pytest.raises(InvalidRequest, match="has no periods"):
+        tpmscad.homogenize(fields.strut_lattice("bcc", 1.0, 0.1), porosity=0.9)
+    with pytest.raises(InvalidRequest, match="exactly one"):
+        tpmscad.homogenize("bcc")
+    with pytest.raises(InvalidRequest, match="kind and reference are those of surfaces"):
+        tpmscad.homogenize("bcc", porosity=0.9, kind="skeletal")
+    with pytest.raises(InvalidRequest, match="reference is that of a name"):
+        tpmscad.homogenize(fields.tpms("P", 1.0), porosity=0.9, reference="nodal")

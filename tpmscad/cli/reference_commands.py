@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import shutil
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Annotated, Literal
 
@@ -14,6 +15,8 @@ from tpmscad.catalogue import CATALOGUE
 from tpmscad.cli.options import QuietOption, output_option
 from tpmscad.cli.output import OutputRequest, tell
 from tpmscad.errors import InvalidRequest
+from tpmscad.one_piece_ranges import find_level_ranges, find_sheet_limit
+from tpmscad.strut_cells import LARGEST_DIAMETERS
 
 MIN_WIDTH, MAX_WIDTH = 60, 100
 """Columns of printed text: those of the terminal, within these limits."""
@@ -32,7 +35,10 @@ KindArgument = Annotated[
 
 
 def surfaces(as_json: JsonOption = False) -> None:
-    """List the surfaces: names, references, genus, space group, and the thickest wall that a sheet may have."""
+    """List the surfaces: names, references, genus, space group, the thickest wall, and where their solids are one piece.
+
+    Then the cells of struts, with the largest diameter of each.
+    """
     from tpmscad.studies._thickest_wall import thickest_wall  # loads NumPy
 
     rows = [
@@ -46,6 +52,7 @@ def surfaces(as_json: JsonOption = False) -> None:
             "space_group": info.space_group,
             "formula": info.formula,
             "thickest_wall": thickest_wall(info.name),
+            "one_piece": {reference: _describe_pieces(info.name, reference) for reference in info.references},
         }
         for info in CATALOGUE.values()
     ]
@@ -66,10 +73,48 @@ def surfaces(as_json: JsonOption = False) -> None:
                 str(row["space_group"]),
             )
         )
+    _print_table(table)
+    print(f"\n{CATALOGUE_NOTE}\n")
+    pieces: list[tuple[str, ...]] = [("one piece", "reference", "side -", "side +", "|f| <=")]
+    for info in CATALOGUE.values():
+        for reference in info.references:
+            sides = (_list_fractions(info.name, reference, side) for side in "-+")
+            pieces.append((info.name, reference, *sides, f"{find_sheet_limit(info.name, reference):.4g}"))
+    _print_table(pieces)
+    print(f"\n{PIECES_NOTE}\n")
+    _print_table([("struts", "largest diameter"), *((k, f"{d:.4f} cell") for k, d in LARGEST_DIAMETERS.items())])
+    print(f"\n{STRUTS_NOTE}")
+
+
+def _print_table(table: Sequence[tuple[str, ...]]) -> None:
+    """Print rows in columns."""
     widths = [max(map(len, column)) for column in zip(*table, strict=True)]
     for line in table:
         print("  ".join(entry.ljust(width) for entry, width in zip(line, widths, strict=True)).rstrip())
-    print(f"\n{CATALOGUE_NOTE}")
+
+
+def _list_fractions(name: str, reference: str, side: str) -> str:
+    """The volume fractions at which one side of a surface is one piece."""
+    ends = ((each.fraction, each.to_fraction) for each in find_level_ranges(name, reference, side))
+    return ", ".join(f"{low:.3f}-{high:.3g}" for low, high in ends)
+
+
+def _describe_pieces(name: str, reference: str) -> dict[str, object]:
+    """The ranges of levels and volume fractions of both sides, and the level up to which a sheet has two whole channels.
+
+    A level beyond the range of the function is None.
+    """
+    ranges: dict[str, object] = {
+        side: [
+            {
+                "levels": [each.level, each.to_level if abs(each.to_level) < float("inf") else None],
+                "volume_fractions": [each.fraction, each.to_fraction],
+            }
+            for each in find_level_ranges(name, reference, side)
+        ]
+        for side in "-+"
+    }
+    return {**ranges, "sheet_to_level": find_sheet_limit(name, reference)}
 
 
 MAX_ALIAS = 5
@@ -77,6 +122,15 @@ MAX_ALIAS = 5
 
 CATALOGUE_NOTE = """Thickest wall: --thickness stays below it, times the edge of the cell, or the
 wall would fold. --json prints the formulas, too."""
+
+
+PIECES_NOTE = """One piece in all of space: volume fractions of a side, {f <= c} or {f >= c}, and
+the greatest c at which both channels beside the sheet |f| <= c are one piece
+each. Lattices of constant wall, --thickness, --offset or --volume-fraction, and
+their channels are one piece at every offset that their curvature permits."""
+
+STRUTS_NOTE = """Largest diameter: struts of tpmscad struts stay below it, times the edge of a
+cubic cell. Up to it struts and void are one piece each, however thin."""
 
 
 def template(recipe: TemplateArgument, output: TemplateFileOption = None, quiet: QuietOption = False) -> None:

@@ -335,15 +335,16 @@ class HomogenizeOptions:
     surface: Annotated[
         str | Any,
         TEXT.or_else(ANYTHING),
-        "A surface of the catalogue, of which a cell of edge 1 is made; or a model whose box repeats, as one of "
-        "``tpmscad.lattice(...)`` with whole cells.",
+        "A surface of the catalogue, or a kind of struts, of which a cell of edge 1 is made; a periodic field, of which one "
+        "period is made; or a model whose box repeats, as one of ``tpmscad.lattice(...)`` with whole cells.",
     ]
     _: KW_ONLY
     volume_fraction: Annotated[
         float | None,
         FRACTION,
-        "Volume of the solid over that of the cell. With a name, give exactly one of `volume_fraction` and `porosity`; a model "
-        "takes neither.",
+        "Volume of the solid over that of the cell. With a name, give exactly one of `volume_fraction` and `porosity`. Of a "
+        "field phi they make the sheet |phi| <= c, or with `kind` 'skeletal' the solid phi <= c; without them its solid is "
+        "phi < 0. A model takes neither.",
     ] = None
     porosity: Annotated[float | None, FRACTION, "Void fraction of the cell, 1 - volume fraction."] = None
     kind: Annotated[

@@ -22,6 +22,7 @@ from scipy.optimize import brentq
 from tpmscad import fields, surfaces
 from tpmscad._typing import Array
 from tpmscad.errors import InvalidRequest
+from tpmscad.one_piece_ranges import note_sheet
 from tpmscad.requests.lattice_options import LatticeOptions
 from tpmscad.sources.pore_radii import PoreRadii, find_level_pore_radii, find_pore_radii
 
@@ -123,7 +124,7 @@ def _solve_for_fraction(options: LatticeOptions, cell: float) -> Wall:
         f"the wall lies between the levels {-level:.4g} and {level:.4g}, so its thickness varies: the radii of curvature "
         f"of the {title} allow no wall of constant thickness with volume fraction {fraction:g}"
     )
-    return Wall((0.0, 0.0), (-level, level), (note,))
+    return Wall((0.0, 0.0), (-level, level), (note, *note_sheet(name, reference, -level, level)))
 
 
 def solve_cell(options: LatticeOptions) -> tuple[float, tuple[str, ...]]:

@@ -139,7 +139,9 @@ def _note_phase(request: LatticeRequest, n_pieces: int) -> tuple[str, ...]:
         return (f"phase {format_point(best, 6)} gives fewer pieces: it is the default in a box",)
     if request.kind == "skeletal" and known.skeletal_chips:
         return (f"no phase makes one piece of every skeletal {request.surface}: this one leaves chips only",)
-    return ("the endless solid itself is in several pieces, or these offsets are beyond those that one phase joins",)
+    return (
+        "in all of space the solid is one piece: the faces of the box cut it, beyond the offsets that one phase joins",
+    )
 
 
 def _refuse_unit_cell(name: str, n_dropped: int) -> Brep:

@@ -11,4 +11,6 @@ from tpmscad.topology.diagrams import persistence_diagram as persistence_diagram
 from tpmscad.topology.persistence import PersistencePairs as PersistencePairs
 from tpmscad.topology.persistence import compute_pairs_at_level as compute_pairs_at_level
 from tpmscad.topology.persistence import compute_persistence as compute_persistence
+from tpmscad.topology.pieces_in_space import PeriodicPieces as PeriodicPieces
+from tpmscad.topology.pieces_in_space import periodic_pieces as periodic_pieces
 from tpmscad.topology.voxels import CONNECTIVITY as CONNECTIVITY

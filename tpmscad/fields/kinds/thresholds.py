@@ -6,6 +6,7 @@ and its threshold, so its gradient is exact.
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import Annotated
 
 import numpy as np
@@ -13,8 +14,16 @@ import numpy as np
 from tpmscad.api.public_calls import validate_call
 from tpmscad.api.shared_kinds import FIELD
 from tpmscad.errors import InvalidRequest
-from tpmscad.fields.field import ConstantField, Field, FieldLike, MinMaxField, as_field
+from tpmscad.fields.field import ConstantField, Field, FieldLike, MinMaxField, SumField, as_field
 from tpmscad.fields.kinds.nodal_field import NodalField
+from tpmscad.one_piece_ranges import note_sheet, note_side
+
+
+@dataclass(frozen=True, slots=True)
+class NotedSum(SumField):
+    """first + second, with what the certificate says of the pieces of the structure."""
+
+    notes: tuple[str, ...] = ()
 
 
 @validate_call()
@@ -41,7 +50,7 @@ def rod(
     """
     phi, c = as_field(phi), as_field(c)
     _check_range(phi, -np.inf, _constant_value(c), f"rod threshold {_constant_value(c):g}")
-    return phi - c
+    return NotedSum(phi, -c, _note_two_sides(phi, c, "-"))
 
 
 @validate_call()
@@ -70,7 +79,7 @@ def pore(
     """
     phi, c = as_field(phi), as_field(c)
     _check_range(phi, _constant_value(c), np.inf, f"pore threshold {_constant_value(c):g}")
-    return c - phi
+    return NotedSum(c, -phi, _note_two_sides(phi, c, "+"))
 
 
 @validate_call()
@@ -107,7 +116,19 @@ def sheet(
             f"sheet from {low:g} to {high:g} is empty: the lower threshold must be below the upper one"
         )
     _check_range(phi, low, high, f"sheet from {low:g} to {high:g}")
-    return MinMaxField(lo - phi, phi - hi, +1)
+    notes = note_sheet(phi.name, phi.reference, low, high) if isinstance(phi, NodalField) else ()
+    return MinMaxField(NotedSum(lo, -phi, notes), phi - hi, +1)
+
+
+def _note_two_sides(phi: Field, threshold: Field, solid_side: str) -> tuple[str, ...]:
+    """Notes if the solid or the void on either side of a constant threshold of a catalogued surface is not one piece."""
+    if not isinstance(phi, NodalField):
+        return ()
+    level, void_side = _constant_value(threshold), "+" if solid_side == "-" else "-"
+    return (
+        *note_side(phi.name, phi.reference, solid_side, level, "the solid"),
+        *note_side(phi.name, phi.reference, void_side, level, "the void"),
+    )
 
 
 def _constant_value(threshold: Field) -> float:

@@ -98,9 +98,14 @@ def volume_fraction(
 @validate_call()
 def threshold_for(
     phi: Annotated[FieldLike, FIELD, "The field."],
-    volume_fraction: Annotated[float, FRACTION, "Volume of the solid per volume of the box, between 0 and 1."],
+    volume_fraction: Annotated[
+        float | None,
+        FRACTION,
+        "Volume of the solid per volume of the box, between 0 and 1. Give exactly one of `volume_fraction` and `porosity`.",
+    ] = None,
     kind: Annotated[str, choice_of("rod", "pore", "sheet"), "The structure cut from phi."] = "rod",
     *,
+    porosity: Annotated[float | None, FRACTION, "Void per volume of the box, 1 - volume fraction."] = None,
     level: Annotated[float, NUMBER.described_as(example="0.0"), "Isovalue in the middle of a sheet."] = 0.0,
     domain: Annotated[BoxCorners | None, BOX, "The box, in model units; by default one period."] = None,
     samples: Annotated[
@@ -117,32 +122,37 @@ def threshold_for(
     Raises
     ------
     InvalidRequest
-        If the fraction is not between 0 and 1, the kind is unknown, or the box is invalid.
+        If the fraction is not between 0 and 1, both or none of fraction and porosity are given, the kind is unknown, or the box
+        is invalid.
 
     Examples
     --------
     >>> from tpmscad import fields
     >>> phi = fields.tpms("gyroid", 10.0)
-    >>> structure = fields.rod(phi, fields.threshold_for(phi, 0.3))
+    >>> structure = fields.rod(phi, fields.threshold_for(phi, porosity=0.7))
     """
+    if (volume_fraction is None) == (porosity is None):
+        given = "none of them" if porosity is None else "both"
+        raise InvalidRequest(f"give exactly one of `volume_fraction` and `porosity`; here: {given}")
+    fraction = 1.0 - porosity if porosity is not None else float(volume_fraction or 0.0)
     grids = _sample_two_grids(as_field(phi), domain, samples)
     part = _fraction_function(kind, level)
 
     def excess(cells: _CellSamples, t: float) -> float:
-        return part(cells, t) - volume_fraction
+        return part(cells, t) - fraction
 
     minimum = min(float(cells.lower_bounds.min()) for cells in grids)
     maximum = max(float(cells.upper_bounds.max()) for cells in grids)
     if minimum == maximum:
         raise InvalidRequest(
-            f"the field is {minimum:g} everywhere in the domain: no threshold cuts off a volume fraction of {volume_fraction:g}; "
+            f"the field is {minimum:g} everywhere in the domain: no threshold cuts off a volume fraction of {fraction:g}; "
             "give a field that varies"
         )
     low, high = (0.0, max(maximum - level, level - minimum)) if kind == "sheet" else (minimum, maximum)
     reached = sorted(part(grids[1], t) for t in (low, high))
-    if not reached[0] <= volume_fraction <= reached[1]:
+    if not reached[0] <= fraction <= reached[1]:
         raise InvalidRequest(
-            f"volume fraction {volume_fraction:g} is out of reach: the field is constant in a part of the domain, so that a "
+            f"volume fraction {fraction:g} is out of reach: the field is constant in a part of the domain, so that a "
             f"{kind} fills between {reached[0]:.4g} and {reached[1]:.4g} of it; give a field that varies, or another fraction"
         )
     t = _solve_threshold(excess, grids, low, high)
