@@ -29,7 +29,7 @@ from tpmscad.kernel.render.scene import Scene
 GRID = 2**14
 """Steps of the grid along the longest side of all parts."""
 
-VIEW_BYTES = 320_000
+VIEW_BYTES = 480_000
 """Greatest size of a file."""
 
 VIEW_DEVIATION, VIEW_ANGLE = 1.5e-3, np.radians(20.0)
