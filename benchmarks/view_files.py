@@ -132,7 +132,7 @@ def read_solids(files: Sequence[Path], title: str) -> tuple[bd.Compound, list[st
         labels = [child.label for child in read.children] if len(read.children) == len(own) else [""] * len(own)
         if len(files) > 1:
             labels = [file.stem.removeprefix(title).replace("_", " ").strip()] * len(own)
-        names += [label or "part" for label in labels]
+        names += [label.replace("_", " ") or "part" for label in labels]  # build123d reads blanks as underscores
         solids += own
     return bd.Compound(solids), names
 

@@ -83,7 +83,7 @@ def main(
     path: str | Path = "beam.step",
     cells: tuple[int, int] = (6, 3),
     size: float = 5.0,
-    iterations: int = 8,
+    iterations: int = 15,
     voxels: int = 6,
     tol: float = 0.3,
 ) -> dict[str, Any]:

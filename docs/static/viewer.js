@@ -189,13 +189,15 @@ class View {
             plane[3] = sign * (this.low[axis] + share * (this.high[axis] - this.low[axis]));
         }
         gl.uniform4f(uniform("plane"), ...plane);
-        for (const part of this.parts) {
-            if (part.hidden) continue;
+        gl.enable(gl.POLYGON_OFFSET_FILL);
+        this.parts.forEach((part, i) => {
+            if (part.hidden) return;
+            gl.polygonOffset(this.parts.length - i, this.parts.length - i); // of faces that touch, the last part's is seen
             gl.uniform3f(uniform("colour"), ...part.colour);
             gl.uniform1i(uniform("edges"), part.edges ? 1 : 0);
             gl.bindVertexArray(part.array);
             gl.drawElements(gl.TRIANGLES, part.count, gl.UNSIGNED_INT, 0);
-        }
+        });
     }
 
     controls() {
