@@ -71,7 +71,7 @@ SCENES: dict[str, Scene] = {
     "bone": Scene({"arrangements": ("quadrants", "layers"), "tol": 0.08}, view="*quadrants.step"),
     "solidify_graded": Scene(view="*.step"),
     "solidify_blend": Scene(view="*.step"),
-    "solidify_dask": Scene({"cells": 3, "tol": 0.01}),
+    "solidify_dask": Scene(),
     "sweep": Scene({"surfaces": ("gyroid", "diamond", "schwarz_p"), "thicknesses": (0.5, 1.0, 1.5, 2.0)}),
     "mesh_gmsh": Scene({"size": 1.0, "radius": 9.0, "tol": 0.02}, view="infilled_part.msh"),
     "beam_plate": Scene({"sizes": (5.0, 2.5, 1.25), "iterations": 15}),
