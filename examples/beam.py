@@ -82,10 +82,10 @@ def resolve(
 def main(
     path: str | Path = "beam.step",
     cells: tuple[int, int] = (6, 3),
-    size: float = 2.5,
+    size: float = 5.0,
     iterations: int = 15,
-    voxels: int = 10,
-    tol: float = 0.1,
+    voxels: int = 6,
+    tol: float = 0.3,
 ) -> dict[str, Any]:
     """Optimise on elements of `size` mm, blend, write and draw the beam; return what was measured on it, in mm.
 

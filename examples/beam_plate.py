@@ -226,8 +226,8 @@ def remove_islands(share: np.ndarray, radius: float) -> np.ndarray:
 def main(
     path: str | Path = "beam_plate.png",
     cells: tuple[int, int] = (8, 4),
-    sizes: tuple[float, ...] = (5.0, 2.5, 1.25),
-    iterations: int = 15,
+    sizes: tuple[float, ...] = (5.0, 2.5),
+    iterations: int = 8,
 ) -> dict[str, dict[str, float]]:
     """Optimise on elements of several sizes, mm, and draw the last design; return compliances, of uniform plates among them.
 

@@ -55,7 +55,7 @@ def main(
     folder: str | Path = ".",
     arrangements: tuple[str, ...] = ("quadrants",),
     period: float = 4.0,
-    tol: float = 0.08,
+    tol: float = 0.16,
 ) -> dict[str, dict[str, object]]:
     """Make, draw and write a scaffold of each arrangement, in mm; return what was measured on it."""
     found: dict[str, dict[str, object]] = {}

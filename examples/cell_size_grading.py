@@ -93,9 +93,9 @@ def homogenised_modulus() -> float:
 
 def main(
     path: str | Path = "cell_size_grading.step",
-    size: tuple[float, float, float] = (20.0, 10.0, 10.0),
-    tol: float = 0.1,
-    voxels: int = 40,
+    size: tuple[float, float, float] = (12.0, 6.0, 6.0),
+    tol: float = 0.2,
+    voxels: int = 24,
 ) -> dict[str, Any]:
     """Grade a block, measure the structures, write and draw the solid, in mm; `voxels` lie along the block.
 

@@ -112,7 +112,7 @@ def estimate_gap(first: bd.Solid, second: bd.Solid) -> float:
     return float(KDTree(clouds[0]).query(clouds[1])[0].min())
 
 
-def main(folder: str | Path = ".", cells: tuple[int, int, int] = (2, 2, 4), tol: float = 0.05) -> dict[str, Any]:
+def main(folder: str | Path = ".", cells: tuple[int, int, int] = (2, 2, 2), tol: float = 0.1) -> dict[str, Any]:
     """Make, write and draw an exchanger of so many cells; return what was measured on it, in mm."""
     core, wall, parts = make_exchanger(cells, tol)
     hull, plus, minus = parts.values()

@@ -1,25 +1,47 @@
 """A cross-flow heat exchanger without baffles: each channel opens at two sides of a box, and closes towards the others."""
 
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
 import build123d as bd
 
 import tpmscad
 from tpmscad.results.domain_results import FluidDomains
 
-SIZE = (20.0, 18.0, 16.0)
 OPENINGS = {"+": ["<X", ">X"], "-": ["<Y", ">Y"]}
 
 
-def exchanger(tol: float = 0.1) -> FluidDomains:
-    """Wall, channel + from side to side along x, and channel - along y."""
+def exchanger(size: tuple[float, float, float], transition: float, tol: float) -> FluidDomains:
+    """Wall, channel + from side to side along x, and channel - along y, which close over `transition`; in mm."""
     return tpmscad.fluid_domains(
-        bd.Box(*SIZE), "gyroid", cell=10, thickness=1, tol=tol, openings=OPENINGS, transition=6
+        bd.Box(*size), "gyroid", cell=10, thickness=1, tol=tol, openings=OPENINGS, transition=transition
     )
 
 
-if __name__ == "__main__":
-    made = exchanger()
-    print(made.certificate)
-    assert made.certificate.met
+def main(
+    folder: str | Path = ".",
+    size: tuple[float, float, float] = (16.0, 14.0, 12.0),
+    transition: float = 4.0,
+    tol: float = 0.2,
+) -> dict[str, Any]:
+    """Make, draw and write the exchanger; return what was measured on it."""
+    made = exchanger(size, transition, tol)
     print(made.summary())
-    made.render("exchanger_openings.png", section="z=0", size=(640, 480))
-    made.export_step("exchanger_openings.step")
+    made.render(Path(folder) / "exchanger_openings.png", section="z=0", size=(640, 480))
+    made.render(Path(folder) / "exchanger_openings_channels.png", hide="wall", size=(640, 480))
+    made.export_step(Path(folder) / "exchanger_openings.step")
+    certificate = made.certificate
+    return {
+        "met": certificate.met,
+        "faces": certificate.n_faces,
+        "deviation": certificate.max_deviation,
+        "betti": certificate.betti,
+        "volumes": {name: domain.volume for name, domain in made.domains.items()},
+    }
+
+
+if __name__ == "__main__":
+    for name, value in main().items():
+        print(f"{name}: {value}")

@@ -51,7 +51,7 @@ def body(cells: tuple[int, int, int]) -> bd.Part:
     return part
 
 
-def exchanger(cells: tuple[int, int, int] = (4, 4, 6), tol: float = 0.02) -> FluidDomains:
+def exchanger(cells: tuple[int, int, int] = (2, 2, 2), tol: float = 0.1) -> FluidDomains:
     """Wall, channel + and channel -."""
     return tpmscad.fluid_domains(body(cells), "gyroid", cell=CELL, thickness=0.8, phase=PHASE, tol=tol)
 
@@ -66,7 +66,7 @@ def estimate(domains: FluidDomains, length: float, volume_flow: float = 5e-6) ->
 
 
 def main(
-    path: str | Path = "heat_exchanger.step", cells: tuple[int, int, int] = (4, 4, 6), tol: float = 0.02
+    path: str | Path = "heat_exchanger.step", cells: tuple[int, int, int] = (2, 2, 2), tol: float = 0.1
 ) -> dict[str, Any]:
     """Make, draw and write an exchanger of so many cells; return what was measured on it, in mm."""
     made = exchanger(cells, tol)

@@ -44,7 +44,7 @@ def graded_rods(image: np.ndarray, radius: float, cell: float) -> fields.Field:
 
 
 def main(
-    path: str | Path = "implant.step", radius: float = 5.0, height: float = 8.0, cell: float = 4.0, tol: float = 0.08
+    path: str | Path = "implant.step", radius: float = 4.0, height: float = 5.0, cell: float = 4.0, tol: float = 0.1
 ) -> dict[str, Any]:
     """Make, draw and write the implant, in mm; return what was measured on it."""
     plug = bd.Pos(0, 0, height / 2) * bd.Cylinder(radius, height)

@@ -87,7 +87,7 @@ def count_tunnels(path: str | Path) -> int:
 
 
 def main(
-    path: str | Path = "nozzle.step", cells: tuple[int, int, int] = (10, 1, 5), tol: float = 0.05
+    path: str | Path = "nozzle.step", cells: tuple[int, int, int] = (8, 1, 3), tol: float = 0.2
 ) -> dict[str, Any]:
     """Make, draw and write a nozzle of so many cells, in mm; return what was measured on it."""
     nozzle = Nozzle(cells)

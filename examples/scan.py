@@ -28,7 +28,7 @@ def write_scan(path: Path, radius: float) -> None:
 
 
 def main(
-    folder: str | Path = ".", radius: float = 6.0, cell: float = 6.0, skin: float | None = None, tol: float = 0.15
+    folder: str | Path = ".", radius: float = 5.0, cell: float = 8.0, skin: float | None = None, tol: float = 0.25
 ) -> dict[str, Any]:
     """Make, draw and write the filled pebble, in mm; return what was measured on it."""
     scan = Path(folder) / "scan.stl"

@@ -29,7 +29,7 @@ def make_segmentation(size: float, spacing: float) -> np.ndarray:
 
 
 def main(
-    folder: str | Path = ".", size: float = 9.0, spacing: float = 0.5, cell: float = 5.0, tol: float = 0.15
+    folder: str | Path = ".", size: float = 8.0, spacing: float = 0.5, cell: float = 8.0, tol: float = 0.25
 ) -> dict[str, Any]:
     """Make, draw and write both solids, in mm; return what was measured on them."""
     organs = make_segmentation(size, spacing)

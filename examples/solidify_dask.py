@@ -17,7 +17,9 @@ from tpmscad import fields
 from tpmscad.solids._solidify import solidify
 
 
-def main(path: str | Path = "block.step", address: str | None = None, cells: int = 3) -> dict[str, object]:
+def main(
+    path: str | Path = "block.step", address: str | None = None, cells: int = 1, tol: float = 0.02
+) -> dict[str, object]:
     """Write the solid and return what its certificate says; SystemExit with a hint where Dask is not installed."""
     try:
         from distributed import Client, LocalCluster
@@ -28,7 +30,7 @@ def main(path: str | Path = "block.step", address: str | None = None, cells: int
     field = fields.sheet(fields.tpms("gyroid", period=10.0), -level, level)
     cluster = address or LocalCluster(n_workers=2, threads_per_worker=1, dashboard_address=None)
     with Client(cluster) as client:
-        model = solidify(field, ((0, 0, 0), (size, size, size)), tol=0.01, executor=client.get_executor())
+        model = solidify(field, ((0, 0, 0), (size, size, size)), tol=tol, executor=client.get_executor())
     if not isinstance(cluster, str):
         cluster.close()
     model.export_step(path)

@@ -1,4 +1,4 @@
-"""Stiffness against porosity of three surfaces: a sweep of wall thicknesses with homogenised properties, and a plot of it.
+"""Stiffness against porosity: a sweep of surfaces and wall thicknesses with homogenised properties, and a plot of it.
 
 The results are kept in a CSV file: run again, the script makes only the designs that are missing there. On a machine with many
 cores give `tpmscad.sweep` a process pool, as `tpmscad sweep designs.csv --properties --jobs 8` does.
@@ -15,14 +15,17 @@ from pathlib import Path
 import tpmscad
 from tpmscad.sweeps._sweep import SweepResults
 
-SURFACES = ("gyroid", "diamond", "schwarz_p")
+SURFACES = ("schwarz_p", "gyroid", "diamond")
+THICKNESSES = (0.5, 1.0, 1.5, 2.0)
+"""All of them take two minutes: `main(surfaces=SURFACES, thicknesses=THICKNESSES)`."""
+
 CELL = 10.0
 
 
 def main(
     path: str | Path = "sweep.csv",
-    surfaces: tuple[str, ...] = SURFACES,
-    thicknesses: tuple[float, ...] = (0.5, 1.0, 1.5, 2.0),
+    surfaces: tuple[str, ...] = SURFACES[:1],
+    thicknesses: tuple[float, ...] = THICKNESSES[1::2],
 ) -> SweepResults:
     """Make one cell of each surface with each thickness, plot Young's modulus over porosity, and return the results."""
     designs = [

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import codeop
 import re
 from pathlib import Path
 
@@ -72,6 +73,49 @@ def test_a_page_shows_a_picture_for_its_steps_and_says_where_to_go_next(name: st
     assert len(shown) == len(re.findall(r"!\[", page)), "every picture is one of the page's own, with words for it"
     assert all(file.startswith(f"{name}-") for file in shown)
     assert "](../guide/" in page.partition("## Where to go next")[2]
+
+
+def pasted_errors(text: str) -> list[str]:
+    """Lines that the prompt of Python, of 3.12 and older, refuses when a text is pasted: it wants an empty one after a block."""
+    lines: list[str] = []
+    refused, complete = [], codeop.CommandCompiler()
+    for line in [*text.splitlines(), ""]:
+        lines.append(line)
+        try:
+            done = complete("\n".join(lines), symbol="single") is not None
+        except SyntaxError:
+            refused.append(line)
+            done = True
+        lines = [] if done else lines
+    return refused
+
+
+@pytest.mark.parametrize("name", PAGES)
+@pytest.mark.parametrize("front_end", tutorials.FRONT_ENDS)
+def test_a_snippet_can_be_pasted_into_the_prompt_of_python(name: str, front_end: str) -> None:
+    snippets = [s.text for s in tutorials.read_snippets(PAGES[name], front_end) if s.language == "python"]
+    assert [line for text in snippets for line in pasted_errors(text)] == []
+
+
+def test_a_line_that_a_prompt_refuses_is_found() -> None:
+    assert pasted_errors("for k in range(2):\n    print(k)\nprint(3)\n") == ["print(3)"]
+
+
+EXTRAS = {"matplotlib": "plot", "skfem": "simulation", "gmsh": "mesh", "trimesh": "triangles", "cadquery": "cadquery"}
+"""Libraries that snippets import, and the extra that brings each."""
+
+OF_CORE = {"build123d", "numpy", "tpmscad"}
+
+
+@pytest.mark.parametrize("name", PAGES)
+def test_a_page_names_the_extras_that_its_snippets_import(name: str) -> None:
+    page = PAGES[name]
+    texts = [
+        s.text for end in tutorials.FRONT_ENDS for s in tutorials.read_snippets(page, end) if s.language == "python"
+    ]
+    imported = {word for text in texts for word in re.findall(r"^(?:import|from) (\w+)", text, re.MULTILINE)} - OF_CORE
+    installed = page[page.index("[Install]") : page.index("\n\n## ")]
+    assert {word for word in imported if f"`{EXTRAS[word]}`" not in installed} == set()
 
 
 def test_the_kept_pictures_are_those_that_the_pages_show_and_are_small() -> None:

@@ -1,22 +1,25 @@
 /* Turns a part in a page: WebGL 2, no library, no network.
 
 A page has <figure class="part-view" data-model="NAME"><img ...></figure> and, after this script, NAME.js, which calls
-showPart("NAME", model). A model is {low, step, parts: [{name, colour, vertices, triangles}], data}: `data` is base64 of gzip of
-a stream of bytes that benchmarks/view_files.py writes. Without WebGL 2 the picture stays. */
+showPart("NAME", model). A model is {low, step, parts: [{name, colour, vertices, triangles, edges}], data}: `data` is base64 of
+gzip of a stream of bytes that benchmarks/view_files.py writes. A part with `edges` has flat triangles, whose sides are drawn.
+Without WebGL 2 the picture stays. */
 "use strict";
 
 const VERTEX = `#version 300 es
-uniform mat4 camera; uniform mat3 turn; in vec3 place, normal; out vec3 at, facing;
-void main() { at = place; facing = turn * normal; gl_Position = camera * vec4(place, 1.0); }`;
+uniform mat4 camera; uniform mat3 turn; in vec3 place, normal, corner; out vec3 at, facing, share;
+void main() { at = place; facing = turn * normal; share = corner; gl_Position = camera * vec4(place, 1.0); }`;
 
 const FRAGMENT = `#version 300 es
 precision highp float;
-uniform vec3 colour; uniform vec4 plane; in vec3 at, facing; out vec4 shown;
+uniform vec3 colour; uniform vec4 plane; uniform bool edges; in vec3 at, facing, share; out vec4 shown;
 void main() {
+    vec3 pixels = share / max(fwidth(share), vec3(1e-9));
     if (dot(plane.xyz, at) > plane.w) discard;
     vec3 n = normalize(facing);
     float light = 0.34 + 0.56 * max(dot(n, normalize(vec3(0.35, 0.55, 0.75))), 0.0) + 0.12 * max(dot(n, vec3(-0.8, 0.1, 0.5)), 0.0);
     shown = gl_FrontFacing ? vec4(colour * light, 1.0) : vec4(colour * vec3(0.85, 0.72, 0.66), 1.0);
+    if (edges) shown.rgb *= 0.35 + 0.65 * smoothstep(0.3, 1.2, min(pixels.x, min(pixels.y, pixels.z)));
 }`;
 
 const ISO = { turn: 0.61, tilt: 0.45, zoom: 1, shift: [0, 0] };
@@ -47,8 +50,16 @@ function unpack(model, bytes) {
         }
         let fresh = 0;
         const corners = numbers(3 * part.triangles, 3).map((back) => (back ? fresh - back : fresh++));
-        return { ...part, points, corners, normals: pointNormals(points, corners) };
+        return part.edges ? separate(part, points, corners) : { ...part, points, corners, normals: pointNormals(points, corners) };
     });
+}
+
+/* The part with points of its own for each triangle, and the shares of its corners at them. */
+function separate(part, points, corners) {
+    const own = Float32Array.from({ length: 3 * corners.length }, (_, i) => points[3 * corners[Math.floor(i / 3)] + (i % 3)]);
+    const numbers = corners.map((_, i) => i);
+    const shares = Float32Array.from({ length: own.length }, (_, i) => (Math.floor(i / 3) % 3 === i % 3 ? 1 : 0));
+    return { ...part, points: own, corners: numbers, normals: pointNormals(own, numbers), shares };
 }
 
 function pointNormals(points, corners) {
@@ -121,12 +132,13 @@ class View {
         return program;
     }
 
-    upload({ points, normals, corners }) {
+    upload({ points, normals, corners, shares }) {
         const { gl } = this;
         this.shaders ??= this.program();
         const array = gl.createVertexArray();
         gl.bindVertexArray(array);
-        for (const [name, values] of [["place", points], ["normal", normals]]) {
+        for (const [name, values] of [["place", points], ["normal", normals], ["corner", shares]]) {
+            if (!values) continue;
             const where = gl.getAttribLocation(this.shaders, name);
             gl.bindBuffer(gl.ARRAY_BUFFER, gl.createBuffer());
             gl.bufferData(gl.ARRAY_BUFFER, values, gl.STATIC_DRAW);
@@ -177,12 +189,15 @@ class View {
             plane[3] = sign * (this.low[axis] + share * (this.high[axis] - this.low[axis]));
         }
         gl.uniform4f(uniform("plane"), ...plane);
-        for (const part of this.parts) {
-            if (part.hidden) continue;
+        gl.enable(gl.POLYGON_OFFSET_FILL);
+        this.parts.forEach((part, i) => {
+            if (part.hidden) return;
+            gl.polygonOffset(this.parts.length - i, this.parts.length - i); // of faces that touch, the last part's is seen
             gl.uniform3f(uniform("colour"), ...part.colour);
+            gl.uniform1i(uniform("edges"), part.edges ? 1 : 0);
             gl.bindVertexArray(part.array);
             gl.drawElements(gl.TRIANGLES, part.count, gl.UNSIGNED_INT, 0);
-        }
+        });
     }
 
     controls() {
