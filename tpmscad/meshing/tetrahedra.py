@@ -16,7 +16,6 @@ from scipy.spatial import cKDTree
 
 from tpmscad._typing import Array, BoolArray, IntArray
 from tpmscad.errors import KernelError
-from tpmscad.meshing.edge_collapse import collapse_short_edges
 from tpmscad.meshing.element_shapes import TETRA_EDGES, TRIANGLE_EDGES, jacobian_coefficients
 from tpmscad.meshing.facet_search import find_facets
 from tpmscad.meshing.gmsh_model import (
@@ -29,6 +28,7 @@ from tpmscad.meshing.gmsh_model import (
     read_nodes,
 )
 from tpmscad.meshing.mesh_arrays import AXES, sort_nodes
+from tpmscad.meshing.mesh_improvement import improve_poor_elements
 from tpmscad.meshing.msh_files import GMSH_KINDS
 from tpmscad.meshing.volume_mesh import VolumeMesh
 
@@ -160,7 +160,7 @@ def _generate(brep_file: Path, faces: SolidFaces, request: MeshRequest) -> Volum
         def project(facet: int, point: Array) -> Array:
             return np.array(gmsh.model.getClosestPoint(2, int(face_of[facet]), point.tolist())[0])
 
-        return collapse_short_edges(paired, request.size, project)
+        return improve_poor_elements(paired, request.size, project)
 
 
 def _number_groups(groups: Sequence[tuple[str, ...]], counts: Sequence[int]) -> dict[str, IntArray]:
