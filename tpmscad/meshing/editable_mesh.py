@@ -83,6 +83,10 @@ class EditableMesh:
         numbers = np.flatnonzero(self.alive)
         return numbers, scaled_jacobians(self.kind, self.points, self.cells[numbers])
 
+    def quality_of(self, cells: Sequence[int]) -> float:
+        """The worst scaled Jacobian of some elements."""
+        return float(scaled_jacobians(self.kind, self.points, self.cells[list(cells)]).min())
+
     def images_of(self, node: int) -> list[int]:
         """A node and its images."""
         return self.images.get(int(self.original[node]), [node])
@@ -135,8 +139,7 @@ class EditableMesh:
         every = [cell for each in changes for cell in each.gone]
         if len(every) < len(set(every)) or not all(len(each.cells) for each in changes):
             return False
-        before = scaled_jacobians(self.kind, self.points, self.cells[every]).min()
-        return self.worst_after(changes) > before + LEAST_GAIN
+        return self.worst_after(changes) > self.quality_of(every) + LEAST_GAIN
 
     def worst_after(self, changes: Sequence[Change]) -> float:
         """The worst scaled Jacobian of the elements that changes bring; -1 if one may be inverted."""
@@ -182,6 +185,24 @@ class EditableMesh:
         """Whether a swap may bring new elements and nodes."""
         return self.n_cells + 20 < len(self.cells) and self.n_points + 20 < len(self.points)
 
+    def deviation(self) -> float:
+        """Greatest distance of a node on facets from the faces that it lies on, with images at their places; 0 without faces."""
+        if self.project is None:
+            return 0.0
+        sources: dict[tuple[int, int], set[int]] = {}
+        for facet in np.flatnonzero(self.alive_facets).tolist():
+            for node in self.facets[facet].tolist():
+                sources.setdefault((node, self.label_of(facet)), set()).add(int(self.facet_source[facet]))
+        points, worst = self.points[self.original] + self.periods_off * self.periods, 0.0
+        for (node, _), facets in sources.items():
+            gap = np.inf
+            for facet in facets:
+                gap = min(gap, float(np.linalg.norm(self.project(facet, points[node]) - points[node])))
+                if gap <= worst:
+                    break
+            worst = max(worst, gap)
+        return worst
+
     def build(self) -> VolumeMesh:
         """The mesh of what is left, with images exactly at their places."""
         n = self.n_points
@@ -199,6 +220,7 @@ class EditableMesh:
             facets={self.facet_kind: self.facets[self.alive_facets]},
             cell_groups=groups,
             facet_groups=facet_groups,
+            deviation=self.deviation(),
         )
         return sort_nodes(made)
 

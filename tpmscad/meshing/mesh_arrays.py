@@ -74,6 +74,7 @@ class MeshArrays:
     merged: int = 0
     swapped: int = 0
     shifted: int = 0
+    deviation: float = 0.0
     openings: frozenset[str] = frozenset()
 
     def __post_init__(self) -> None:

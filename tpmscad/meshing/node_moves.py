@@ -2,17 +2,18 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
+
 import numpy as np
 
 from tpmscad._typing import Array
 from tpmscad.meshing.editable_mesh import CREASE_COSINE, Change, EditableMesh, unit_normal
-from tpmscad.meshing.element_shapes import scaled_jacobians
 
 FIRST_STEP, LAST_STEP = 0.2, 0.01
 """In element sizes: steps of the search, which are halved where none helps."""
 
-LEAST_GAIN = 0.01
-"""In parts of the worst scaled Jacobian: less is no reason for another step as long."""
+MOST_STEPS = 12
+"""Of one search: later passes go on with it."""
 
 LEAST_COSINE = 0.85
 """Of the angle by which a facet may turn."""
@@ -20,46 +21,51 @@ LEAST_COSINE = 0.85
 DIRECTIONS = np.array([v for v in np.ndindex(3, 3, 3) if np.abs(np.array(v) - 1).sum() in (1, 3)], float) - 1.0
 """(14, 3): those of the axes and of the diagonals of a cube."""
 
+IN_PLANE = np.array([(np.cos(t), np.sin(t)) for t in np.arange(6) * np.pi / 3])
+"""(6, 2): those of a regular hexagon's corners."""
 
-def move_node(mesh: EditableMesh, node: int, size: float) -> int:
-    """Move a corner with its images; the number of nodes moved."""
-    star = _Star(mesh, int(mesh.original[node]))
-    directions = _list_directions(mesh, star.nodes)
-    if not star.is_apart or not len(directions):
+
+def move_node(mesh: EditableMesh, node: int, size: float, edge: tuple[int, int] | None = None) -> int:
+    """Move a corner, or the middle of an edge between two, with its images; the number of nodes moved."""
+    star = _Star(mesh, node, edge)
+    if not star.is_apart:
         return 0
-    moved, step, worst = 0, FIRST_STEP * size, star.worst()
-    while step >= LAST_STEP * size:
-        start = mesh.points[star.nodes[0]]
-        tried = []
-        for direction in directions:
-            changes = star.move(mesh.project_on(mesh.facets_at[star.nodes[0]], start + step * direction))
-            tried.append((mesh.worst_after(changes), changes))
+    first, facets = star.nodes[0], star.facets[0]
+    directions = _list_directions(mesh, {f for own in star.facets for f in own})
+    moved, step, worst = 0, FIRST_STEP * size, mesh.quality_of([c for own in star.cells for c in own])
+    for _ in range(MOST_STEPS if len(directions) else 0):
+        places = [mesh.project_on(facets, mesh.points[first] + step * direction) for direction in directions]
+        tried = [(mesh.worst_after(changes), changes) for changes in map(star.move, places)]
         best, changes = max(tried, key=lambda each: each[0])
-        if best > LEAST_GAIN * abs(worst) + worst and not any(_turns(mesh, each) for each in changes):
+        if best > worst and not any(_turns(mesh, each) for each in changes):
             for each in changes:
                 mesh.apply(each)
             worst, moved = best, len(star.nodes)
         else:
             step *= 0.5
+            if step < LAST_STEP * size:
+                break
     return moved
 
 
 class _Star:
-    """The elements at a corner and at each of its images, and the edges between corners that end there."""
+    """The elements and facets at a node and at each of its images, and the edges between corners that end there."""
 
-    def __init__(self, mesh: EditableMesh, node: int) -> None:
-        self.mesh, self.nodes = mesh, mesh.images_of(node)
-        self.cells = [sorted(mesh.cells_at[n]) for n in self.nodes]
+    def __init__(self, mesh: EditableMesh, node: int, edge: tuple[int, int] | None) -> None:
+        self.mesh = mesh
+        self.nodes = mesh.images_of(node)
+        ends: list[tuple[int, ...]] = [(n,) for n in self.nodes]
+        if edge is not None:
+            images = [(a, b) for a in mesh.images_of(edge[0]) for b in mesh.images_of(edge[1])]
+            of_middle = {mesh.middle(a, b): (a, b) for a, b in images if mesh.cells_at[a] & mesh.cells_at[b]}
+            ends = [of_middle[n] for n in self.nodes]
+        self.cells = [sorted(set[int].intersection(*(mesh.cells_at[n] for n in own))) for own in ends]
+        self.facets = [sorted(set[int].intersection(*(mesh.facets_at[n] for n in own))) for own in ends]
         self.is_apart = len({c for own in self.cells for c in own}) == sum(map(len, self.cells))
         self.middles = [
             [(other, mesh.middle(n, other), mesh.facets_at[n] & mesh.facets_at[other]) for other in mesh.neighbours(n)]
-            for n in (self.nodes if mesh.is_curved else ())
+            for n in (self.nodes if mesh.is_curved and edge is None else ())
         ]
-
-    def worst(self) -> float:
-        """The worst scaled Jacobian as it is."""
-        mesh = self.mesh
-        return float(scaled_jacobians(mesh.kind, mesh.points, mesh.cells[[c for own in self.cells for c in own]]).min())
 
     def move(self, place: Array) -> list[Change]:
         """The change at each of the corners if the first goes to a place."""
@@ -79,10 +85,10 @@ class _Star:
         return found
 
 
-def _list_directions(mesh: EditableMesh, nodes: list[int]) -> Array:
-    """Unit vectors (n, 3) along which a node and its images may go: within all faces that they lie on; none at a corner."""
+def _list_directions(mesh: EditableMesh, facets: Iterable[int]) -> Array:
+    """Unit vectors (n, 3) along which a node on facets may go: within all their faces; none at a corner."""
     normals: dict[int, list[Array]] = {}
-    for facet in (f for node in nodes for f in mesh.facets_at[node]):
+    for facet in facets:
         normals.setdefault(mesh.label_of(facet), []).append(mesh.normal(facet))
     directions = DIRECTIONS / np.linalg.norm(DIRECTIONS, axis=1)[:, None]
     across = np.zeros((0, 3))
@@ -97,11 +103,9 @@ def _list_directions(mesh: EditableMesh, nodes: list[int]) -> Array:
         free = rows[int((values > 0.1).sum()) :]
         if len(free) == 0:
             return np.zeros((0, 3))
-        directions = directions @ free.T @ free
-        lengths = np.linalg.norm(directions, axis=1)
-        directions = directions[lengths > 0.3] / lengths[lengths > 0.3, None]
         if len(free) == 1:
             return np.vstack([free, -free])
+        return np.asarray(IN_PLANE @ free)
     return np.asarray(directions)
 
 

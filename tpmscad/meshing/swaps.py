@@ -1,10 +1,11 @@
 """Elements around an edge or at both sides of a face put together anew, where that makes the worst of them better.
 
-An edge inside is removed with the elements around it: the ring of corners opposite it is divided into triangles, and each of these
-joined to both ends of the edge. An edge between two facets of one smooth face is flipped with them; where one element lies
+An edge inside is removed with the elements around it: the ring of corners opposite it is divided into triangles, and each of
+these joined to both ends of the edge. An edge between two facets of one smooth face is flipped with them; where one element lies
 between both, it goes. Two elements with a common face become three around a new edge.
 
-Source: Freitag and Ollivier-Gooch, Tetrahedral mesh improvement using swapping and smoothing, Int. J. Numer. Meth. Engng 40 (1997).
+Source: Freitag and Ollivier-Gooch, Tetrahedral mesh improvement using swapping and smoothing, Int. J. Numer. Meth. Engng 40
+(1997) 3979.
 """
 
 from __future__ import annotations
@@ -169,7 +170,7 @@ def _make_change(
     edge: tuple[int, int],
     flip: tuple[int, int] | None,
 ) -> Change | None:
-    """The change from elements to others, and from two facets at an edge to those at another; None if an edge were there twice."""
+    """The change from elements to others, and from two facets at an edge to those at another; None if one were there twice."""
     a, b = edge
     points: dict[int, Array] = {}
     made: dict[frozenset[int], int] = {}
