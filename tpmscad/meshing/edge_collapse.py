@@ -75,8 +75,7 @@ def _examine(mesh: EditableMesh, gone: int, kept: int) -> Change | None:
             renamed[middle[node]] = mesh.middle(kept, node)
         start, end = mesh.points[[gone, kept]]
         for node in middle.keys() - ring - {kept}:
-            own = mesh.facets_at[gone] & mesh.facets_at[node]
-            moved[middle[node]] = mesh.place_middle(node, start, end, middle[node], own)
+            moved[middle[node]] = mesh.place_middle(node, start, end, middle[node], mesh.facets_near(gone, node))
     changed = sorted(mesh.cells_at[gone] - between)
     return Change(
         [*changed, *sorted(between)],

@@ -16,8 +16,14 @@ from tpmscad.meshing.element_shapes import TETRA_EDGES, TRIANGLE_EDGES, jacobian
 from tpmscad.meshing.mesh_arrays import sort_nodes
 from tpmscad.meshing.volume_mesh import VolumeMesh
 
-ALTERNATIONS = 6
-"""Projections on each of the faces that meet in an edge: the distance from it falls by half or more with each."""
+NEWTON_STEPS = 12
+"""To the curve in which faces meet: each goes to the planes that touch them at the nearest points."""
+
+ON_FACE = 1e-9
+"""Model units: distance up to which a point is on a face."""
+
+LEAST_ANGLE = 0.05
+"""Radians: angle between faces below which they are taken for one."""
 
 CREASE_COSINE = 0.85
 """Of the angle between facets at a node beyond which a crease is taken to run between them, along which alone the node may go."""
@@ -28,8 +34,13 @@ SPARE = 0.25
 LEAST_GAIN = 1e-6
 """Of the worst scaled Jacobian: what is no better than this is round-off."""
 
-Project = Callable[[int, Array], Array]
-"""From the number of a facet and a point (3,) to the nearest point of the face that the facet is of."""
+
+@dataclass(frozen=True, slots=True, eq=False)
+class FacesOfFacets:
+    """The number of the face (m,) that each facet is of, and the nearest point of a face, by its number, to a point (3,)."""
+
+    face: IntArray
+    project: Callable[[int, Array], Array]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -48,8 +59,8 @@ class Change:
 class EditableMesh:
     """The elements and facets of a mesh of one kind of tetrahedra, and those at each corner; all arrays have spare rows."""
 
-    def __init__(self, mesh: VolumeMesh, project: Project | None) -> None:
-        self.mesh, self.project = mesh, project
+    def __init__(self, mesh: VolumeMesh, faces: FacesOfFacets | None) -> None:
+        self.mesh, self.faces_of_facets = mesh, faces
         ((self.kind, cells),), ((self.facet_kind, facets),) = mesh.cells.items(), mesh.facets.items()
         spare = 100 + int(SPARE * len(cells))
         self.n_points, self.n_cells = len(mesh.points), len(cells)
@@ -60,7 +71,9 @@ class EditableMesh:
         self.source = np.concatenate(
             [np.arange(len(cells)), np.zeros(spare, np.int64)]
         )  # an element of the same groups
-        self.facet_source = np.arange(len(facets))  # a facet of the same groups and face
+        self.facet_source = np.arange(len(facets))  # a facet of the same groups
+        numbers = faces.face if faces is not None else np.zeros(len(facets), np.int64)
+        self.faces = [frozenset((face,)) for face in numbers.tolist()]  # those that a facet may reach over
         self.cells_at = _list_uses(cells[:, :4], len(self.points))
         self.facets_at = _list_uses(facets[:, :3], len(self.points))
         self.labels = _label_groups(len(facets), mesh.facet_groups.values())
@@ -114,18 +127,39 @@ class EditableMesh:
         """A number that elements of the same groups have in common."""
         return int(self.regions[self.source[cell]])
 
+    def facets_near(self, a: int, b: int) -> set[int]:
+        """Facets at either end of an edge that are of the same groups as one at the edge: its middle may lie on their faces."""
+        labels = {self.label_of(f) for f in self.facets_at[a] & self.facets_at[b]}
+        if not labels:
+            return set()
+        return {f for f in self.facets_at[a] | self.facets_at[b] if self.label_of(f) in labels}
+
     def project_on(self, facets: Iterable[int], place: Array) -> Array:
         """The point of the faces of facets that is nearest to a point; of several groups, of the curve in which they meet."""
-        by_label: dict[int, dict[int, int]] = {}
-        for f in sorted(facets):
-            by_label.setdefault(self.label_of(f), {})[int(self.facet_source[f])] = f
-        if self.project is None or not by_label:
-            return place
-        for _ in range(ALTERNATIONS if len(by_label) > 1 else 1):
-            for sources in by_label.values():
-                found = [self.project(source, place) for source in sources]
-                place = min(found, key=lambda p: float(np.linalg.norm(p - place)))
+        by_label: dict[int, set[int]] = {}
+        for f in facets:
+            by_label.setdefault(self.label_of(f), set()).update(self.faces[f])
+        if len(by_label) < 2:
+            return self._project(next(iter(by_label.values())), place) if by_label else place
+        normals: dict[int, Array] = {}
+        for _ in range(NEWTON_STEPS):
+            off = {label: self._project(faces, place) - place for label, faces in by_label.items()}
+            gaps = {label: float(np.linalg.norm(vector)) for label, vector in off.items()}
+            if max(gaps.values()) <= ON_FACE:
+                break
+            normals |= {label: vector / gaps[label] for label, vector in off.items() if gaps[label] > ON_FACE}
+            rows = np.array([*normals.values()])
+            place = place + np.linalg.pinv(rows, LEAST_ANGLE) @ [
+                normal @ off[label] for label, normal in normals.items()
+            ]
         return place
+
+    def _project(self, faces: Iterable[int], place: Array) -> Array:
+        """The nearest point of some faces; the point itself if these are not known."""
+        if self.faces_of_facets is None:
+            return place
+        found = [self.faces_of_facets.project(face, place) for face in sorted(faces)]
+        return min(found, key=lambda p: float(np.linalg.norm(p - place)))
 
     def place_middle(self, node: int, start: Array, end: Array, middle: int, facets: Iterable[int]) -> Array:
         """Where the middle of an edge from a node goes whose other end goes from one place to another."""
@@ -175,9 +209,13 @@ class EditableMesh:
             for node in self.facets[facet, :3].tolist():
                 self.facets_at[node].discard(facet)
         facet_sources = [int(self.facet_source[facet]) for facet in change.facets_like]
+        faces: dict[int, frozenset[int]] = {}
+        for facet in change.gone_facets:
+            faces[self.label_of(facet)] = faces.get(self.label_of(facet), frozenset()) | self.faces[facet]
         places = change.gone_facets[: len(change.facets)]
         for facet, row, source in zip(places, change.facets, facet_sources, strict=True):
             self.facets[facet], self.facet_source[facet], self.alive_facets[facet] = row, source, True
+            self.faces[facet] = faces[self.label_of(facet)]
             for node in row[:3].tolist():
                 self.facets_at[node].add(facet)
 
@@ -187,21 +225,20 @@ class EditableMesh:
 
     def deviation(self) -> float:
         """Greatest distance of a node on facets from the faces that it lies on, with images at their places; 0 without faces."""
-        if self.project is None:
+        if self.faces_of_facets is None:
             return 0.0
-        sources: dict[tuple[int, int], set[int]] = {}
+        faces: dict[tuple[int, int], set[int]] = {}
         for facet in np.flatnonzero(self.alive_facets).tolist():
+            label, around = (
+                self.label_of(facet),
+                {f for n in self.facets[facet, :3].tolist() for f in self.facets_at[n]},
+            )
+            near = {face for f in around if self.label_of(f) == label for face in self.faces[f]}
             for node in self.facets[facet].tolist():
-                sources.setdefault((node, self.label_of(facet)), set()).add(int(self.facet_source[facet]))
-        points, worst = self.points[self.original] + self.periods_off * self.periods, 0.0
-        for (node, _), facets in sources.items():
-            gap = np.inf
-            for facet in facets:
-                gap = min(gap, float(np.linalg.norm(self.project(facet, points[node]) - points[node])))
-                if gap <= worst:
-                    break
-            worst = max(worst, gap)
-        return worst
+                faces.setdefault((node, label), set()).update(near)
+        points = self.points[self.original] + self.periods_off * self.periods
+        gaps = [np.linalg.norm(self._project(own, points[node]) - points[node]) for (node, _), own in faces.items()]
+        return float(max(gaps, default=0.0))
 
     def build(self) -> VolumeMesh:
         """The mesh of what is left, with images exactly at their places."""

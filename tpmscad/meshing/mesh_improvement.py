@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from tpmscad.meshing.edge_collapse import collapse_shortest_edge
-from tpmscad.meshing.editable_mesh import EditableMesh, Project
+from tpmscad.meshing.editable_mesh import EditableMesh, FacesOfFacets
 from tpmscad.meshing.element_shapes import TETRA_EDGES
 from tpmscad.meshing.node_moves import move_node
 from tpmscad.meshing.swaps import swap_around
@@ -23,13 +23,13 @@ SHORT = 0.5
 MAX_PASSES = 6
 
 
-def improve_poor_elements(mesh: VolumeMesh, size: float, project: Project | None = None) -> VolumeMesh:
+def improve_poor_elements(mesh: VolumeMesh, size: float, faces: FacesOfFacets | None = None) -> VolumeMesh:
     """The mesh of tetrahedra with its poor ones mended; `collapsed`, `swapped` and `shifted` of the result say how often.
 
-    `deviation` is measured anew. Size: the element size wanted, model units. Corners and middles of edges that move or are new are projected on the faces that
-    they lie on, if these are known.
+    Size: the element size wanted, model units. Corners and middles of edges that move or are new are projected on the faces that
+    they lie on, if these are known, and `deviation` is measured.
     """
-    state = EditableMesh(mesh, project)
+    state = EditableMesh(mesh, faces)
     methods: dict[str, Callable[[int], int]] = {
         "collapsed": lambda cell: collapse_shortest_edge(state, cell, SHORT * size),
         "swapped": lambda cell: swap_around(state, cell),

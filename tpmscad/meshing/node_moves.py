@@ -30,7 +30,7 @@ def move_node(mesh: EditableMesh, node: int, size: float, edge: tuple[int, int] 
     star = _Star(mesh, node, edge)
     if not star.is_apart:
         return 0
-    first, facets = star.nodes[0], star.facets[0]
+    first, facets = star.nodes[0], star.on_faces
     directions = _list_directions(mesh, {f for own in star.facets for f in own})
     moved, step, worst = 0, FIRST_STEP * size, mesh.quality_of([c for own in star.cells for c in own])
     for _ in range(MOST_STEPS if len(directions) else 0):
@@ -61,9 +61,11 @@ class _Star:
             ends = [of_middle[n] for n in self.nodes]
         self.cells = [sorted(set[int].intersection(*(mesh.cells_at[n] for n in own))) for own in ends]
         self.facets = [sorted(set[int].intersection(*(mesh.facets_at[n] for n in own))) for own in ends]
+        first = ends[0]
+        self.on_faces = set(self.facets[0]) if len(first) == 1 else mesh.facets_near(*first)
         self.is_apart = len({c for own in self.cells for c in own}) == sum(map(len, self.cells))
         self.middles = [
-            [(other, mesh.middle(n, other), mesh.facets_at[n] & mesh.facets_at[other]) for other in mesh.neighbours(n)]
+            [(other, mesh.middle(n, other), mesh.facets_near(n, other)) for other in mesh.neighbours(n)]
             for n in (self.nodes if mesh.is_curved and edge is None else ())
         ]
 
