@@ -28,6 +28,7 @@ import numpy as np
 
 import tpmscad
 from tpmscad import fields
+from tpmscad.meshing.element_shapes import scaled_jacobians
 from tpmscad.meshing.volume_mesh import VolumeMesh
 
 
@@ -205,6 +206,12 @@ def volume_of(model: Any) -> float:
     return float(sum(part.volume for part in model.domains.values()) if hasattr(model, "domains") else model.volume)
 
 
+def mean_scaled_jacobian(mesh: VolumeMesh) -> float:
+    """Mean over elements of the scaled Jacobian."""
+    found = [scaled_jacobians(kind, mesh.points, cells) for kind, cells in mesh.cells.items()]
+    return float(np.concatenate(found).mean())
+
+
 def main() -> None:
     """Mesh the cases and print a row for each."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
@@ -214,8 +221,8 @@ def main() -> None:
     parser.add_argument("--size", type=float, default=1.0, help="factor of all sizes")
     options = parser.parse_args()
     print(
-        "case            size   elements inverted straight    SICN       SJ   mean size    volume off groups pairs   mismatch    "
-        "moved collapsed   s  warnings"
+        "case            size   nodes   elements inverted straight    SICN       SJ mean SJ   mean size    volume off groups pairs   "
+        "mismatch    moved deviation merged collapsed swapped shifted   s  warnings"
     )
     cases = CASES | PERIODIC_CASES
     for name in options.names or (PERIODIC_CASES if options.periodic else CASES):
@@ -232,10 +239,12 @@ def main() -> None:
         pairs = sum(map(len, mesh.periodic.values()))
         covered = np.unique(np.concatenate(list(mesh.facet_groups.values()))).size == mesh.n_facets
         print(
-            f"{name:14} {size * options.size:5.2f} {mesh.n_cells:10d} {quality.inverted:8d} {mesh.straightened:8d} "
-            f"{quality.smallest:7.4f} {quality.smallest_scaled_jacobian:8.5f} {quality.size / size / options.size:6.3f} of it "
+            f"{name:14} {size * options.size:5.2f} {len(mesh.points):7d} {mesh.n_cells:10d} {quality.inverted:8d} "
+            f"{mesh.straightened:8d} {quality.smallest:7.4f} {quality.smallest_scaled_jacobian:8.5f} "
+            f"{mean_scaled_jacobian(mesh):7.3f} {quality.size / size / options.size:6.3f} of it "
             f"{mesh.volume / volume_of(model) - 1.0:10.1e} {len(mesh.facet_groups):5d}{'' if covered else '!'} {pairs:6d} "
-            f"{mesh.mismatch:10.1e} {mesh.moved:8.1e} {mesh.collapsed:5d} {seconds:5.0f}  {readers(mesh)}",
+            f"{mesh.mismatch:10.1e} {mesh.moved:8.1e} {mesh.deviation:9.1e} {mesh.merged:6d} {mesh.collapsed:9d} "
+            f"{mesh.swapped:7d} {mesh.shifted:7d} {seconds:5.0f}  {readers(mesh)}",
             flush=True,
         )
 

@@ -159,7 +159,26 @@ REGULAR_TETRAHEDRON = np.array([[1.0, 0.5, 0.5], [0.0, np.sqrt(3) / 2, np.sqrt(3
 
 def jacobians(kind: str, nodes: Array, at: Array) -> Array:
     """Jacobians (m, p, 3, d) of elements with nodes (m, n, 3) at reference coordinates (p, d)."""
-    return np.einsum("mnc,pnd->mpcd", nodes, SHAPES[kind].gradients(at), optimize=True)
+    return _map_gradients(nodes, SHAPES[kind].gradients(at))
+
+
+def _map_gradients(nodes: Array, gradients: Array) -> Array:
+    """Jacobians (m, p, 3, d) of elements with nodes (m, n, 3), given the gradients (p, n, d) of the shape functions."""
+    p, n, d = gradients.shape
+    flat = nodes.swapaxes(1, 2) @ gradients.swapaxes(0, 1).reshape(n, p * d)
+    return flat.reshape(-1, 3, p, d).swapaxes(1, 2)
+
+
+@functools.cache
+def _gradients_at_nodes(kind: str) -> Array:
+    """Gradients (n, n, d) of the shape functions at the nodes."""
+    return SHAPES[kind].gradients(SHAPES[kind].nodes)
+
+
+@functools.cache
+def _gradients_at_bernstein_samples(kind: str) -> Array:
+    """Gradients (b, n, d) of the shape functions where a Jacobian determinant is sampled."""
+    return SHAPES[kind].gradients(_bernstein_samples(kind)[0])
 
 
 def jacobian_coefficients(kind: str, points: Array, cells: IntArray) -> Array:
@@ -167,9 +186,9 @@ def jacobian_coefficients(kind: str, points: Array, cells: IntArray) -> Array:
 
     Their mean times the reference volume is the element's volume, exactly, as all Bernstein polynomials have the same integral.
     """
-    at, to_bernstein = _bernstein_samples(kind)
+    to_bernstein, gradients = _bernstein_samples(kind)[1], _gradients_at_bernstein_samples(kind)
     parts = [
-        np.linalg.det(jacobians(kind, points[block], at)) @ to_bernstein.T
+        np.linalg.det(_map_gradients(points[block], gradients)) @ to_bernstein.T
         for block in np.array_split(cells, max(1, -(-len(cells) // ELEMENTS_AT_ONCE)))
     ]
     return np.concatenate(parts)
@@ -225,7 +244,7 @@ def scaled_jacobians(kind: str, points: Array, cells: IntArray) -> Array:
     Times the square root of 2 for tetrahedra, so that a regular one has 1, as in Verdict.
     """
     shape = SHAPES[kind]
-    matrix = jacobians(kind, points[cells], shape.nodes)
+    matrix = _map_gradients(points[cells], _gradients_at_nodes(kind))
     scale = np.sqrt(2.0) if shape.is_simplex else 1.0
     lengths = np.linalg.norm(matrix, axis=-2)
     if shape.is_simplex:  # the three longest pairs of edges at the corner that is worst

@@ -71,6 +71,10 @@ class MeshArrays:
     straightened: int = 0
     moved: float = 0.0
     collapsed: int = 0
+    merged: int = 0
+    swapped: int = 0
+    shifted: int = 0
+    deviation: float = 0.0
     openings: frozenset[str] = frozenset()
 
     def __post_init__(self) -> None:

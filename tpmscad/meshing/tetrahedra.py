@@ -16,7 +16,7 @@ from scipy.spatial import cKDTree
 
 from tpmscad._typing import Array, BoolArray, IntArray
 from tpmscad.errors import KernelError
-from tpmscad.meshing.edge_collapse import collapse_short_edges
+from tpmscad.meshing.editable_mesh import FacesOfFacets
 from tpmscad.meshing.element_shapes import TETRA_EDGES, TRIANGLE_EDGES, jacobian_coefficients
 from tpmscad.meshing.facet_search import find_facets
 from tpmscad.meshing.gmsh_model import (
@@ -29,6 +29,7 @@ from tpmscad.meshing.gmsh_model import (
     read_nodes,
 )
 from tpmscad.meshing.mesh_arrays import AXES, sort_nodes
+from tpmscad.meshing.mesh_improvement import improve_poor_elements
 from tpmscad.meshing.msh_files import GMSH_KINDS
 from tpmscad.meshing.volume_mesh import VolumeMesh
 
@@ -127,7 +128,7 @@ def mesh_tetrahedra(brep_file: Path, faces: SolidFaces, request: MeshRequest, na
 
 
 def _generate(brep_file: Path, faces: SolidFaces, request: MeshRequest) -> VolumeMesh:
-    """The mesh as gmsh makes it, with its groups and periodic pairs, without the short edges of flat elements."""
+    """The mesh as gmsh makes it, with its groups and periodic pairs, and its poor elements mended."""
     kinds = ("tetra", "triangle") if request.order == 1 else ("tetra10", "triangle6")
     with open_model(brep_file, request.options()) as gmsh:
         face_tags = check_faces(gmsh, faces.places)
@@ -157,10 +158,10 @@ def _generate(brep_file: Path, faces: SolidFaces, request: MeshRequest) -> Volum
         ends = {axis: tuple(np.isin(face_of, tags) for tags in ends) for axis, ends in matched.items() if ends[0]}
         paired = pair_sides(sort_nodes(mesh), ends, faces.low, faces.high, request.reach)
 
-        def project(facet: int, point: Array) -> Array:
-            return np.array(gmsh.model.getClosestPoint(2, int(face_of[facet]), point.tolist())[0])
+        def project(face: int, point: Array) -> Array:
+            return np.array(gmsh.model.getClosestPoint(2, face, point.tolist())[0])
 
-        return collapse_short_edges(paired, request.size, project)
+        return improve_poor_elements(paired, request.size, FacesOfFacets(face_of, project))
 
 
 def _number_groups(groups: Sequence[tuple[str, ...]], counts: Sequence[int]) -> dict[str, IntArray]:

@@ -50,10 +50,17 @@ class VolumeMesh(MeshArrays):
         Curved edges on faces that are straight instead, as an element beside them would be inverted; their middles are not on the
         exact surface.
     moved : float
-        Greatest distance by which a node at a side of the box was moved to the image of one at the opposite side, model units:
-        the sides of a fitted field agree within the tolerance of the fit only.
-    collapsed : int
-        Short edges of flat elements that were collapsed to one of their ends, with edges of facets among them; each image counts.
+        Greatest distance by which a node at a side of the box was moved to the image of one at the opposite side, or a vertex to
+        another with which it was merged, model units: the sides of a fitted field agree within the tolerance of the fit only.
+    collapsed, swapped, shifted : int
+        What was done to mend poor elements: short edges collapsed to one of their ends, edges and faces swapped, and nodes moved
+        on the faces that they lie on. Each image counts.
+    merged : int
+        Edges of the solid that were merged before it was meshed: shorter than a hundredth of the element size, or twins at both
+        sides of a face that is as narrow.
+    deviation : float
+        Greatest distance of a node on facets from the faces that it lies on, model units, but for middles of straightened edges.
+        0 where there are no faces to measure from.
     openings : frozenset of str
         Groups of facets through which a fluid enters and leaves, for cases of flow.
     """
@@ -162,5 +169,12 @@ class VolumeMesh(MeshArrays):
         head = f"{self.name}: {counts}, {len(self.points)} nodes, volume {self.volume:.9g}"
         straight = f"\n{self.straightened} edges on faces are straight instead of curved" if self.straightened else ""
         moved = f", nodes moved by up to {self.moved:.2g} to images" if self.moved > MOVED else ""
-        collapsed = f"\n{self.collapsed} short edges of flat elements collapsed" if self.collapsed else ""
-        return f"{head}\n{self.quality}\ngroups {groups}{periodic}{moved}{collapsed}{straight}"
+        merged = f"\n{self.merged} short edges of the solid merged" if self.merged else ""
+        mended = ""
+        if self.collapsed + self.swapped + self.shifted:
+            mended = (
+                f"\npoor elements mended: {self.collapsed} short edges collapsed, {self.swapped} edges and faces swapped, "
+                f"{self.shifted} nodes moved"
+            )
+        off = f"\nnodes within {self.deviation:.2g} of their faces" if self.deviation > MOVED else ""
+        return f"{head}\n{self.quality}\ngroups {groups}{periodic}{moved}{merged}{mended}{off}{straight}"

@@ -14,6 +14,7 @@ from tpmscad._typing import BoxCorners
 from tpmscad.errors import InvalidRequest
 from tpmscad.kernel.export.alike_sides import make_sides_alike
 from tpmscad.kernel.export.brep_file import number_distinct_faces, write_plain_brep
+from tpmscad.kernel.export.short_edges import merge_short_edges
 from tpmscad.kernel.step.face_labels import NamedSolid
 from tpmscad.meshing.tetrahedra import MeshRequest, SolidFaces, mesh_tetrahedra
 from tpmscad.meshing.volume_mesh import VolumeMesh
@@ -52,24 +53,26 @@ def mesh_named_solids(
             "limit: the size is the length of an edge in mm"
         )
     stages = StageTimer(options.progress)
-    shapes, moved = [of.solid for of in solids], 0.0
+    found = merge_short_edges([of.solid for of in solids], low, high, request.same)
+    shapes, moved = found.solids, found.moved
     if request.periodic:
-        shapes, moved = make_sides_alike(shapes, low, high, request.same, request.reach)
+        shapes, by_sides = make_sides_alike(shapes, low, high, request.same, request.reach)
+        moved = max(moved, by_sides)
     numbers, places = number_distinct_faces(shapes)
     labels: list[list[tuple[str, str]]] = [[] for _ in places]
     several, openings = len(set(regions)) > 1, set()
-    for own, of, region in zip(numbers, solids, regions, strict=True):
-        for face, label in zip(own.tolist(), of.labels, strict=True):
-            labels[face].append((region, label))
+    for own, kept, of, region in zip(numbers, found.faces, solids, regions, strict=True):
+        for face, number in zip(own.tolist(), kept, strict=True):
+            labels[face].append((region, of.labels[number]))
         openings |= {_name_group(region, label, several) for label in of.openings}
-    groups = tuple(_face_groups(found, several) for found in labels)
+    groups = tuple(_face_groups(of, several) for of in labels)
     openings &= {name for of in groups for name in of}
     faces = SolidFaces(tuple(regions), groups, places, low, high)
     with TemporaryDirectory() as folder, stages("mesh"):
         file = Path(folder) / "solids.brep"
         write_plain_brep(shapes, file)
         mesh = mesh_tetrahedra(file, faces, request, name)
-    return replace(mesh, openings=frozenset(openings), moved=max(moved, mesh.moved))
+    return replace(mesh, openings=frozenset(openings), moved=max(moved, mesh.moved), merged=found.merged)
 
 
 def _face_groups(uses: Sequence[tuple[str, str]], several: bool) -> tuple[str, ...]:

@@ -121,10 +121,11 @@ def _move_vertices(whole: TopoDS_Shape, low: Array, high: Array, same: float, re
     label = label_linked(len(points), np.concatenate(pairs))
     builder, moved = BRep_Builder(), 0.0
     at_far = np.abs(points - high) <= IN_SIDE
-    first = np.lexsort([at_far.sum(axis=1), label])
+    in_sides = at_far | (np.abs(points - low) <= IN_SIDE)
+    first = np.lexsort([at_far.sum(axis=1), -in_sides.sum(axis=1), label])
     root = first[np.searchsorted(label[first], label)]
     for number, (vertex, own) in enumerate(zip(ends, root.tolist(), strict=True)):
-        place = points[own] + (at_far[number].astype(int) - at_far[own]) * (high - low)
+        place = points[own] + np.rint((points[number] - points[own]) / (high - low)) * (high - low)
         gap = float(np.linalg.norm(place - points[number]))
         if gap:
             builder.UpdateVertex(vertex, gp_Pnt(*place.tolist()), gap + BRep_Tool.Tolerance_s(vertex))

@@ -1,0 +1,238 @@
+"""Elements around an edge or at both sides of a face put together anew, where that makes the worst of them better.
+
+An edge inside is removed with the elements around it: the ring of corners opposite it is divided into triangles, and each of
+these joined to both ends of the edge. An edge between two facets of one smooth face is flipped with them; where one element lies
+between both, it goes. Two elements with a common face become three around a new edge.
+
+Source: Freitag and Ollivier-Gooch, Tetrahedral mesh improvement using swapping and smoothing, Int. J. Numer. Meth. Engng 40
+(1997) 3979.
+"""
+
+from __future__ import annotations
+
+import functools
+from collections.abc import Sequence
+from dataclasses import replace
+from itertools import pairwise
+
+import numpy as np
+
+from tpmscad._typing import Array
+from tpmscad.meshing.editable_mesh import Change, EditableMesh, add_middles, unit_normal
+from tpmscad.meshing.element_shapes import TETRA_EDGES, TETRA_FACES
+
+MOST_AROUND = 7
+"""Corners around an edge that is removed: 42 divisions into triangles."""
+
+LEAST_COSINE = 0.85
+"""Of the angle between facets of a face whose common edge is flipped, and by which they may turn."""
+
+
+def swap_around(mesh: EditableMesh, cell: int) -> int:
+    """Make the best of the swaps at an element's edges and faces that help; the number of swaps."""
+    corners = mesh.cells[cell, :4].tolist()
+    found = [
+        *(_remove_edge(mesh, corners[i], corners[j]) for i, j in TETRA_EDGES),
+        *(_remove_face(mesh, cell, {corners[i] for i in face}) for face in TETRA_FACES),
+    ]
+    changes = [each for each in found if each is not None and mesh.has_room() and mesh.improves([each])]
+    if not changes:
+        return 0
+    mesh.apply(max(changes, key=lambda each: mesh.worst_after([each])))
+    return 1
+
+
+@functools.cache
+def _divisions(n: int) -> tuple[tuple[tuple[int, int, int], ...], ...]:
+    """All divisions of a polygon with n corners into triangles by its diagonals."""
+
+    def divide(i: int, j: int) -> list[tuple[tuple[int, int, int], ...]]:
+        if j - i < 2:
+            return [()]
+        return [(*one, *two, (i, k, j)) for k in range(i + 1, j) for one in divide(i, k) for two in divide(k, j)]
+
+    return tuple(divide(0, n - 1))
+
+
+def _remove_edge(mesh: EditableMesh, a: int, b: int) -> Change | None:
+    """The removal of an edge by which the worst element is best; None if it cannot go."""
+    cells = sorted(mesh.cells_at[a] & mesh.cells_at[b])
+    facets = sorted(mesh.facets_at[a] & mesh.facets_at[b])
+    if len(cells) > MOST_AROUND or len(facets) not in (0, 2):
+        return None
+    after = {}
+    for cell in cells:
+        x, y = (n for n in mesh.cells[cell, :4].tolist() if n not in (a, b))
+        if _volume(mesh, a, b, x, y) < 0:
+            x, y = y, x
+        after[x] = y, cell
+    if len(after) < len(cells):
+        return None
+    ends = [next(n for n in mesh.facets[f, :3].tolist() if n not in (a, b)) for f in facets]
+    flip: tuple[int, int] | None = None
+    if facets:
+        if not _may_flip(mesh, a, b, facets, ends):
+            return None
+        flip = ends[0], ends[1]
+        paths = [path for start in ends if (path := _follow(after, start, set(ends)))]
+        if sum(len(path) - 1 for path in paths) < len(cells):
+            return None
+    else:
+        start = min(after)
+        path = _follow(after, start, {start})
+        if len(path) - 1 < len(cells):
+            return None
+        paths = [path[:-1]]
+    best: tuple[float, Change] | None = None
+    options: list[list[tuple[tuple[int, ...], int]]] = [[]]
+    for path in paths:
+        like = after[path[0]][1]
+        if any(mesh.region_of(after[n][1]) != mesh.region_of(like) for n in path[:-1]):
+            return None
+        grown = []
+        for division in _divisions(len(path)) if len(path) > 2 else ((),):
+            rows = []
+            for i, k, j in division:
+                x, y, z = path[i], path[k], path[j]
+                rows += [((x, y, z, b), like), ((x, z, y, a), like)]
+            grown += [[*each, *rows] for each in options]
+        options = grown
+    old = {frozenset(pair) for path in paths for pair in pairwise(path)}
+    if not facets:
+        old.add(frozenset((paths[0][0], paths[0][-1])))
+    for rows in options:
+        change = _make_change(mesh, cells, rows, old | _edges_to(rows, a, b), facets, (a, b), flip)
+        if change is not None and (best is None or mesh.worst_after([change]) > best[0]):
+            best = mesh.worst_after([change]), change
+    return best[1] if best is not None else None
+
+
+def _edges_to(rows: Sequence[tuple[tuple[int, ...], int]], a: int, b: int) -> set[frozenset[int]]:
+    """The edges from both ends of the removed edge."""
+    return {frozenset((end, n)) for row, _ in rows for n in row for end in (a, b) if n != end}
+
+
+def _follow(after: dict[int, tuple[int, int]], start: int, stops: set[int]) -> list[int]:
+    """Corners from one to the first that is a stop; empty if there is no way."""
+    path = [start]
+    while path[-1] in after and len(path) <= len(after):
+        path.append(after[path[-1]][0])
+        if path[-1] in stops:
+            return path
+    return []
+
+
+def _may_flip(mesh: EditableMesh, a: int, b: int, facets: list[int], ends: list[int]) -> bool:
+    """Whether two facets are one smooth quadrilateral whose other diagonal is no edge of a facet, and which has no image."""
+    normals = [mesh.normal(f) for f in facets]
+    has_image = len(mesh.images_of(a)) > 1 and len(mesh.images_of(b)) > 1
+    return not (
+        has_image
+        or ends[0] == ends[1]
+        or mesh.label_of(facets[0]) != mesh.label_of(facets[1])
+        or _along(mesh, facets[0], a, b) == _along(mesh, facets[1], a, b)
+        or normals[0] @ normals[1] < LEAST_COSINE
+        or mesh.facets_at[ends[0]] & mesh.facets_at[ends[1]]
+    )
+
+
+def _along(mesh: EditableMesh, facet: int, a: int, b: int) -> bool:
+    """Whether a facet runs from one of its corners to the other."""
+    corners = mesh.facets[facet, :3].tolist()
+    return bool((corners.index(b) - corners.index(a)) % 3 == 1)
+
+
+def _remove_face(mesh: EditableMesh, cell: int, face: set[int]) -> Change | None:
+    """The two elements at a face as three around a new edge; None if there is no such edge."""
+    x, y, z = face
+    both = sorted(mesh.cells_at[x] & mesh.cells_at[y] & mesh.cells_at[z])
+    if len(both) != 2 or mesh.facets_at[x] & mesh.facets_at[y] & mesh.facets_at[z]:
+        return None
+    if mesh.region_of(both[0]) != mesh.region_of(both[1]):
+        return None
+    a, b = (next(n for n in mesh.cells[c, :4].tolist() if n not in face) for c in both)
+    if mesh.cells_at[a] & mesh.cells_at[b]:
+        return None
+    if _volume(mesh, x, y, z, b) < 0:
+        y, z = z, y
+    rows = [((a, b, *pair), cell) for pair in ((x, y), (y, z), (z, x))]
+    old = {frozenset(pair) for row, _ in rows for pair in zip(row, row[1:], strict=False)}
+    old |= {frozenset((end, n)) for end in (a, b) for n in face} | {frozenset(p) for p in ((x, y), (y, z), (z, x))}
+    return _make_change(mesh, both, rows, old - {frozenset((a, b))}, [], (a, b), None)
+
+
+def _make_change(
+    mesh: EditableMesh,
+    cells: list[int],
+    rows: Sequence[tuple[tuple[int, ...], int]],
+    old: set[frozenset[int]],
+    facets: list[int],
+    edge: tuple[int, int],
+    flip: tuple[int, int] | None,
+) -> Change | None:
+    """The change from elements to others, and from two facets at an edge to those at another; None if one were there twice."""
+    a, b = edge
+    points: dict[int, Array] = {}
+    made: dict[frozenset[int], int] = {}
+
+    def middle(i: int, j: int) -> int:
+        pair = frozenset((i, j))
+        if mesh.cells_at[i] & mesh.cells_at[j]:
+            return mesh.middle(i, j)
+        if pair not in made:
+            made[pair] = mesh.n_points + len(made)
+            place = 0.5 * (mesh.points[i] + mesh.points[j])
+            points[made[pair]] = mesh.project_on(facets, place) if flip and pair == frozenset(flip) else place
+        return made[pair]
+
+    inside = {frozenset(p) for cell in cells for p in _pairs(mesh.cells[cell, :4].tolist())}
+    new = {frozenset(p) for row, _ in rows for p in _pairs(list(row))} - inside
+    if any(mesh.cells_at[i] & mesh.cells_at[j] for i, j in map(tuple, new)):
+        return None
+    corners = [row for row, _ in rows]
+    new_facets: list[tuple[int, ...]] = []
+    if flip is not None:
+        for facet, other in zip(facets, flip[::-1], strict=True):
+            drop = b if facet == facets[0] else a
+            new_facets.append(tuple(other if n == drop else n for n in mesh.facets[facet, :3].tolist()))
+        normals = [mesh.normal(f) for f in facets]
+        if any(unit_normal(mesh.points[list(row)]) @ n < LEAST_COSINE for row in new_facets for n in normals):
+            return None
+        pair = frozenset(flip)
+        if mesh.is_curved and pair in inside:  # the middle comes to lie on the face
+            at = mesh.middle(*flip)
+            points[at] = mesh.project_on(facets, 0.5 * (mesh.points[flip[0]] + mesh.points[flip[1]]))
+            around = sorted((mesh.cells_at[flip[0]] & mesh.cells_at[flip[1]]) - set(cells))
+            change = _complete(mesh, cells, rows, points, facets, new_facets, middle)
+            own = mesh.cells[around].reshape(-1, mesh.cells.shape[1])
+            return replace(
+                change,
+                gone=[*change.gone, *around],
+                cells=np.concatenate([change.cells, own]),
+                like=[*change.like, *around],
+            )
+    if not corners:
+        return None
+    return _complete(mesh, cells, rows, points, facets, new_facets, middle)
+
+
+def _complete(mesh, cells, rows, points, facets, new_facets, middle):  # type: ignore[no-untyped-def]
+    width = mesh.cells.shape[1]
+    corners = [row for row, _ in rows]
+    if mesh.is_curved:
+        full = add_middles(corners, middle) if corners else np.zeros((0, width), np.int64)
+        full_facets = add_middles(new_facets, middle) if new_facets else np.zeros((0, 6), np.int64)
+    else:
+        full = np.array(corners, np.int64).reshape(-1, width)
+        full_facets = np.array(new_facets, np.int64).reshape(-1, 3)
+    return Change(cells, full, [like for _, like in rows], points, list(facets), full_facets, list(facets))
+
+
+def _pairs(corners: list[int]) -> list[tuple[int, int]]:
+    return [(corners[i], corners[j]) for i, j in TETRA_EDGES]
+
+
+def _volume(mesh: EditableMesh, a: int, b: int, c: int, d: int) -> float:
+    """Six times the signed volume of a tetrahedron."""
+    p = mesh.points
+    return float(np.linalg.det(np.stack([p[b] - p[a], p[c] - p[a], p[d] - p[a]])))
