@@ -158,8 +158,9 @@ def format_docstring(text: str) -> list[str]:
 
 
 def find_pictures(example: str) -> list[Path]:
-    """The kept pictures of an example."""
-    return sorted(path for path in GALLERY.glob("*.png") if path.stem == example or path.stem.startswith(f"{example}-"))
+    """The kept pictures of an example, that of its own name first."""
+    found = [path for path in GALLERY.glob("*.png") if path.stem == example or path.stem.startswith(f"{example}-")]
+    return sorted(found, key=lambda path: path.stem)
 
 
 def read_rows(table: str, example: str) -> list[dict[str, str]]:

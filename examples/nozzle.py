@@ -86,9 +86,7 @@ def count_tunnels(path: str | Path) -> int:
     return 1 - euler // 2
 
 
-def main(
-    path: str | Path = "nozzle.step", cells: tuple[int, int, int] = (8, 1, 3), tol: float = 0.2
-) -> dict[str, Any]:
+def main(path: str | Path = "nozzle.step", cells: tuple[int, int, int] = (8, 1, 3), tol: float = 0.2) -> dict[str, Any]:
     """Make, draw and write a nozzle of so many cells, in mm; return what was measured on it."""
     nozzle = Nozzle(cells)
     model = tpmscad.lattice(

@@ -50,6 +50,12 @@ def test_every_kept_picture_and_model_is_shown_by_the_page_of_its_example(galler
     assert shown == kept
 
 
+def test_the_picture_of_an_examples_own_name_stands_first(gallery_pages: Any) -> None:
+    kept = {path.stem for path in MODELS.parent.glob("*.png")}
+    named = [name for name in EXAMPLES if name in kept]
+    assert [gallery_pages.find_pictures(name)[0].stem for name in named] == named
+
+
 def meaning(code: str) -> list[str]:
     """The statements of a program without its docstring, those of its main program as if they stood there."""
     found = []

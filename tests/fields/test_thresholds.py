@@ -206,12 +206,13 @@ def test_a_porosity_is_one_less_the_volume_fraction(kind: str) -> None:
     threshold = fields.threshold_for(GYROID, porosity=0.7, kind=kind)
     assert threshold == pytest.approx(fields.threshold_for(GYROID, 0.3, kind), rel=1e-12)
     make = {"rod": fields.rod, "pore": fields.pore, "sheet": fields.sheet}[kind]
-    solid = make(GYROID, *threshold) if kind == "sheet" else make(GYROID, threshold)
+    solid = make(GYROID, *threshold) if isinstance(threshold, tuple) else make(GYROID, threshold)
     points = np.random.default_rng(2).random((100_000, 3)) * (2.0, 3.0, 4.0)
     assert (solid(points) > 0).mean() == pytest.approx(0.7, abs=5e-3)
 
 
 def test_a_threshold_for_both_or_none_of_fraction_and_porosity_is_refused() -> None:
-    for keywords in ({}, {"volume_fraction": 0.3, "porosity": 0.7}):
-        with pytest.raises(InvalidRequest, match="exactly one of `volume_fraction` and `porosity`"):
-            fields.threshold_for(GYROID, **keywords)
+    with pytest.raises(InvalidRequest, match="exactly one of `volume_fraction` and `porosity`; here: none of them"):
+        fields.threshold_for(GYROID)
+    with pytest.raises(InvalidRequest, match="exactly one of `volume_fraction` and `porosity`; here: both"):
+        fields.threshold_for(GYROID, 0.3, porosity=0.7)
