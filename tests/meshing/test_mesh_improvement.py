@@ -143,7 +143,7 @@ def test_a_node_between_two_faces_goes_to_their_curve() -> None:
     state = EditableMesh(mesh, faces)
     edge = np.array([2.0, 0.0, height(2.0)])
     node = int(np.argmin(np.linalg.norm(state.points - edge, axis=1)))
-    found = state.project_on(state.facets_at[node], edge + (0.3, 0.05, 0.02))
+    found = state.project_on(state.facets_at[node], edge + np.array([0.3, 0.05, 0.02]))
     np.testing.assert_allclose(found[1:], (0.0, height(found[0])), atol=1e-8)
 
 
