@@ -16,7 +16,7 @@ from tpmscad.meshing.editable_mesh import Change, EditableMesh, FacesOfFacets
 from tpmscad.meshing.facet_search import boundary_facets
 from tpmscad.meshing.mesh_improvement import improve_poor_elements
 from tpmscad.meshing.node_moves import move_node
-from tpmscad.meshing.swaps import _divisions, swap_around
+from tpmscad.meshing.swaps import _divisions, _remove_face, swap_around
 from tpmscad.meshing.volume_mesh import VolumeMesh
 
 
@@ -73,6 +73,18 @@ def test_a_polygon_has_as_many_divisions_as_catalan_says(n: int) -> None:
     assert all(len(division) == n - 2 for division in _divisions(n))
 
 
+def swaps_between(state: EditableMesh, left: set[int]) -> list[Change | None]:
+    """The swaps of faces with an element of a set on one side only."""
+    found = []
+    for cell in left:
+        corners = state.cells[cell, :4].tolist()
+        for face in (set(corners) - {n} for n in corners):
+            around = set.intersection(*(state.cells_at[n] for n in face))
+            if len(around) == 2 and len(around & left) == 1:
+                found.append(_remove_face(state, cell, face))
+    return found
+
+
 def test_a_swap_within_one_region_only() -> None:
     """Elements of two regions are not put together: each keeps its volume."""
     before = jitter(block("tetra"), 1, 0.42)
@@ -81,6 +93,8 @@ def test_a_swap_within_one_region_only() -> None:
     right = np.setdiff1d(np.arange(before.n_cells), left)
     before = replace(before, cell_groups={"left": left, "right": right})
     state = EditableMesh(before, None)
+    assert all(swap is None for swap in swaps_between(state, set(left.tolist())))
+    assert any(swaps_between(EditableMesh(replace(before, cell_groups={}), None), set(left.tolist())))
     done = sum(swap_around(state, cell) for cell in range(before.n_cells) if state.alive[cell])
     assert done > 0
     found = state.build()
@@ -138,13 +152,22 @@ def test_the_distance_of_nodes_from_their_faces_is_told() -> None:
     assert found.deviation == pytest.approx(1e-3, rel=1e-6)
 
 
-def test_a_node_between_two_faces_goes_to_their_curve() -> None:
+def test_a_point_between_two_faces_goes_to_their_curve() -> None:
+    """A plane and a sphere that meets it at an angle of 48 degrees."""
     mesh, faces = make_vault()
-    state = EditableMesh(mesh, faces)
+    centre, radius = np.array([1.5, 2.0, 0.0]), 3.0
+
+    def project(number: int, point: Array) -> Array:
+        if number != 5:
+            return faces.project(number, point)
+        return np.asarray(centre + radius * (point - centre) / np.linalg.norm(point - centre))
+
+    state = EditableMesh(mesh, FacesOfFacets(faces.face, project))
     edge = np.array([2.0, 0.0, height(2.0)])
     node = int(np.argmin(np.linalg.norm(state.points - edge, axis=1)))
-    found = state.project_on(state.facets_at[node], edge + np.array([0.3, 0.05, 0.02]))
-    np.testing.assert_allclose(found[1:], (0.0, height(found[0])), atol=1e-8)
+    found = state.project_on(state.facets_at[node], edge + np.array([0.3, 0.3, 0.2]))
+    assert found[1] == pytest.approx(0.0, abs=1e-8)
+    assert np.linalg.norm(found - centre) == pytest.approx(radius, abs=1e-8)
 
 
 def first_collapse(mesh: VolumeMesh, gone: tuple[float, ...], kept: tuple[float, ...]) -> tuple[EditableMesh, int, int]:
@@ -228,9 +251,9 @@ def test_a_crease_is_not_left_sideways(monkeypatch: pytest.MonkeyPatch) -> None:
     """All facets are of one group: the angle between them alone says that an edge of the box is one."""
     mesh = replace(block("tetra"), periodic={}, facet_groups={})
     state, a, b = first_collapse(mesh, (0.0, 2.0, 0.0), (1.0, 2.0, 0.0))
+    monkeypatch.setattr(edge_collapse, "LEAST_COSINE", -2.0)
     assert edge_collapse._examine(state, a, b) is None
     monkeypatch.setattr(edge_collapse, "CREASE_COSINE", -2.0)
-    monkeypatch.setattr(edge_collapse, "LEAST_COSINE", -2.0)
     assert edge_collapse._examine(state, a, b) is not None
 
 
