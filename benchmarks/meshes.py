@@ -221,8 +221,8 @@ def main() -> None:
     parser.add_argument("--size", type=float, default=1.0, help="factor of all sizes")
     options = parser.parse_args()
     print(
-        "case            size   nodes   elements inverted straight    SICN       SJ mean SJ   mean size    volume off groups pairs   "
-        "mismatch    moved deviation merged collapsed swapped shifted   s  warnings"
+        "case            size   nodes   elements inverted straight    SICN       SJ mean SJ   mean size    volume off groups "
+        "pairs   mismatch    moved deviation merged collapsed swapped shifted   s  warnings"
     )
     cases = CASES | PERIODIC_CASES
     for name in options.names or (PERIODIC_CASES if options.periodic else CASES):

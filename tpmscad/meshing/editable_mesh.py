@@ -171,7 +171,7 @@ class EditableMesh:
     def improves(self, changes: Sequence[Change]) -> bool:
         """Whether the worst element around is better after changes, which touch no element twice, and none is inverted."""
         every = [cell for each in changes for cell in each.gone]
-        if len(every) < len(set(every)) or not all(len(each.cells) for each in changes):
+        if len(set(every)) < len(every) or not all(len(each.cells) for each in changes):
             return False
         return self.worst_after(changes) > self.quality_of(every) + LEAST_GAIN
 
@@ -268,10 +268,11 @@ def unit_normal(corners: Array) -> Array:
     return np.asarray(vector / max(float(np.linalg.norm(vector)), 1e-300))
 
 
-def add_middles(rows: Sequence[tuple[int, ...]], middle: Callable[[int, int], int]) -> IntArray:
-    """Corners of tetrahedra or triangles with the nodes in the middles of their edges."""
-    edges = TETRA_EDGES if len(rows[0]) == 4 else TRIANGLE_EDGES
-    return np.array([[*row, *(middle(row[i], row[j]) for i, j in edges)] for row in rows], np.int64)
+def add_middles(rows: Sequence[tuple[int, ...]], middle: Callable[[int, int], int], width: int) -> IntArray:
+    """Corners (m, 3) or (m, 4) of triangles or tetrahedra with the nodes in the middles of their edges, if these have any."""
+    edges = {3: (), 4: (), 6: TRIANGLE_EDGES, 10: TETRA_EDGES}[width]
+    found = [[*row, *(middle(row[i], row[j]) for i, j in edges)] for row in rows]
+    return np.array(found, np.int64).reshape(-1, width)
 
 
 def _label_groups(n: int, groups: Iterable[IntArray]) -> IntArray:

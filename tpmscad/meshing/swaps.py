@@ -12,7 +12,6 @@ from __future__ import annotations
 
 import functools
 from collections.abc import Sequence
-from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
@@ -189,43 +188,30 @@ def _make_change(
     new = {frozenset(p) for row, _ in rows for p in _pairs(list(row))} - inside
     if any(mesh.cells_at[i] & mesh.cells_at[j] for i, j in map(tuple, new)):
         return None
-    corners = [row for row, _ in rows]
     new_facets: list[tuple[int, ...]] = []
+    around: list[int] = []
     if flip is not None:
-        for facet, other in zip(facets, flip[::-1], strict=True):
-            drop = b if facet == facets[0] else a
+        for facet, other, drop in zip(facets, flip[::-1], (b, a), strict=True):
             new_facets.append(tuple(other if n == drop else n for n in mesh.facets[facet, :3].tolist()))
         normals = [mesh.normal(f) for f in facets]
         if any(unit_normal(mesh.points[list(row)]) @ n < LEAST_COSINE for row in new_facets for n in normals):
             return None
-        pair = frozenset(flip)
-        if mesh.is_curved and pair in inside:  # the middle comes to lie on the face
+        if (
+            mesh.is_curved and frozenset(flip) in inside
+        ):  # an edge inside comes to lie on the face, and so does its middle
             at = mesh.middle(*flip)
             points[at] = mesh.project_on(facets, 0.5 * (mesh.points[flip[0]] + mesh.points[flip[1]]))
             around = sorted((mesh.cells_at[flip[0]] & mesh.cells_at[flip[1]]) - set(cells))
-            change = _complete(mesh, cells, rows, points, facets, new_facets, middle)
-            own = mesh.cells[around].reshape(-1, mesh.cells.shape[1])
-            return replace(
-                change,
-                gone=[*change.gone, *around],
-                cells=np.concatenate([change.cells, own]),
-                like=[*change.like, *around],
-            )
-    if not corners:
-        return None
-    return _complete(mesh, cells, rows, points, facets, new_facets, middle)
-
-
-def _complete(mesh, cells, rows, points, facets, new_facets, middle):  # type: ignore[no-untyped-def]
-    width = mesh.cells.shape[1]
-    corners = [row for row, _ in rows]
-    if mesh.is_curved:
-        full = add_middles(corners, middle) if corners else np.zeros((0, width), np.int64)
-        full_facets = add_middles(new_facets, middle) if new_facets else np.zeros((0, 6), np.int64)
-    else:
-        full = np.array(corners, np.int64).reshape(-1, width)
-        full_facets = np.array(new_facets, np.int64).reshape(-1, 3)
-    return Change(cells, full, [like for _, like in rows], points, list(facets), full_facets, list(facets))
+    found = add_middles([row for row, _ in rows], middle, mesh.cells.shape[1])
+    return Change(
+        [*cells, *around],
+        np.concatenate([found, mesh.cells[around]]),
+        [*(like for _, like in rows), *around],
+        points,
+        facets,
+        add_middles(new_facets, middle, mesh.facets.shape[1]),
+        facets,
+    )
 
 
 def _pairs(corners: list[int]) -> list[tuple[int, int]]:

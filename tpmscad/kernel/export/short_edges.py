@@ -178,7 +178,8 @@ class _EdgeGraph:
         (wire,) = touched
         left = [e for e in wire if e not in between]
         if len(left) < 3:
-            return self._vanishes(face, between) or (len(left) == 2 < len(wire) and left[0] != left[1])
+            is_wide = len(left) == 2 < len(wire) and left[0] != left[1] and self._width(*left) > self.longest
+            return is_wide or self._vanishes(face, between)
         if len(set(left)) < len(left):  # a seam: its ends are passed twice
             return len(left) < len(wire)
         return sum(end in ends for e in left for end in self.ends[e]) == 2
