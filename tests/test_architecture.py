@@ -24,6 +24,7 @@ GROUND = {
     "catalogue",
     "errors",
     "fallbacks",
+    "index_ranges",
     "kernel_wheels",
     "memory_limit",
     "minimal_series",

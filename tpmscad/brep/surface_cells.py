@@ -15,6 +15,7 @@ import numpy as np
 from tpmscad._typing import Array, BoolArray, IntArray
 from tpmscad.brep.cell_bounds import bound_nets, bound_normals, chords_meet_boxes, find_longer_directions, halve_nets
 from tpmscad.brep.loops import points_in_polygons
+from tpmscad.index_ranges import expand_ranges
 from tpmscad.splines.basis import bernstein_basis
 
 DEGREE = 3
@@ -159,10 +160,9 @@ class SurfaceCells:
     def _chords_of_children(self, parent: IntArray) -> tuple[IntArray, IntArray]:
         """The chords of its parent for each child: numbers of children, ascending, and of chords."""
         count = np.bincount(self.chord_cell, minlength=len(self))
-        first, repeats = np.cumsum(count) - count, count[parent]
-        child = np.repeat(np.arange(len(parent)), repeats)
-        within = np.arange(len(child)) - np.repeat(np.cumsum(repeats) - repeats, repeats)
-        return child, self.chord[first[parent[child]] + within]
+        end = np.cumsum(count)[parent]
+        child, chord = expand_ranges(end - count[parent], end)
+        return child, self.chord[chord]
 
     def contain(self, cell: IntArray, uv: Array) -> BoolArray:
         """Whether parameters (k, 2) in some of the cells (k,) lie inside the loops: (k,)."""

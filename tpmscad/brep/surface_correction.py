@@ -23,6 +23,7 @@ from scipy.sparse.linalg import splu
 from tpmscad._typing import Array
 from tpmscad.brep.foot_surface import find_point_sides, prepare_foot_surface
 from tpmscad.brep.free_form_surface import FreeFormSurface
+from tpmscad.index_ranges import repeat_rows
 from tpmscad.splines.basis import design_matrix
 from tpmscad.splines.bspline import BSplineSurface
 from tpmscad.splines.knots import greville_abscissae, to_common_space
@@ -238,8 +239,7 @@ def _row_products(first: csr_array, second: csr_array) -> csr_array:
     """The row-wise Kronecker product (n, a * b) of matrices (n, a) and (n, b)."""
     n, b = second.shape
     counts_a, counts_b = np.diff(first.indptr), np.diff(second.indptr)
-    row = np.repeat(np.arange(n), counts_a * counts_b)
-    place = np.arange(len(row)) - np.repeat(np.cumsum(counts_a * counts_b) - counts_a * counts_b, counts_a * counts_b)
+    row, place = repeat_rows(counts_a * counts_b)
     i, j = place // counts_b[row], place % counts_b[row]
     at_a, at_b = first.indptr[row] + i, second.indptr[row] + j
     column = first.indices[at_a].astype(np.int64) * b + second.indices[at_b]

@@ -17,6 +17,7 @@ from tpmscad._typing import Array, BoolArray, IntArray
 from tpmscad.array_table import ArrayTable
 from tpmscad.brep.boundary_representation import Brep, Edges, EdgeUses, Faces
 from tpmscad.brep.carriers import Plane
+from tpmscad.index_ranges import repeat_rows
 from tpmscad.levelset.caps import (
     LOOP_PARAMETERS,
     BoxEdgeSegments,
@@ -216,8 +217,7 @@ def _tabulate_uses(network: PatchNetwork, split: BoolArray, first_edge: IntArray
     curve, sense, piece = network.curve.ravel(), network.sense.ravel(), network.piece.ravel()
     both = (piece == WHOLE) & split[curve]
     count = 1 + both
-    row = np.repeat(np.arange(len(curve)), count)
-    step = np.arange(len(row)) - np.repeat(np.cumsum(count) - count, count)
+    row, step = repeat_rows(count)
     half = np.where(sense[row] > 0, FIRST_HALF + step, SECOND_HALF - step)
     used_piece = np.where(both[row], half, piece[row])
     edge = first_edge[curve[row]] + (used_piece == SECOND_HALF)

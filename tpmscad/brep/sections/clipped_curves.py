@@ -14,6 +14,7 @@ import numpy as np
 
 from tpmscad._typing import Array, BoolArray, IntArray
 from tpmscad.errors import TrimmingError
+from tpmscad.index_ranges import repeat_rows
 
 REACH = 2
 """Squares around a sample of the outline in which curves may cross it: samples lie half a square apart, and no segment of a curve
@@ -133,8 +134,8 @@ def _find_near(segments: _Segments, border: _Segments) -> IntArray:
     shape = np.ceil((border.tail.max(axis=0) - low) / size).astype(int) + 3 * REACH
     length = np.linalg.norm(border.head - border.tail, axis=1)
     count = np.ceil(2 * length / size).astype(int) + 1
-    of = np.repeat(np.arange(len(count)), count)
-    fraction = (np.arange(len(of)) - np.repeat(np.cumsum(count) - count, count)) / count[of]
+    of, step = repeat_rows(count)
+    fraction = step / count[of]
     samples = border.tail[of] + fraction[:, None] * (border.head - border.tail)[of]
     marked = np.zeros(shape, bool)
     at = ((samples - low) / size).astype(int)

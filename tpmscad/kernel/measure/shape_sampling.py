@@ -28,6 +28,7 @@ from scipy.spatial import cKDTree
 
 from tpmscad._typing import Array, IntArray
 from tpmscad.brep.linked_items import label_linked
+from tpmscad.index_ranges import expand_ranges
 from tpmscad.kernel.occt import convert
 from tpmscad.kernel.occt.bounding_boxes import enclosing_box
 from tpmscad.kernel.occt.convert import CONFUSION_TOLERANCE
@@ -271,9 +272,7 @@ def _inside_even_odd(loops: Array, u: Array, v: Array) -> Array:
     start, end = loops[:, 0], loops[:, 1]
     first = np.searchsorted(u, np.minimum(start[:, 0], end[:, 0]), side="right")
     last = np.searchsorted(u, np.maximum(start[:, 0], end[:, 0]), side="right")
-    hits = last - first
-    segment = np.repeat(np.arange(len(loops)), hits)
-    row = np.arange(len(segment)) - np.repeat(np.cumsum(hits) - hits, hits) + first[segment]
+    segment, row = expand_ranges(first, last)
     a, b = start[segment], end[segment]
     crossing = a[:, 1] + (b[:, 1] - a[:, 1]) * (u[row] - a[:, 0]) / (b[:, 0] - a[:, 0])
     below = np.zeros((len(u), len(v) + 1), np.int64)

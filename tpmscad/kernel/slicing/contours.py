@@ -15,9 +15,10 @@ import numpy as np
 
 from tpmscad._typing import Array, IntArray
 from tpmscad.brep.loops import follow_paths
+from tpmscad.index_ranges import expand_ranges
 from tpmscad.kernel.export.solid_mesh import mesh_parametrically
 from tpmscad.kernel.slicing.chord_splitting import cross, split_chords
-from tpmscad.kernel.slicing.level_crossings import LevelSets, expand_ranges, find_crossings
+from tpmscad.kernel.slicing.level_crossings import LevelSets, find_crossings
 from tpmscad.kernel.slicing.level_refinement import resolve_levels
 from tpmscad.kernel.slicing.surface_triangulation import SurfaceTriangulation, triangulation_of
 from tpmscad.parallel import split_batches, task_runner

@@ -13,6 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from tpmscad._typing import Array, IntArray
+from tpmscad.index_ranges import expand_ranges
 from tpmscad.kernel.occt.evaluator_tables import CurveTable, SurfaceTable
 from tpmscad.kernel.slicing.surface_triangulation import SurfaceTriangulation
 
@@ -96,13 +97,6 @@ class Sides:
     uv: Array
     face: IntArray
     segment: IntArray
-
-
-def expand_ranges(begin: IntArray, end: IntArray) -> tuple[IntArray, IntArray]:
-    """The number of each range [begin, end) (n,) as often as it has elements, and its elements: (m,), (m,)."""
-    count = np.maximum(end - begin, 0)
-    number = np.repeat(np.arange(len(count)), count)
-    return number, np.arange(len(number)) - np.repeat(np.cumsum(count) - count, count) + begin[number]
 
 
 def find_crossings(mesh: SurfaceTriangulation, levels: LevelSets) -> Crossings:

@@ -22,6 +22,7 @@ from tpmscad.brep.extents import true_bounds
 from tpmscad.brep.face_classes import group_translated_faces
 from tpmscad.brep.loops import follow_paths
 from tpmscad.errors import KernelError
+from tpmscad.index_ranges import expand_ranges
 from tpmscad.kernel.build.solids import build_faces
 from tpmscad.kernel.export.solid_mesh import EdgeSegments, mesh_faces
 from tpmscad.kernel.occt.evaluator_tables import pack_curves, pack_surfaces
@@ -33,7 +34,7 @@ from tpmscad.kernel.slicing.contours import (
     LayerContours,
     join_contours,
 )
-from tpmscad.kernel.slicing.level_crossings import NODE_REL_TOL, Crossings, LevelSets, expand_ranges, find_crossings
+from tpmscad.kernel.slicing.level_crossings import NODE_REL_TOL, Crossings, LevelSets, find_crossings
 from tpmscad.kernel.slicing.level_refinement import resolve_levels
 from tpmscad.kernel.slicing.surface_triangulation import SurfaceTriangulation, triangulation_of
 from tpmscad.parallel import split_batches, task_runner

@@ -14,6 +14,7 @@ from scipy.interpolate import BSpline, make_interp_spline
 from tpmscad._compiled_loops import njit_cached
 from tpmscad._typing import Array, BoolArray, IntArray
 from tpmscad.errors import UntracedCurve, format_point
+from tpmscad.index_ranges import repeat_rows
 from tpmscad.splines.bspline import BSplineCurve
 from tpmscad.trimming.intersect.face_face import Work, correct_point, find_tangent, make_work, trace_curves
 from tpmscad.trimming.intersect.network_hits import CurveEnds, Network, evaluate_faces
@@ -171,8 +172,8 @@ def _insert_sites(patches: PatchPolynomials, face: IntArray, paths: list[Array],
     guesses, normals, owners = [], [], []
     for i, own in parts.items():
         path = paths[i]
-        row = np.repeat(np.arange(len(own)), own - 1)
-        x = ((np.arange(len(row)) - np.repeat(np.cumsum(own - 1) - (own - 1), own - 1) + 1) / own[row])[:, None]
+        row, step = repeat_rows(own - 1)
+        x = ((step + 1) / own[row])[:, None]
         a, b = path[row], path[row + 1]
         chord = (b - a)[:, :3]
         h = np.linalg.norm(chord, axis=1, keepdims=True)

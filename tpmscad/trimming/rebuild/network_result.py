@@ -17,6 +17,7 @@ from tpmscad.brep.boundary_representation import Brep, Edges, EdgeUses, Faces, d
 from tpmscad.brep.carriers import Plane
 from tpmscad.brep.loops import LoopError, chain_faces
 from tpmscad.errors import TrimmingError, format_point
+from tpmscad.index_ranges import repeat_rows
 from tpmscad.rigid_motion import Motion
 from tpmscad.splines.bspline import BSplineCurve
 from tpmscad.splines.curve_batch import evaluate_curves
@@ -127,9 +128,8 @@ def _collect_uses(own: CutNetwork, kept: BoolArray, face: int, first_piece: int,
     faces, uses = brep.faces, brep.uses
     k = np.arange(faces.use_start[faces.loop_start[face]], faces.use_start[faces.loop_start[face + 1]])
     edge = uses.edge[k]
-    count = pieces.first[edge + 1] - pieces.first[edge]
-    owner = np.repeat(k, count)
-    step = np.arange(len(owner)) - np.repeat(np.cumsum(count) - count, count)
+    row, step = repeat_rows(pieces.first[edge + 1] - pieces.first[edge])
+    owner = k[row]
     ahead = uses.sense[owner] > 0
     piece = np.where(ahead, pieces.first[uses.edge[owner]] + step, pieces.first[uses.edge[owner] + 1] - 1 - step)
     owner, piece = owner[kept[piece]], piece[kept[piece]]
