@@ -24,6 +24,7 @@ from tpmscad import cli, maps
 from tpmscad.catalogue import CATALOGUE
 from tpmscad.cli import output
 from tpmscad.errors import InvalidRequest, KernelError, NotMet
+from tpmscad.meshing.volume_mesh import VolumeMesh
 
 ROOT = Path(__file__).resolve().parents[2]
 LINE = re.compile(r"^  tpmscad (.+)$", re.MULTILINE)
@@ -272,22 +273,24 @@ def test_a_command_tells_the_result_unless_it_is_quiet(
 def test_mesh_reports_what_was_made(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     monkeypatch.chdir(tmp_path)
     Path("part.step").touch()
-    made = SimpleNamespace(
-        write=lambda path, version: path.write_text(version),
-        quality=SimpleNamespace(size=0.75, inverted=0, smallest=0.25),
-        cells={"tetra10": [[0] * 10] * 5},
-        points=[[0.0] * 3] * 14,
-        volume=2.5,
-        cell_groups={"solid": [0]},
-        facet_groups={"cap X+": [0]},
-        periodic={"x": None},
-        mismatch=0.0,
+    corners = 2.0 * np.vstack([np.zeros(3), np.eye(3)])
+    made = VolumeMesh(
+        corners,
+        {"tetra": np.arange(4)[None]},
+        {"triangle": np.array([[1, 2, 3]])},
+        {"solid": np.array([0])},
+        {"cap X+": np.array([0])},
+        collapsed=3,
     )
     monkeypatch.setitem(sys.modules, "tpmscad.studies._mesh_step", SimpleNamespace(mesh_step=lambda *_, **__: made))
     assert run("mesh part.step --size 0.8 -o part.msh --report part.json --quiet") == 0
     told = json.loads(Path("part.json").read_text())
-    assert (told["cells"], told["nodes"], told["volume"], told["size"]) == ({"tetra10": 5}, 14, 2.5, 0.75)
-    assert (told["groups"], told["periodic"]) == (["solid", "cap X+"], ["x"])
+    assert (told["cells"], told["nodes"]) == ({"tetra": 1}, 4)
+    assert told["volume"] == pytest.approx(8 / 6)
+    assert told["size"] == pytest.approx(1 + np.sqrt(2))
+    assert (told["groups"], told["periodic"]) == (["solid", "cap X+"], [])
+    assert (told["collapsed"], told["swapped"], told["straightened"]) == (3, 0, 0)
+    assert 0 < told["smallest_scaled_jacobian"] < 1
 
 
 @pytest.mark.parametrize(

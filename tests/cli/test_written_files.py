@@ -25,7 +25,6 @@ class Result(SimpleNamespace):
     points = ()
     certificate = Certificate()
     met = True
-    quality = SimpleNamespace(size=1.0, inverted=0, smallest=0.5)
     n_contours = n_points = volume = chord_error = unresolved = mismatch = 0
     deviation = area = center_of_mass = n_pieces = whole_cells = cut_cells = 0
 

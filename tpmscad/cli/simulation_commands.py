@@ -80,23 +80,7 @@ def mesh(
 
             found = mesh_step(file, **request, progress=False)
             found.write(output, version=version)
-        quality = found.quality
-        write_report(
-            report,
-            {
-                "file": str(file),
-                "mesh": str(output),
-                "cells": {kind: len(nodes) for kind, nodes in found.cells.items()},
-                "nodes": len(found.points),
-                "volume": found.volume,
-                "size": quality.size,
-                "inverted": quality.inverted,
-                "smallest_quality": quality.smallest,
-                "groups": [*found.cell_groups, *found.facet_groups],
-                "periodic": list(found.periodic),
-                "mismatch": found.mismatch,
-            },
-        )
+        write_report(report, {"file": str(file), "mesh": str(output), **found.to_dict()})
     apart = len(found.cell_groups) > 1 and file.suffix.lower() != ".brep"
     note = "\nthe solids share no nodes, as STEP has no common faces: write the domains as .brep and mesh that file"
     tell(f"{found}{note if apart else ''}", writing)

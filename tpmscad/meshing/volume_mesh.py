@@ -23,6 +23,10 @@ MOVED = 1e-6
 """Model units: a move of nodes that is worth telling."""
 
 
+MENDED = ("merged", "moved", "collapsed", "swapped", "shifted", "straightened", "deviation")
+"""What was done to the solid and to the mesh so that elements are good, and what it cost."""
+
+
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
 class VolumeMesh(MeshArrays):
     """A mesh of tetrahedra or hexahedra of first or second order.
@@ -161,6 +165,23 @@ class VolumeMesh(MeshArrays):
         >>> parts.mesh(0.8).write_openfoam("exchanger")  # doctest: +SKIP
         """
         write_openfoam_case(self, Path(folder), flow, velocity)
+
+    def to_dict(self) -> dict[str, Any]:
+        """The mesh in figures, ready for JSON."""
+        quality = self.quality
+        return {
+            "cells": {kind: len(nodes) for kind, nodes in self.cells.items()},
+            "nodes": len(self.points),
+            "volume": self.volume,
+            "size": quality.size,
+            "inverted": quality.inverted,
+            "smallest_quality": quality.smallest,
+            "smallest_scaled_jacobian": quality.smallest_scaled_jacobian,
+            "groups": [*self.cell_groups, *self.facet_groups],
+            "periodic": list(self.periodic),
+            "mismatch": self.mismatch,
+            **{name: getattr(self, name) for name in MENDED},
+        }
 
     def __repr__(self) -> str:
         counts = ", ".join(f"{len(nodes)} {kind}" for kind, nodes in self.cells.items())
