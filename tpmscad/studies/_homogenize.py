@@ -48,6 +48,11 @@ REFINEMENTS_OF_HEXAHEDRA = ((2, 1), (3, 1), (4, 1))
 ERROR_GOAL = 4e-3
 """Relative error at which hexahedra are not refined further."""
 
+NOT_PERIODIC = (
+    "the field has no periods, so it does not repeat: give a periodic field, such as fields.tpms, or a model of whole cells, "
+    "such as tpmscad.struts(...)"
+)
+
 FIELD_TOL_CELLS = 1e-3
 """Tolerance of the solid of a field, in its shortest period."""
 
@@ -205,12 +210,6 @@ def _cut_structure(phi: Field, options: HomogenizeOptions) -> Field:
     kind = "sheet" if options.kind == "sheet" else "rod"
     threshold = threshold_for(phi, fraction, kind)
     return sheet(phi, *threshold) if isinstance(threshold, tuple) else rod(phi, threshold)
-
-
-NOT_PERIODIC = (
-    "the field has no periods, so it does not repeat: give a periodic field, such as fields.tpms, or a model of whole cells, "
-    "such as tpmscad.struts(...)"
-)
 
 
 def _solidify_period(field: Field) -> Model:
