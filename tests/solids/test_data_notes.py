@@ -18,9 +18,9 @@ BOX = ((0.0, 0.0, 0.0), (4.0, 4.0, 4.0))
 
 
 def test_of_a_solid_in_a_box_and_in_a_body() -> None:
-    (note,) = DENSITY.notes
-    assert note in tpmscad.solidify(DENSITY, BOX, tol=0.05).certificate.notes
-    assert note in tpmscad.solidify(DENSITY, fields.box((0, 0, 0), (4, 4, 2)), tol=0.05).certificate.notes
+    assert DENSITY.notes
+    for domain in (BOX, fields.box((0, 0, 0), (4, 4, 2))):
+        assert set(DENSITY.notes) <= set(tpmscad.solidify(DENSITY, domain, tol=0.05).certificate.notes)
 
 
 def test_of_a_lattice_whose_wall_is_graded_by_data() -> None:

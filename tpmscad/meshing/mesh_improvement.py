@@ -22,6 +22,11 @@ SHORT = 0.5
 
 MAX_PASSES = 6
 
+MOST_MOVED = 100
+"""Poor elements up to which their nodes are moved, .3 s each where elements are curved: more of them are too large for the
+curvature of the faces, which moves do not cure. In a cell of 4700 curved elements, 226 of them poor, six passes took 400 s and
+left the worst at .012."""
+
 
 def improve_poor_elements(mesh: VolumeMesh, size: float, faces: FacesOfFacets | None = None) -> VolumeMesh:
     """The mesh of tetrahedra with its poor ones mended; `collapsed`, `swapped` and `shifted` of the result say how often.
@@ -37,7 +42,10 @@ def improve_poor_elements(mesh: VolumeMesh, size: float, faces: FacesOfFacets | 
     }
     counts = dict.fromkeys(methods, 0)
     for _ in range(MAX_PASSES):
-        done = {name: _mend_poor(state, method) for name, method in methods.items()}
+        done = {
+            name: _mend_poor(state, method, MOST_MOVED if name == "shifted" else None)
+            for name, method in methods.items()
+        }
         counts = {name: count + done[name] for name, count in counts.items()}
         if not any(done.values()):
             break
@@ -47,10 +55,15 @@ def improve_poor_elements(mesh: VolumeMesh, size: float, faces: FacesOfFacets | 
     return replace(made, collapsed=counts["collapsed"], swapped=counts["swapped"], shifted=counts["shifted"])
 
 
-def _mend_poor(state: EditableMesh, method: Callable[[int], int]) -> int:
-    """Apply a method to each poor element, the worst first, as long as it is poor; the sum of what it returns."""
+def _mend_poor(state: EditableMesh, method: Callable[[int], int], most: int | None) -> int:
+    """Apply a method to each poor element, the worst first, as long as it is poor; the sum of what it returns.
+
+    Nothing is done if more than `most` are poor.
+    """
     numbers, quality = state.quality()
     poor = np.flatnonzero(quality < POOR)
+    if most is not None and len(poor) > most:
+        return 0
     cells = numbers[poor[np.argsort(quality[poor])]].tolist()
     return sum(method(cell) for cell in cells if state.alive[cell] and state.quality_of([cell]) < POOR)
 
