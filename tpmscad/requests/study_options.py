@@ -343,7 +343,7 @@ class HomogenizeOptions:
         float | None,
         FRACTION,
         "Volume of the solid over that of the cell. With a name, give exactly one of `volume_fraction` and `porosity`. Of a "
-        "field phi they make the sheet |phi| <= c, or with `kind` 'skeletal' the solid phi <= c; without them its solid is "
+        "field phi they make the sheet -c <= phi <= c, or with `kind` 'skeletal' the solid phi <= c; without them its solid is "
         "phi < 0. A model takes neither.",
     ] = None
     porosity: Annotated[float | None, FRACTION, "Void fraction of the cell, 1 - volume fraction."] = None
