@@ -34,7 +34,7 @@ def collapse_shortest_edge(mesh: EditableMesh, cell: int, longest: float) -> int
             pairs = find_images(mesh, gone, kept)
             found = [_examine(mesh, a, b) for a, b in pairs]
             changes = [each for each in found if each is not None]
-            if changes and len(changes) == len(pairs) and mesh.improves(changes):
+            if changes and len(changes) == len(pairs) and mesh.improved(changes) is not None:
                 for each in changes:
                     mesh.apply(each)
                 return len(pairs)

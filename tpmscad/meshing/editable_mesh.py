@@ -168,23 +168,28 @@ class EditableMesh:
         place = end + 0.5 * chord + height * (chord @ chord) / max(float(former @ former), 1e-300)
         return self.project_on(facets, np.asarray(place))
 
-    def improves(self, changes: Sequence[Change]) -> bool:
-        """Whether the worst element around is better after changes, which touch no element twice, and none is inverted."""
+    def improved(self, changes: Sequence[Change]) -> float | None:
+        """The worst scaled Jacobian after changes; None if it is no better than before, or if they touch an element twice."""
         every = [cell for each in changes for cell in each.gone]
         if len(set(every)) < len(every) or not all(len(each.cells) for each in changes):
-            return False
-        return self.worst_after(changes) > self.quality_of(every) + LEAST_GAIN
+            return None
+        return self.worst_after(changes, self.quality_of(every) + LEAST_GAIN)
 
-    def worst_after(self, changes: Sequence[Change]) -> float:
-        """The worst scaled Jacobian of the elements that changes bring; -1 if one may be inverted."""
+    def worst_after(self, changes: Sequence[Change], least: float) -> float | None:
+        """The worst scaled Jacobian of the elements that changes bring; None if it is not above `least`, or one may be inverted.
+
+        That is known of most changes from the scaled Jacobians, without the dearer bounds of the determinants.
+        """
         worst = 1.0
         for each in changes:
             used, nodes = np.unique(each.cells, return_inverse=True)
             nodes = nodes.reshape(each.cells.shape)
             points = np.array([each.points.get(node, self.points[node]) for node in used.tolist()])
             worst = min(worst, float(scaled_jacobians(self.kind, points, nodes).min()))
+            if worst <= least:
+                return None
             if worst > 0 and self.is_curved and not jacobian_coefficients(self.kind, points, nodes).min() > 0:
-                return -1.0
+                return None
         return worst
 
     def apply(self, change: Change) -> None:

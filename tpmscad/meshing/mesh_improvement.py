@@ -55,7 +55,7 @@ def improve_poor_elements(mesh: VolumeMesh, size: float, faces: FacesOfFacets | 
     return replace(made, collapsed=counts["collapsed"], swapped=counts["swapped"], shifted=counts["shifted"])
 
 
-def _mend_poor(state: EditableMesh, method: Callable[[int], int], most: int | None) -> int:
+def _mend_poor(state: EditableMesh, method: Callable[[int], int], most: int | None = None) -> int:
     """Apply a method to each poor element, the worst first, as long as it is poor; the sum of what it returns.
 
     At most to the worst `most`, if these are given.

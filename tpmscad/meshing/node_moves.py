@@ -35,9 +35,12 @@ def move_node(mesh: EditableMesh, node: int, size: float, edge: tuple[int, int] 
     moved, step, worst = 0, FIRST_STEP * size, mesh.quality_of([c for own in star.cells for c in own])
     for _ in range(MOST_STEPS if len(directions) else 0):
         places = [mesh.project_on(facets, mesh.points[first] + step * direction) for direction in directions]
-        tried = [(mesh.worst_after(changes), changes) for changes in map(star.move, places)]
-        best, changes = max(tried, key=lambda each: each[0])
-        if best > worst and not any(_turns(mesh, each) for each in changes):
+        best, changes = worst, []
+        for candidate in map(star.move, places):
+            found = mesh.worst_after(candidate, best)
+            if found is not None:
+                best, changes = found, candidate
+        if changes and not any(_turns(mesh, each) for each in changes):
             for each in changes:
                 mesh.apply(each)
             worst, moved = best, len(star.nodes)

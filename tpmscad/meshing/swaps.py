@@ -12,7 +12,6 @@ from __future__ import annotations
 
 import functools
 from collections.abc import Sequence
-from itertools import pairwise
 
 import numpy as np
 
@@ -30,14 +29,16 @@ LEAST_COSINE = 0.85
 def swap_around(mesh: EditableMesh, cell: int) -> int:
     """Make the best of the swaps at an element's edges and faces that help; the number of swaps."""
     corners = mesh.cells[cell, :4].tolist()
-    found = [
-        *(_remove_edge(mesh, corners[i], corners[j]) for i, j in TETRA_EDGES),
-        *(_remove_face(mesh, cell, {corners[i] for i in face}) for face in TETRA_FACES),
-    ]
-    changes = [each for each in found if each is not None and mesh.has_room() and mesh.improves([each])]
-    if not changes:
+    if not mesh.has_room():
         return 0
-    mesh.apply(max(changes, key=lambda each: mesh.worst_after([each])))
+    swaps = [change for i, j in TETRA_EDGES for change in _removals_of_edge(mesh, corners[i], corners[j])]
+    for face in TETRA_FACES:
+        if (change := _remove_face(mesh, cell, {corners[i] for i in face})) is not None:
+            swaps.append(change)
+    judged = [(worst, change) for change in swaps if (worst := mesh.improved([change])) is not None]
+    if not judged:
+        return 0
+    mesh.apply(max(judged, key=lambda each: each[0])[1])
     return 1
 
 
@@ -53,12 +54,12 @@ def _divisions(n: int) -> tuple[tuple[tuple[int, int, int], ...], ...]:
     return tuple(divide(0, n - 1))
 
 
-def _remove_edge(mesh: EditableMesh, a: int, b: int) -> Change | None:
-    """The removal of an edge by which the worst element is best; None if it cannot go."""
+def _removals_of_edge(mesh: EditableMesh, a: int, b: int) -> list[Change]:
+    """The ways to remove an edge with the elements around it; none if it cannot go."""
     cells = sorted(mesh.cells_at[a] & mesh.cells_at[b])
     facets = sorted(mesh.facets_at[a] & mesh.facets_at[b])
     if len(cells) > MOST_AROUND or len(facets) not in (0, 2):
-        return None
+        return []
     after = {}
     for cell in cells:
         x, y = (n for n in mesh.cells[cell, :4].tolist() if n not in (a, b))
@@ -66,28 +67,27 @@ def _remove_edge(mesh: EditableMesh, a: int, b: int) -> Change | None:
             x, y = y, x
         after[x] = y, cell
     if len(after) < len(cells):
-        return None
+        return []
     ends = [next(n for n in mesh.facets[f, :3].tolist() if n not in (a, b)) for f in facets]
     flip: tuple[int, int] | None = None
     if facets:
         if not _may_flip(mesh, a, b, facets, ends):
-            return None
+            return []
         flip = ends[0], ends[1]
         paths = [path for start in ends if (path := _follow(after, start, set(ends)))]
         if sum(len(path) - 1 for path in paths) < len(cells):
-            return None
+            return []
     else:
         start = min(after)
         path = _follow(after, start, {start})
         if len(path) - 1 < len(cells):
-            return None
+            return []
         paths = [path[:-1]]
-    best: tuple[float, Change] | None = None
     options: list[list[tuple[tuple[int, ...], int]]] = [[]]
     for path in paths:
         like = after[path[0]][1]
         if any(mesh.region_of(after[n][1]) != mesh.region_of(like) for n in path[:-1]):
-            return None
+            return []
         grown = []
         for division in _divisions(len(path)) if len(path) > 2 else ((),):
             rows = []
@@ -96,19 +96,9 @@ def _remove_edge(mesh: EditableMesh, a: int, b: int) -> Change | None:
                 rows += [((x, y, z, b), like), ((x, z, y, a), like)]
             grown += [[*each, *rows] for each in options]
         options = grown
-    old = {frozenset(pair) for path in paths for pair in pairwise(path)}
-    if not facets:
-        old.add(frozenset((paths[0][0], paths[0][-1])))
-    for rows in options:
-        change = _make_change(mesh, cells, rows, old | _edges_to(rows, a, b), facets, (a, b), flip)
-        if change is not None and (best is None or mesh.worst_after([change]) > best[0]):
-            best = mesh.worst_after([change]), change
-    return best[1] if best is not None else None
-
-
-def _edges_to(rows: Sequence[tuple[tuple[int, ...], int]], a: int, b: int) -> set[frozenset[int]]:
-    """The edges from both ends of the removed edge."""
-    return {frozenset((end, n)) for row, _ in rows for n in row for end in (a, b) if n != end}
+    middles: dict[frozenset[int], int] = {}
+    found = (_make_change(mesh, cells, rows, middles, facets, (a, b), flip) for rows in options)
+    return [change for change in found if change is not None]
 
 
 def _follow(after: dict[int, tuple[int, int]], start: int, stops: set[int]) -> list[int]:
@@ -155,29 +145,32 @@ def _remove_face(mesh: EditableMesh, cell: int, face: set[int]) -> Change | None
     if _volume(mesh, x, y, z, b) < 0:
         y, z = z, y
     rows = [((a, b, *pair), cell) for pair in ((x, y), (y, z), (z, x))]
-    old = {frozenset(pair) for row, _ in rows for pair in zip(row, row[1:], strict=False)}
-    old |= {frozenset((end, n)) for end in (a, b) for n in face} | {frozenset(p) for p in ((x, y), (y, z), (z, x))}
-    return _make_change(mesh, both, rows, old - {frozenset((a, b))}, [], (a, b), None)
+    return _make_change(mesh, both, rows, {}, [], (a, b), None)
 
 
 def _make_change(
     mesh: EditableMesh,
     cells: list[int],
     rows: Sequence[tuple[tuple[int, ...], int]],
-    old: set[frozenset[int]],
+    middles: dict[frozenset[int], int],
     facets: list[int],
     edge: tuple[int, int],
     flip: tuple[int, int] | None,
 ) -> Change | None:
-    """The change from elements to others, and from two facets at an edge to those at another; None if one were there twice."""
+    """The change from elements to others, and from two facets at an edge to those at another; None if one were there twice.
+
+    `middles`: nodes in the middle of edges that are there, which the changes around one edge have in common; it grows.
+    """
     a, b = edge
     points: dict[int, Array] = {}
     made: dict[frozenset[int], int] = {}
 
     def middle(i: int, j: int) -> int:
         pair = frozenset((i, j))
-        if mesh.cells_at[i] & mesh.cells_at[j]:
-            return mesh.middle(i, j)
+        if pair not in middles and mesh.cells_at[i] & mesh.cells_at[j]:
+            middles[pair] = mesh.middle(i, j)
+        if pair in middles:
+            return middles[pair]
         if pair not in made:
             made[pair] = mesh.n_points + len(made)
             place = 0.5 * (mesh.points[i] + mesh.points[j])
