@@ -13,10 +13,8 @@ from tpmscad import fields
 from tpmscad._typing import BoxCorners
 from tpmscad.errors import InvalidRequest
 from tpmscad.fields import Field
+from tpmscad.fields.data.field_notes import DEFAULT_TOL_SPACINGS
 from tpmscad.fields.data.image_files import read_image
-
-DEFAULT_TOL_SPACINGS = 0.1
-"""In spacings of an array: the tolerance of its solid if none is given."""
 
 DEFAULT_TOL_CELLS = 0.01
 """In edges of a cell: the tolerance of a graded lattice if none is given."""

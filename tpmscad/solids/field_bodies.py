@@ -19,7 +19,7 @@ from tpmscad.brep.solid_properties import measure_solid
 from tpmscad.brep.triangles.closed_mesh import SolidMesh
 from tpmscad.errors import CrossingSurfaces, InvalidRequest, KernelError, LevelSetError
 from tpmscad.fields.analysis.solid_bounds import bound_solid
-from tpmscad.fields.data.field_notes import find_least_spacing
+from tpmscad.fields.data.field_notes import DEFAULT_TOL_SPACINGS, find_least_spacing
 from tpmscad.fields.data.triangle_distance import build_triangle_tree
 from tpmscad.fields.data.triangle_mesh import is_mesh_object, is_mesh_path
 from tpmscad.fields.field import Field
@@ -45,10 +45,6 @@ MESH_TOL_FRACTION = 0.25
 """Of the greatest distance of a mesh's triangles from its field: the least tolerance of the patches. A fit deviates by a
 thirtieth of its tolerance in the root mean square: the patches of a scanned animal follow its triangles as well as with a tenth
 of this, in a tenth of the time."""
-
-DATA_TOL_SPACINGS = 0.1
-"""In spacings of samples: the least tolerance of a body of data if none is asked for. That of a lattice follows from its cell,
-and in a bone of voxels of .5 mm a cell of 1.2 mm would ask for .0012: noise is no surface to be followed so closely."""
 
 MEASURED_POINTS = 20_000
 """Points of each surface at which its distance from the other one is measured."""
@@ -145,7 +141,7 @@ def fit_field_body(
     name = field.mesh.name if isinstance(field, MeshField) else "the field"
     low, high = find_field_box(field, box, name)
     spacing = find_least_spacing(field) if is_default else None
-    closest = tol if spacing is None else max(tol, DATA_TOL_SPACINGS * spacing)
+    closest = tol if spacing is None else max(tol, DEFAULT_TOL_SPACINGS * spacing)
     if isinstance(field, MeshField):
         closest = max(closest, MESH_TOL_FRACTION * field.max_deviation)
     try:
