@@ -222,7 +222,7 @@ def main() -> None:
     options = parser.parse_args()
     print(
         "case            size   nodes   elements inverted straight    SICN       SJ mean SJ   mean size    volume off groups "
-        "pairs   mismatch    moved deviation merged collapsed swapped shifted   s  warnings"
+        "pairs   mismatch    moved deviation merged collapsed swapped split shifted   s  warnings"
     )
     cases = CASES | PERIODIC_CASES
     for name in options.names or (PERIODIC_CASES if options.periodic else CASES):
@@ -244,7 +244,7 @@ def main() -> None:
             f"{mean_scaled_jacobian(mesh):7.3f} {quality.size / size / options.size:6.3f} of it "
             f"{mesh.volume / volume_of(model) - 1.0:10.1e} {len(mesh.facet_groups):5d}{'' if covered else '!'} {pairs:6d} "
             f"{mesh.mismatch:10.1e} {mesh.moved:8.1e} {mesh.deviation:9.1e} {mesh.merged:6d} {mesh.collapsed:9d} "
-            f"{mesh.swapped:7d} {mesh.shifted:7d} {seconds:5.0f}  {readers(mesh)}",
+            f"{mesh.swapped:7d} {mesh.split:5d} {mesh.shifted:7d} {seconds:5.0f}  {readers(mesh)}",
             flush=True,
         )
 

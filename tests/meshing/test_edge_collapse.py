@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 from tests.meshing.test_volume_mesh import EXTENT, block
-from tpmscad.meshing import mesh_improvement
+from tpmscad.meshing import edge_collapse, mesh_improvement
 from tpmscad.meshing.edge_collapse import collapse_shortest_edge
-from tpmscad.meshing.editable_mesh import EditableMesh
+from tpmscad.meshing.editable_mesh import Change, EditableMesh
 from tpmscad.meshing.element_shapes import SHAPES
 from tpmscad.meshing.facet_search import boundary_facets
 from tpmscad.meshing.volume_mesh import VolumeMesh
@@ -32,7 +32,7 @@ def squeeze(mesh: VolumeMesh, gone: tuple[float, ...], kept: tuple[float, ...], 
 def collapse_short_edges(mesh: VolumeMesh, size: float) -> VolumeMesh:
     """The mesh with collapses alone, at each poor element in turn."""
     state, count = EditableMesh(mesh, None), 0
-    while done := mesh_improvement._mend_poor(state, lambda cell: collapse_shortest_edge(state, cell, 0.5 * size)):
+    while done := mesh_improvement._mend_poor(state, lambda cell: collapse_shortest_edge(state, cell, 0.5 * size), {}):
         count += done
     return replace(state.build(), collapsed=count) if count else mesh
 
@@ -114,3 +114,28 @@ def test_a_good_mesh_is_left_alone() -> None:
 def test_long_edges_of_flat_elements_are_kept() -> None:
     flat = squeeze(block("tetra"), (1.0, 2.0, 1.0), (2.0, 2.0, 1.0))
     assert collapse_short_edges(flat, 0.01) is flat
+
+
+def test_a_very_short_edge_goes_even_if_a_curved_element_stays_poor(monkeypatch: pytest.MonkeyPatch) -> None:
+    """No node can be moved so that an element at the short edge is good; the curved edge can be mended."""
+    flat = squeeze(block("tetra10"), (1.0, 2.0, 1.0), (2.0, 2.0, 1.0))
+    state = EditableMesh(flat, None)
+    pairs = [
+        (i, j) for i in range(len(flat.points)) for j in (state.neighbours(i) if state.cells_at[i] else ()) if i < j
+    ]
+    a, b = min(pairs, key=lambda pair: float(np.linalg.norm(flat.points[pair[0]] - flat.points[pair[1]])))
+    cell = min(state.cells_at[a] & state.cells_at[b])
+    examine = edge_collapse._examine
+
+    def examine_and_bend(mesh: EditableMesh, gone: int, kept: int) -> Change | None:
+        change = examine(mesh, gone, kept)
+        assert change is not None
+        middle = int(change.cells[0, 4])
+        return replace(change, points={**change.points, middle: mesh.points[middle] + (0.0, 0.0, 2.0)})
+
+    monkeypatch.setattr(edge_collapse, "_examine", examine_and_bend)
+    with monkeypatch.context() as patch:
+        patch.setattr(edge_collapse, "FAR_SHORTER", 0.0)
+        assert collapse_shortest_edge(state, cell, 0.5) == 0
+    assert collapse_shortest_edge(state, cell, 0.5) == 1
+    assert state.build().quality.inverted > 0

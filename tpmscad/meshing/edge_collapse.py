@@ -22,9 +22,16 @@ from tpmscad.meshing.element_shapes import TETRA_EDGES
 LEAST_COSINE = 0.98
 """Of the angle by which a facet may turn: that of a curved surface turns by its curvature times the length of the edge."""
 
+FAR_SHORTER = 0.05
+"""Of the longest edge that is collapsed: it makes an element as flat as itself whatever is done around it."""
+
 
 def collapse_shortest_edge(mesh: EditableMesh, cell: int, longest: float) -> int:
-    """Collapse the shortest edge of an element that can be; the number of edges collapsed, images included."""
+    """Collapse the shortest edge of an element that can be; the number of edges collapsed, images included.
+
+    One that is far shorter than `longest` goes where this helps the elements with straight edges: what it leaves of curved ones
+    that are poor can be mended, the short edge cannot.
+    """
     ends = mesh.cells[cell, :4][np.array(TETRA_EDGES)]
     lengths = np.linalg.norm(mesh.points[ends[:, 0]] - mesh.points[ends[:, 1]], axis=1)
     for i in np.argsort(lengths):
@@ -34,7 +41,11 @@ def collapse_shortest_edge(mesh: EditableMesh, cell: int, longest: float) -> int
             pairs = find_images(mesh, gone, kept)
             found = [_examine(mesh, a, b) for a, b in pairs]
             changes = [each for each in found if each is not None]
-            if changes and len(changes) == len(pairs) and mesh.improved(changes) is not None:
+            if (
+                changes
+                and len(changes) == len(pairs)
+                and mesh.improved(changes, straight=lengths[i] < FAR_SHORTER * longest) is not None
+            ):
                 for each in changes:
                     mesh.apply(each)
                 return len(pairs)

@@ -12,7 +12,13 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from tpmscad._typing import Array, IntArray
-from tpmscad.meshing.element_shapes import TETRA_EDGES, TRIANGLE_EDGES, jacobian_coefficients, scaled_jacobians
+from tpmscad.meshing.element_shapes import (
+    TETRA_EDGES,
+    TRIANGLE_EDGES,
+    determinants,
+    jacobian_coefficients,
+    scaled_jacobians,
+)
 from tpmscad.meshing.mesh_arrays import sort_nodes
 from tpmscad.meshing.volume_mesh import VolumeMesh
 
@@ -74,6 +80,8 @@ class EditableMesh:
         self.facet_source = np.arange(len(facets))  # a facet of the same groups
         numbers = faces.face if faces is not None else np.zeros(len(facets), np.int64)
         self.faces = [frozenset((face,)) for face in numbers.tolist()]  # those that a facet may reach over
+        self.n_changes = 0
+        self.changed_at = np.zeros(len(self.points), np.int64)  # the last change of an element at each corner
         self.cells_at = _list_uses(cells[:, :4], len(self.points))
         self.facets_at = _list_uses(facets[:, :3], len(self.points))
         self.labels = _label_groups(len(facets), mesh.facet_groups.values())
@@ -163,37 +171,51 @@ class EditableMesh:
 
     def place_middle(self, node: int, start: Array, end: Array, middle: int, facets: Iterable[int]) -> Array:
         """Where the middle of an edge from a node goes whose other end goes from one place to another."""
-        former, chord = self.points[node] - start, self.points[node] - end
-        height = self.points[middle] - 0.5 * (self.points[node] + start)
-        place = end + 0.5 * chord + height * (chord @ chord) / max(float(former @ former), 1e-300)
-        return self.project_on(facets, np.asarray(place))
+        return self.project_on(facets, carry_middles(self.points[node], start, end, self.points[middle]))
 
-    def improved(self, changes: Sequence[Change]) -> float | None:
-        """The worst scaled Jacobian after changes; None if it is no better than before, or if they touch an element twice."""
+    def improved(self, changes: Sequence[Change], straight: bool = False) -> float | None:
+        """The worst scaled Jacobian after changes; None if it is no better than before, or if they touch an element twice.
+
+        `straight`: whether elements are judged as if all edges were straight.
+        """
         every = [cell for each in changes for cell in each.gone]
         if len(set(every)) < len(every) or not all(len(each.cells) for each in changes):
             return None
-        return self.worst_after(changes, self.quality_of(every) + LEAST_GAIN)
+        before = (
+            scaled_jacobians("tetra", self.points, self.cells[every, :4]).min() if straight else self.quality_of(every)
+        )
+        return self.worst_after(changes, float(before) + LEAST_GAIN, straight)
 
-    def worst_after(self, changes: Sequence[Change], least: float) -> float | None:
+    def worst_after(self, changes: Sequence[Change], least: float, straight: bool = False) -> float | None:
         """The worst scaled Jacobian of the elements that changes bring; None if it is not above `least`, or one may be inverted.
 
-        That is known of most changes from the scaled Jacobians, without the dearer bounds of the determinants.
+        An element may be inverted, too, once its edges are made straight, so that this stays a remedy. What each measure says
+        is asked in the order of what it takes.
         """
         worst = 1.0
         for each in changes:
             used, nodes = np.unique(each.cells, return_inverse=True)
             nodes = nodes.reshape(each.cells.shape)
             points = np.array([each.points.get(node, self.points[node]) for node in used.tolist()])
-            worst = min(worst, float(scaled_jacobians(self.kind, points, nodes).min()))
+            corners = nodes[:, :4]
+            found = (
+                scaled_jacobians("tetra", points, corners) if straight else scaled_jacobians(self.kind, points, nodes)
+            )
+            worst = min(worst, float(found.min()))
             if worst <= least:
                 return None
-            if worst > 0 and self.is_curved and not jacobian_coefficients(self.kind, points, nodes).min() > 0:
+            if not self.is_curved or straight:
+                continue
+            if not determinants(points[corners[:, 1:]] - points[corners[:, :1]]).min() > 0:
+                return None
+            if worst > 0 and not jacobian_coefficients(self.kind, points, nodes).min() > 0:
                 return None
         return worst
 
     def apply(self, change: Change) -> None:
         """Carry out a change."""
+        self.n_changes += 1
+        self.changed_at[self.cells[change.gone, :4]] = self.n_changes
         for node, place in change.points.items():
             self.points[node] = place
             self.n_points = max(self.n_points, node + 1)
@@ -271,6 +293,14 @@ def unit_normal(corners: Array) -> Array:
     """Unit normal of a triangle (3, 3)."""
     vector = np.cross(corners[1] - corners[0], corners[2] - corners[0])
     return np.asarray(vector / max(float(np.linalg.norm(vector)), 1e-300))
+
+
+def carry_middles(fixed: Array, start: Array, end: Array, middles: Array) -> Array:
+    """Middles (..., 3) of edges, curved as before, whose ends go from one place to another while the other ends stay."""
+    former, chord = fixed - start, fixed - end
+    height = middles - 0.5 * (fixed + start)
+    lengths = np.maximum((former * former).sum(axis=-1, keepdims=True), 1e-300)
+    return np.asarray(end + 0.5 * chord + height * (chord * chord).sum(axis=-1, keepdims=True) / lengths)
 
 
 def add_middles(rows: Sequence[tuple[int, ...]], middle: Callable[[int, int], int], width: int) -> IntArray:

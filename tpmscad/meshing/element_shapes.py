@@ -169,6 +169,13 @@ def _map_gradients(nodes: Array, gradients: Array) -> Array:
     return flat.reshape(-1, 3, p, d).swapaxes(1, 2)
 
 
+def determinants(matrices: Array) -> Array:
+    """Determinants of matrices (..., 3, 3): several times faster than by the elimination of a library for any size."""
+    a, b, c = np.moveaxis(matrices, -2, 0)
+    across = b[..., [1, 2, 0]] * c[..., [2, 0, 1]] - b[..., [2, 0, 1]] * c[..., [1, 2, 0]]
+    return np.asarray((a * across).sum(axis=-1))
+
+
 @functools.cache
 def _gradients_at_nodes(kind: str) -> Array:
     """Gradients (n, n, d) of the shape functions at the nodes."""
@@ -188,7 +195,7 @@ def jacobian_coefficients(kind: str, points: Array, cells: IntArray) -> Array:
     """
     to_bernstein, gradients = _bernstein_samples(kind)[1], _gradients_at_bernstein_samples(kind)
     parts = [
-        np.linalg.det(_map_gradients(points[block], gradients)) @ to_bernstein.T
+        determinants(_map_gradients(points[block], gradients)) @ to_bernstein.T
         for block in np.array_split(cells, max(1, -(-len(cells) // ELEMENTS_AT_ONCE)))
     ]
     return np.concatenate(parts)
@@ -234,7 +241,7 @@ def inverse_condition_numbers(kind: str, points: Array, cells: IntArray) -> Arra
         matrix = jacobians(kind, points[block], at) @ to_regular
         adjugate = np.cross(matrix[..., [1, 2, 0]], matrix[..., [2, 0, 1]], axis=-2)
         norms = np.linalg.norm(matrix, axis=(-2, -1)) * np.linalg.norm(adjugate, axis=(-2, -1))
-        found.append((3.0 * np.linalg.det(matrix) / np.maximum(norms, np.finfo(float).tiny)).min(axis=1))
+        found.append((3.0 * determinants(matrix) / np.maximum(norms, np.finfo(float).tiny)).min(axis=1))
     return np.concatenate(found)
 
 
@@ -256,4 +263,4 @@ def scaled_jacobians(kind: str, points: Array, cells: IntArray) -> Array:
         products = np.max([a * b * c, a * ab * ac, b * ab * bc, c * ac * bc], axis=0)
     else:
         products = lengths.prod(axis=-1)
-    return np.asarray((scale * np.linalg.det(matrix) / np.maximum(products, np.finfo(float).tiny)).min(axis=1))
+    return np.asarray((scale * determinants(matrix) / np.maximum(products, np.finfo(float).tiny)).min(axis=1))

@@ -73,6 +73,7 @@ class MeshArrays:
     collapsed: int = 0
     merged: int = 0
     swapped: int = 0
+    split: int = 0
     shifted: int = 0
     deviation: float = 0.0
     openings: frozenset[str] = frozenset()

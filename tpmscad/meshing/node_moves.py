@@ -7,13 +7,20 @@ from collections.abc import Iterable
 import numpy as np
 
 from tpmscad._typing import Array
-from tpmscad.meshing.editable_mesh import CREASE_COSINE, Change, EditableMesh, unit_normal
+from tpmscad.meshing.editable_mesh import CREASE_COSINE, Change, EditableMesh, carry_middles, unit_normal
+from tpmscad.meshing.element_shapes import scaled_jacobians
 
 FIRST_STEP, LAST_STEP = 0.2, 0.01
 """In element sizes: steps of the search, which are halved where none helps."""
 
 MOST_STEPS = 12
 """Of one search: later passes go on with it."""
+
+LEAST_GAIN = 0.0002
+"""Of the worst scaled Jacobian by a move."""
+
+MOST_TRIED = 2
+"""Of the moves at a step, those that are estimated to help most: their nodes are put on the faces, which takes longest."""
 
 LEAST_COSINE = 0.85
 """Of the angle by which a facet may turn."""
@@ -32,18 +39,18 @@ def move_node(mesh: EditableMesh, node: int, size: float, edge: tuple[int, int] 
         return 0
     first, facets = star.nodes[0], star.on_faces
     directions = _list_directions(mesh, {f for own in star.facets for f in own})
-    moved, step, worst = 0, FIRST_STEP * size, mesh.quality_of([c for own in star.cells for c in own])
+    moved, step, worst = 0, FIRST_STEP * size, mesh.quality_of(star.every_cell)
     for _ in range(MOST_STEPS if len(directions) else 0):
-        places = [mesh.project_on(facets, mesh.points[first] + step * direction) for direction in directions]
-        best, changes = worst, []
-        for candidate in map(star.move, places):
-            found = mesh.worst_after(candidate, best)
-            if found is not None:
-                best, changes = found, candidate
-        if changes and not any(_turns(mesh, each) for each in changes):
-            for each in changes:
-                mesh.apply(each)
-            worst, moved = best, len(star.nodes)
+        estimates = star.estimate(step * directions)
+        order = np.argsort(-estimates)[:MOST_TRIED]
+        for direction in directions[order[estimates[order] > worst + LEAST_GAIN]]:
+            changes = star.move(mesh.project_on(facets, mesh.points[first] + step * direction))
+            found = mesh.worst_after(changes, worst + LEAST_GAIN)
+            if found is not None and not any(_turns(mesh, each) for each in changes):
+                for each in changes:
+                    mesh.apply(each)
+                worst, moved = found, len(star.nodes)
+                break
         else:
             step *= 0.5
             if step < LAST_STEP * size:
@@ -64,13 +71,33 @@ class _Star:
             ends = [of_middle[n] for n in self.nodes]
         self.cells = [sorted(set[int].intersection(*(mesh.cells_at[n] for n in own))) for own in ends]
         self.facets = [sorted(set[int].intersection(*(mesh.facets_at[n] for n in own))) for own in ends]
+        self.every_cell = [c for own in self.cells for c in own]
         first = ends[0]
         self.on_faces = set(self.facets[0]) if len(first) == 1 else mesh.facets_near(*first)
-        self.is_apart = len({c for own in self.cells for c in own}) == sum(map(len, self.cells))
+        self.is_apart = len(set(self.every_cell)) == len(self.every_cell)
         self.middles = [
             [(other, mesh.middle(n, other), mesh.facets_near(n, other)) for other in mesh.neighbours(n)]
             for n in (self.nodes if mesh.is_curved and edge is None else ())
         ]
+        self.used, rows = np.unique(mesh.cells[self.every_cell], return_inverse=True)
+        self.rows = rows.reshape(len(self.every_cell), -1)
+        spokes = [
+            (n, other, middle) for n, own in zip(self.nodes, self.middles, strict=False) for other, middle, _ in own
+        ]
+        self.spokes = np.array(spokes, np.int64).reshape(-1, 3)
+
+    def estimate(self, moves: Array) -> Array:
+        """The worst scaled Jacobian (k,) after each of k moves, with no node put back on its faces."""
+        mesh, near = self.mesh, self.mesh.points
+        points = np.repeat(near[self.used][None], len(moves), axis=0)
+        points[:, np.searchsorted(self.used, self.nodes)] += moves[:, None]
+        if len(self.spokes):
+            start, other, middle = near[self.spokes.T]
+            places = carry_middles(other, start, start + moves[:, None], middle)
+            points[:, np.searchsorted(self.used, self.spokes[:, 2])] = places
+        rows = self.rows + len(self.used) * np.arange(len(moves))[:, None, None]
+        found = scaled_jacobians(mesh.kind, points.reshape(-1, 3), rows.reshape(-1, self.rows.shape[1]))
+        return np.asarray(found.reshape(len(moves), -1).min(axis=1))
 
     def move(self, place: Array) -> list[Change]:
         """The change at each of the corners if the first goes to a place."""

@@ -22,8 +22,9 @@ from tpmscad.meshing.element_shapes import TETRA_EDGES, TETRA_FACES
 MOST_AROUND = 7
 """Corners around an edge that is removed: 42 divisions into triangles."""
 
-LEAST_COSINE = 0.85
-"""Of the angle between facets of a face whose common edge is flipped, and by which they may turn."""
+LEAST_COSINE, LEAST_COSINE_ON_FACE = 0.85, 0.3
+"""Of the angle between facets of the same groups whose common edge is flipped, and by which they may turn: where they are of
+different faces, and of one, which has no creases."""
 
 
 def swap_around(mesh: EditableMesh, cell: int) -> int:
@@ -120,9 +121,15 @@ def _may_flip(mesh: EditableMesh, a: int, b: int, facets: list[int], ends: list[
         or ends[0] == ends[1]
         or mesh.label_of(facets[0]) != mesh.label_of(facets[1])
         or _along(mesh, facets[0], a, b) == _along(mesh, facets[1], a, b)
-        or normals[0] @ normals[1] < LEAST_COSINE
+        or normals[0] @ normals[1] < _least_cosine(mesh, facets)
         or mesh.facets_at[ends[0]] & mesh.facets_at[ends[1]]
     )
+
+
+def _least_cosine(mesh: EditableMesh, facets: list[int]) -> float:
+    """Of the angle between two facets of the same groups that belong to one smooth surface."""
+    on_face = mesh.faces_of_facets is not None and mesh.faces[facets[0]] & mesh.faces[facets[1]]
+    return LEAST_COSINE_ON_FACE if on_face else LEAST_COSINE
 
 
 def _along(mesh: EditableMesh, facet: int, a: int, b: int) -> bool:
@@ -187,7 +194,8 @@ def _make_change(
         for facet, other, drop in zip(facets, flip[::-1], (b, a), strict=True):
             new_facets.append(tuple(other if n == drop else n for n in mesh.facets[facet, :3].tolist()))
         normals = [mesh.normal(f) for f in facets]
-        if any(unit_normal(mesh.points[list(row)]) @ n < LEAST_COSINE for row in new_facets for n in normals):
+        least = _least_cosine(mesh, facets)
+        if any(unit_normal(mesh.points[list(row)]) @ n < least for row in new_facets for n in normals):
             return None
         if (
             mesh.is_curved and frozenset(flip) in inside

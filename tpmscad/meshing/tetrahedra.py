@@ -47,9 +47,6 @@ of a fitted field agree within twice its tolerance, which is thus for elements o
 ON_SIDE = 1e-5
 """Model units: distance from a side of the box up to which the middle of an edge in a face of the side lies in the side."""
 
-MAX_UNTANGLING_PASSES = 4
-"""Passes over the inverted elements: to straighten an edge may invert a neighbour."""
-
 HXT, ELASTIC_ANALOGY = 10, 3
 """gmsh's numbers of algorithms for elements and for curving."""
 
@@ -251,12 +248,12 @@ def untangle(mesh: VolumeMesh) -> VolumeMesh:
     periods = np.where(np.isnan(mesh.periods), 0.0, mesh.periods)
     points, moved = mesh.points.copy(), np.zeros(len(mesh.points), bool)
     for movable in (~on_facet, np.ones_like(on_facet)):
-        for _ in range(MAX_UNTANGLING_PASSES):
+        while True:  # to straighten an edge may invert a neighbour
             bad = jacobian_coefficients("tetra10", points, cells).min(axis=1) <= 0.0
-            if not bad.any():
-                break
             middles, chords = _middles_of_edges(cells[bad], points, movable)
             images = np.isin(repeated, repeated[middles])
+            if moved[images].all():
+                break
             points[middles] = chords
             points[repeated[middles]] = chords - shift[middles] * periods
             points[images] = points[repeated[images]] + shift[images] * periods
