@@ -28,17 +28,13 @@ def split_edge(mesh: EditableMesh, cell: int, size: float) -> int:
         return 0
     corners = mesh.cells[cell, :4].tolist()
     edges = [(corners[i], corners[j]) for i, j in TETRA_EDGES]
-    judged = []
+    splits = []
     for pair in OPPOSITE:
         for on_face, inside in (pair, pair[::-1]):
             for place in _list_places(mesh, edges[on_face], edges[inside], size):
-                change = _make_change(mesh, *edges[inside], place)
-                if change is not None and (worst := mesh.improved([change])) is not None:
-                    judged.append((worst, change))
-    if not judged:
-        return 0
-    mesh.apply(max(judged, key=lambda each: each[0])[1])
-    return 1
+                if (change := _make_change(mesh, *edges[inside], place)) is not None:
+                    splits.append(change)
+    return mesh.make_best(splits)
 
 
 def _list_places(mesh: EditableMesh, on_face: tuple[int, int], inside: tuple[int, int], size: float) -> Array:

@@ -6,7 +6,7 @@ their elements are judged together. Middles of edges go along with the corners: 
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -172,6 +172,33 @@ class EditableMesh:
     def place_middle(self, node: int, start: Array, end: Array, middle: int, facets: Iterable[int]) -> Array:
         """Where the middle of an edge from a node goes whose other end goes from one place to another."""
         return self.project_on(facets, carry_middles(self.points[node], start, end, self.points[middle]))
+
+    def make_best(self, changes: Sequence[Change]) -> int:
+        """Carry out the one of some changes after which the worst element is best, if any is better than before; 1 or 0."""
+        changes = [each for each in changes if len(each.cells)]
+        if not changes:
+            return 0
+        start = self._worst_of([self.cells[each.gone] for each in changes], [{} for _ in changes])
+        end = self._worst_of([each.cells for each in changes], [each.points for each in changes])
+        for k in np.argsort(-end):
+            if end[k] > start[k] + LEAST_GAIN and self.improved([changes[k]]) is not None:
+                self.apply(changes[k])
+                return 1
+        return 0
+
+    def _worst_of(self, cells: Sequence[IntArray], places: Sequence[Mapping[int, Array]]) -> Array:
+        """The worst scaled Jacobian (k,) of each of k blocks of elements, with some of their nodes at other places: in one go."""
+        rows, moved = np.concatenate(cells), [place for of in places for place in of.values()]
+        points, count, start = self.points[rows], 0, 0
+        for block, of in zip(cells, places, strict=True):
+            for node in of:
+                points[start : start + len(block)][block == node] = moved[count]
+                count += 1
+            start += len(block)
+        nodes = np.arange(rows.size).reshape(rows.shape)
+        each = scaled_jacobians(self.kind, points.reshape(-1, 3), nodes)
+        starts = np.cumsum([0, *map(len, cells[:-1])])
+        return np.asarray(np.minimum.reduceat(each, starts))
 
     def improved(self, changes: Sequence[Change], straight: bool = False) -> float | None:
         """The worst scaled Jacobian after changes; None if it is no better than before, or if they touch an element twice.

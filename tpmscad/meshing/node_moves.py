@@ -19,7 +19,7 @@ MOST_STEPS = 12
 LEAST_GAIN = 0.0002
 """Of the worst scaled Jacobian by a move."""
 
-MOST_TRIED = 2
+MOST_TRIED = 3
 """Of the moves at a step, those that are estimated to help most: their nodes are put on the faces, which takes longest."""
 
 LEAST_COSINE = 0.85

@@ -36,11 +36,7 @@ def swap_around(mesh: EditableMesh, cell: int) -> int:
     for face in TETRA_FACES:
         if (change := _remove_face(mesh, cell, {corners[i] for i in face})) is not None:
             swaps.append(change)
-    judged = [(worst, change) for change in swaps if (worst := mesh.improved([change])) is not None]
-    if not judged:
-        return 0
-    mesh.apply(max(judged, key=lambda each: each[0])[1])
-    return 1
+    return mesh.make_best(swaps)
 
 
 @functools.cache
