@@ -59,7 +59,18 @@ JOBS: dict[str, tuple[str, ...]] = {
     "Structures as fields": tuple(
         f"fields.{name}"
         for name in (
-            *("tpms", "sheet", "rod", "pore", "wall", "strut_lattice", "struts", "bspline_unit", "expression"),
+            *(
+                "tpms",
+                "sheet",
+                "rod",
+                "pore",
+                "wall",
+                "strut_lattice",
+                "plate_lattice",
+                "struts",
+                "bspline_unit",
+                "expression",
+            ),
             *(
                 "from_function",
                 "as_field",

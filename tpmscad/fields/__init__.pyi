@@ -25,6 +25,7 @@ from tpmscad.fields.kinds.label_partitions import label_partition as label_parti
 from tpmscad.fields.kinds.nodal_field import tpms as tpms
 from tpmscad.fields.kinds.normal_distance import normal_distance as normal_distance
 from tpmscad.fields.kinds.normal_distance import wall as wall
+from tpmscad.fields.kinds.plate_lattices import plate_lattice as plate_lattice
 from tpmscad.fields.kinds.primitive_regions import box as box
 from tpmscad.fields.kinds.primitive_regions import cylinder as cylinder
 from tpmscad.fields.kinds.primitive_regions import halfspace as halfspace
