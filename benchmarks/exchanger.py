@@ -1,7 +1,7 @@
 """An exchanger's conformal mesh of three regions, steady conduction through it, and flow and heat by OpenFOAM.
 
     python -m benchmarks.exchanger [--cells 2] [--size 1.3]
-    python -m benchmarks.exchanger --openfoam FOLDER [--size 2 1.2] [--cell-size 0.1 0.07]
+    python -m benchmarks.exchanger --openfoam FOLDER [--size 2 1.2] [--stubs 10] [--cell-size 0.1 0.07]
 
 A cube of gyroid cells of 10 mm with a wall of 1 mm. Channel + is hot at its openings X-, channel - is cold at its openings X+;
 all else is adiabatic. The wall conducts 20 times as well as the fluids at rest. scikit-fem's second-order elements; the heat
@@ -110,8 +110,8 @@ def run_case(mesh: VolumeMesh, folder: Path, velocity: float) -> str:
     return done.stdout
 
 
-def run_exchanger(folder: Path, sizes: list[float]) -> None:
-    """Flow and heat of the exchanger with openings."""
+def run_exchanger(folder: Path, sizes: list[float], stubs: float) -> None:
+    """Flow and heat of the exchanger with openings, in front of which there are stubs of a length."""
     domains = tpmscad.fluid_domains(
         bd.Box(30, 20, 20),
         "gyroid",
@@ -124,7 +124,8 @@ def run_exchanger(folder: Path, sizes: list[float]) -> None:
         progress=False,
     )
     for size in sizes:
-        run_case(domains.mesh(size, order=1, progress=False), folder / f"exchanger_{size:g}", 0.01)
+        mesh = domains.mesh(size, order=1, progress=False)
+        run_case(mesh.add_stubs(stubs) if stubs else mesh, folder / f"exchanger_{size:g}", 0.01)
 
 
 def run_period(folder: Path, sizes: list[float]) -> None:
@@ -149,13 +150,14 @@ def main() -> None:
     parser.add_argument("--cells", type=int, default=2)
     parser.add_argument("--size", type=float, nargs="+")
     parser.add_argument("--cell-size", type=float, nargs="+", default=[0.1, 0.07])
+    parser.add_argument("--stubs", type=float, default=0.0, help="length of a duct in front of every opening, mm")
     parser.add_argument("--openfoam", type=Path, help="folder of the cases")
     given = parser.parse_args()
     if given.openfoam:
         if shutil.which("simpleFoam") is None:
             raise SystemExit("OpenFOAM is not installed: its cases are not run (apt-get install openfoam)")
         run_period(given.openfoam, given.cell_size)
-        run_exchanger(given.openfoam, given.size or [2.0, 1.2])
+        run_exchanger(given.openfoam, given.size or [2.0, 1.2], given.stubs)
         return
     size = given.size[0] if given.size else 1.3
     edge = 10.0 * given.cells

@@ -9,8 +9,8 @@ from __future__ import annotations
 import numpy as np
 
 from tpmscad._typing import Array
-from tpmscad.meshing.editable_mesh import Change, EditableMesh, add_middles
-from tpmscad.meshing.element_shapes import TETRA_EDGES
+from tpmscad.meshing.editable_mesh import Change, EditableMesh
+from tpmscad.meshing.element_shapes import TETRA_EDGES, add_middles
 
 OPPOSITE = ((0, 5), (1, 3), (2, 4))
 """Pairs of edges of a tetrahedron without a common corner, in the order of `TETRA_EDGES`."""

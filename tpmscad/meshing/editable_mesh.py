@@ -14,7 +14,6 @@ import numpy as np
 from tpmscad._typing import Array, IntArray
 from tpmscad.meshing.element_shapes import (
     TETRA_EDGES,
-    TRIANGLE_EDGES,
     determinants,
     jacobian_coefficients,
     scaled_jacobians,
@@ -328,13 +327,6 @@ def carry_middles(fixed: Array, start: Array, end: Array, middles: Array) -> Arr
     height = middles - 0.5 * (fixed + start)
     lengths = np.maximum((former * former).sum(axis=-1, keepdims=True), 1e-300)
     return np.asarray(end + 0.5 * chord + height * (chord * chord).sum(axis=-1, keepdims=True) / lengths)
-
-
-def add_middles(rows: Sequence[tuple[int, ...]], middle: Callable[[int, int], int], width: int) -> IntArray:
-    """Corners (m, 3) or (m, 4) of triangles or tetrahedra with the nodes in the middles of their edges, if these have any."""
-    edges = {3: (), 4: (), 6: TRIANGLE_EDGES, 10: TETRA_EDGES}[width]
-    found = [[*row, *(middle(row[i], row[j]) for i, j in edges)] for row in rows]
-    return np.array(found, np.int64).reshape(-1, width)
 
 
 def _label_groups(n: int, groups: Iterable[IntArray]) -> IntArray:

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import functools
 import itertools
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from types import MappingProxyType
 
@@ -152,6 +152,14 @@ SHAPES: Mapping[str, ElementShape] = MappingProxyType(
     }
 )
 """Every kind of element and facet, by its name in meshio."""
+
+
+def add_middles(rows: Sequence[tuple[int, ...]], middle: Callable[[int, int], int], width: int) -> IntArray:
+    """Corners (m, 3) or (m, 4) of triangles or tetrahedra with the nodes in the middles of their edges, if these have any."""
+    edges = {3: (), 4: (), 6: TRIANGLE_EDGES, 10: TETRA_EDGES}[width]
+    found = [[*row, *(middle(row[i], row[j]) for i, j in edges)] for row in rows]
+    return np.array(found, np.int64).reshape(-1, width)
+
 
 REGULAR_TETRAHEDRON = np.array([[1.0, 0.5, 0.5], [0.0, np.sqrt(3) / 2, np.sqrt(3) / 6], [0.0, 0.0, np.sqrt(2 / 3)]])
 """Columns: edges of a regular tetrahedron of edge 1, from its first corner."""

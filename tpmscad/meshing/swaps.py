@@ -16,8 +16,8 @@ from collections.abc import Sequence
 import numpy as np
 
 from tpmscad._typing import Array
-from tpmscad.meshing.editable_mesh import Change, EditableMesh, add_middles, unit_normal
-from tpmscad.meshing.element_shapes import TETRA_EDGES, TETRA_FACES
+from tpmscad.meshing.editable_mesh import Change, EditableMesh, unit_normal
+from tpmscad.meshing.element_shapes import TETRA_EDGES, TETRA_FACES, add_middles
 
 MOST_AROUND = 7
 """Corners around an edge that is removed: 42 divisions into triangles."""

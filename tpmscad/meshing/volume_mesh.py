@@ -17,6 +17,7 @@ from tpmscad.meshing.library_meshes import make_meshio_mesh, make_skfem_mesh, wr
 from tpmscad.meshing.mesh_arrays import MeshArrays
 from tpmscad.meshing.msh_files import write_msh
 from tpmscad.meshing.openfoam_case import write_openfoam_case
+from tpmscad.meshing.stubs import add_stubs
 from tpmscad.result_display import list_names
 
 MOVED = 1e-6
@@ -165,6 +166,28 @@ class VolumeMesh(MeshArrays):
         >>> parts.mesh(0.8).write_openfoam("exchanger")  # doctest: +SKIP
         """
         write_openfoam_case(self, Path(folder), flow, velocity)
+
+    @validate_call()
+    def add_stubs(
+        self,
+        length: Annotated[float, POSITIVE.described_as(example="10"), "Length of the ducts, model units."],
+    ) -> VolumeMesh:
+        """Return the mesh with a straight duct of elements in front of every opening, so that a flow settles before the body.
+
+        The duct has the opening's cross-section, and belongs to the same group of elements. At its end is the opening, and its
+        sides are a group of facets: "channel +: stub X-" of "channel +: opening X-".
+
+        Raises
+        ------
+        InvalidRequest
+            If the mesh has no openings, is periodic or of hexahedra, or an opening is not in a plane.
+
+        Examples
+        --------
+        >>> parts = tpmscad.fluid_domains(body, "gyroid", cell=10, thickness=1)  # doctest: +SKIP
+        >>> parts.mesh(0.8).add_stubs(10).write_openfoam("exchanger")  # doctest: +SKIP
+        """
+        return add_stubs(self, length)
 
     def to_dict(self) -> dict[str, Any]:
         """The mesh in figures, ready for JSON."""
