@@ -63,6 +63,9 @@ def test_stubs_continue_the_openings(kind: str, length: float) -> None:
     )
     assert volumes[after.cell_groups["wall"]].sum() == pytest.approx(0.5 * before.volume + 0.5 * top, rel=1e-12)
     assert after.openings == before.openings
+    ((_, cells),) = after.cells.items()
+    upper = after.points[cells[:, :4], 1].mean(axis=1) > 0.5 * EXTENT[1]
+    np.testing.assert_array_equal(after.cell_groups["wall"], np.flatnonzero(upper))
 
 
 def test_what_has_no_ends_is_refused() -> None:

@@ -78,12 +78,9 @@ def _extrude(points: Array, triangles: IntArray, owners: IntArray, length: float
     levels = np.arange(1, 2 * layers + 1)  # two for each layer: middles of edges lie half-way
     made = points[base] + (levels * length / (2 * layers))[:, None, None] * normal
     numbers = np.concatenate([base[None], len(points) + np.arange(made[..., 0].size).reshape(len(levels), -1)])
-    middles = {
-        frozenset((row[i], row[j])): row[3 + k]
-        for row in local.tolist()
-        for k, (i, j) in enumerate(TRIANGLE_EDGES)
-        if row[3:]
-    }
+    middles: dict[frozenset[int], int] = {}
+    for k, (i, j) in enumerate(TRIANGLE_EDGES[: local.shape[1] - 3]):
+        middles.update(zip(map(frozenset, local[:, [i, j]].tolist()), local[:, 3 + k].tolist(), strict=True))
     where = dict(zip(numbers.ravel().tolist(), np.ndindex(*numbers.shape), strict=True))
 
     def middle(i: int, j: int) -> int:
