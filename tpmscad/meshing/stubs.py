@@ -73,8 +73,8 @@ def _extrude(points: Array, triangles: IntArray, owners: IntArray, length: float
             f"{name!r} is not in one plane, its nodes are {np.ptp(height):.3g} apart along its normal: a stub is straight"
         )
     layers = max(1, round(length / edge))
-    base, local = np.unique(triangles, return_inverse=True)
-    local = local.reshape(triangles.shape)
+    base, inverse = np.unique(triangles, return_inverse=True)
+    local: IntArray = inverse.reshape(triangles.shape)
     levels = np.arange(1, 2 * layers + 1)  # two for each layer: middles of edges lie half-way
     made = points[base] + (levels * length / (2 * layers))[:, None, None] * normal
     numbers = np.concatenate([base[None], len(points) + np.arange(made[..., 0].size).reshape(len(levels), -1)])
