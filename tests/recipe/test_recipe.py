@@ -225,6 +225,12 @@ SAME = {
             fields.strut_lattice("bcc", cell=3, cells=(1, 2, 1), diameter=0.4),
         )
     ],
+    "plate_lattice": [
+        (
+            "structure = 'fcc'\ncell = 3\ncells = [1, 2, 1]\nthickness = 0.4",
+            fields.plate_lattice("fcc", cell=3, cells=(1, 2, 1), thickness=0.4),
+        )
+    ],
     "translate": [("of = 'gyroid'\nvector = [1, 2, 3]", fields.translate(GYROID, (1, 2, 3)))],
     "rotate": [("field = 'ball'\naxis = 'y'\nangle = 30", fields.rotate(BALL, "y", 30))],
     "scale": [("of = 'gyroid'\nfactor = 2", fields.scale(GYROID, 2))],
