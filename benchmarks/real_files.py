@@ -45,6 +45,7 @@ from benchmarks.trial_judges import MINIMAL_OFF, STANDARD_ERRORS, NodalFunction,
 from benchmarks.trial_statements import triangulate
 from tpmscad import fields
 from tpmscad._typing import Array
+from tpmscad.fields.kinds.triangle_meshes import sample_triangles
 from tpmscad.kernel.measure.edge_gaps import measure_accuracy
 from tpmscad.kernel.measure.shape_report import check_shape
 from tpmscad.kernel.occt.exploration import faces_of, solids_of
@@ -83,13 +84,15 @@ def load_cad(path: Path) -> Judged:
     """The largest solid of a CAD file, as `read_body` heals it."""
     file = tpmscad.read_body(path)
     (body,) = solids_of(file.shape)
-    volume = check_shape(body).volume
+    measured = check_shape(body)
+    volume = measured.volume
     vertices, triangles = triangulate(body, 0.002 * volume ** (1 / 3))
     classifier = BRepClass3d_SolidClassifier(body)
 
     def is_inside(points: Array) -> Array:
         """Far from the triangles by these; near them by the classifier, which takes up to 50 ms for a point."""
-        samples, apart = sample_triangles(vertices[triangles], np.random.default_rng(6))
+        samples = sample_triangles(vertices[triangles], SURFACE_SAMPLES)
+        apart = (measured.area / SURFACE_SAMPLES) ** 0.5
         near = cKDTree(samples).query(points)[0] < 3.0 * apart + 0.004 * volume ** (1 / 3)
         found = lies_in_triangles(vertices, triangles, points)
         for k in np.flatnonzero(near):
@@ -115,16 +118,6 @@ def load_mesh(path: Path) -> Judged:
         )
 
     return Judged(path, is_inside, vertices, triangles, float(mesh.volume), f"{len(triangles)} triangles")
-
-
-def sample_triangles(corners: Array, rng: np.random.Generator) -> tuple[Array, float]:
-    """Random points (SURFACE_SAMPLES, 3) of triangles (m, 3, 3), and the edge of the square that one of them stands for."""
-    area = 0.5 * np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1)
-    chosen = corners[rng.choice(len(corners), SURFACE_SAMPLES, p=area / area.sum())]
-    u, v = rng.random((2, SURFACE_SAMPLES, 1))
-    u, v = np.where(u + v > 1, 1 - u, u), np.where(u + v > 1, 1 - v, v)
-    points = chosen[:, 0] + u * (chosen[:, 1] - chosen[:, 0]) + v * (chosen[:, 2] - chosen[:, 0])
-    return points, float(np.sqrt(area.sum() / SURFACE_SAMPLES))
 
 
 def lies_in_triangles(vertices: Array, triangles: Array, points: Array) -> Array:
@@ -204,7 +197,7 @@ def sample_fraction(body: Judged, cell: float, skin: float | None, samples: int)
     half = WALL_CELLS * cell / 2
     taken = np.abs(signed_distance(f, points, half, cell)) < half
     if skin is not None:
-        surface, _ = sample_triangles(body.vertices[body.triangles], rng)
+        surface = sample_triangles(body.vertices[body.triangles], SURFACE_SAMPLES)
         taken |= cKDTree(surface).query(points)[0] < skin
     mean = float(taken.mean())
     return mean, float(np.sqrt(max(mean * (1 - mean), 1e-4) / len(points)))

@@ -187,8 +187,8 @@ def test_changes_that_share_elements_are_not_made_together() -> None:
     )
     change = edge_collapse._examine(state, *pair)
     assert isinstance(change, Change)
-    assert state.improved([change]) is not None
-    assert state.improved([change, change]) is None
+    assert state.judge_changes([change]) is not None
+    assert state.judge_changes([change, change]) is None
 
 
 def test_an_edge_whose_image_is_missing_is_kept() -> None:

@@ -68,6 +68,14 @@ def test_stubs_continue_the_openings(kind: str, length: float) -> None:
     np.testing.assert_array_equal(after.cell_groups["wall"], np.flatnonzero(upper))
 
 
+def test_openings_with_names_of_their_own_keep_their_facets() -> None:
+    before = open_block("tetra")
+    groups = {name.replace("channel: opening X-", "inlet"): of for name, of in before.facet_groups.items()}
+    after = replace(before, facet_groups=groups, openings=frozenset({"inlet"})).add_stubs(1.0)
+    assert areas(after)["inlet"] == pytest.approx(areas(before)["channel: opening X-"], rel=1e-12)
+    assert areas(after)["inlet: stub"] == pytest.approx(EXTENT[1] + 2 * EXTENT[2], rel=1e-12)
+
+
 def test_what_has_no_ends_is_refused() -> None:
     with pytest.raises(InvalidRequest, match="the mesh has no openings: mesh a channel of fluid_domains"):
         block("tetra").add_stubs(1.0)

@@ -44,7 +44,7 @@ def collapse_shortest_edge(mesh: EditableMesh, cell: int, longest: float) -> int
             if (
                 changes
                 and len(changes) == len(pairs)
-                and mesh.improved(changes, straight=lengths[i] < FAR_SHORTER * longest) is not None
+                and mesh.judge_changes(changes, straight=lengths[i] < FAR_SHORTER * longest) is not None
             ):
                 for each in changes:
                     mesh.apply(each)

@@ -180,7 +180,7 @@ class EditableMesh:
         start = self._worst_of([self.cells[each.gone] for each in changes], [{} for _ in changes])
         end = self._worst_of([each.cells for each in changes], [each.points for each in changes])
         for k in np.argsort(-end):
-            if end[k] > start[k] + LEAST_GAIN and self.improved([changes[k]]) is not None:
+            if self.worst_after([changes[k]], float(start[k]) + LEAST_GAIN) is not None:
                 self.apply(changes[k])
                 return 1
         return 0
@@ -199,7 +199,7 @@ class EditableMesh:
         starts = np.cumsum([0, *map(len, cells[:-1])])
         return np.asarray(np.minimum.reduceat(each, starts))
 
-    def improved(self, changes: Sequence[Change], straight: bool = False) -> float | None:
+    def judge_changes(self, changes: Sequence[Change], straight: bool = False) -> float | None:
         """The worst scaled Jacobian after changes; None if it is no better than before, or if they touch an element twice.
 
         `straight`: whether elements are judged as if all edges were straight.

@@ -16,7 +16,7 @@ FIRST_STEP, LAST_STEP = 0.2, 0.01
 MOST_STEPS = 12
 """Of one search: later passes go on with it."""
 
-LEAST_GAIN = 0.0002
+LEAST_MOVE_GAIN = 0.0002
 """Of the worst scaled Jacobian by a move."""
 
 MOST_TRIED = 3
@@ -43,9 +43,9 @@ def move_node(mesh: EditableMesh, node: int, size: float, edge: tuple[int, int] 
     for _ in range(MOST_STEPS if len(directions) else 0):
         estimates = star.estimate(step * directions)
         order = np.argsort(-estimates)[:MOST_TRIED]
-        for direction in directions[order[estimates[order] > worst + LEAST_GAIN]]:
+        for direction in directions[order[estimates[order] > worst + LEAST_MOVE_GAIN]]:
             changes = star.move(mesh.project_on(facets, mesh.points[first] + step * direction))
-            found = mesh.worst_after(changes, worst + LEAST_GAIN)
+            found = mesh.worst_after(changes, worst + LEAST_MOVE_GAIN)
             if found is not None and not any(_turns(mesh, each) for each in changes):
                 for each in changes:
                     mesh.apply(each)

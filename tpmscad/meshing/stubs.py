@@ -44,7 +44,7 @@ def add_stubs(mesh: M, length: float) -> M:
     (kind,) = mesh.cells
     points, cells, facets = mesh.points, mesh.cells[kind], mesh.facets[facet_kind].copy()
     owners = owners_of_facets(mesh.cells, mesh.facets)[:, 0]
-    cell_groups, facet_groups = dict(mesh.cell_groups), dict(mesh.facet_groups)
+    facet_groups = dict(mesh.facet_groups)
     sources = np.arange(len(cells))
     for name in sorted(mesh.openings):
         numbers = mesh.facet_groups[name]
@@ -53,12 +53,23 @@ def add_stubs(mesh: M, length: float) -> M:
         sources = np.concatenate([sources, stub.owners])
         facets[numbers] = stub.ends
         sides = find_facets({kind: stub.cells}, facet_kind, stub.sides)
-        facet_groups[name.replace(OPENING, STUB)] = len(facets) + np.arange(len(sides))
+        facet_groups[_name_sides(name)] = len(facets) + np.arange(len(sides))
         facets = np.concatenate([facets, sides])
-    for name, of in mesh.cell_groups.items():
-        cell_groups[name] = np.flatnonzero(np.isin(sources, of))
-    made = replace(mesh, points=points, cells={kind: cells}, facets={facet_kind: facets}, cell_groups=cell_groups)
-    return sort_nodes(replace(made, facet_groups=facet_groups))
+    cell_groups = {name: np.flatnonzero(np.isin(sources, of)) for name, of in mesh.cell_groups.items()}
+    made = replace(
+        mesh,
+        points=points,
+        cells={kind: cells},
+        facets={facet_kind: facets},
+        cell_groups=cell_groups,
+        facet_groups=facet_groups,
+    )
+    return sort_nodes(made)
+
+
+def _name_sides(opening: str) -> str:
+    """Group of the sides of a duct: "stub X-" of "opening X-", and "inlet: stub" of an opening with a name of its own."""
+    return opening.replace(OPENING, STUB) if OPENING in opening else f"{opening}: {STUB.strip()}"
 
 
 def _extrude(points: Array, triangles: IntArray, owners: IntArray, length: float, name: str) -> _Stub:

@@ -175,7 +175,7 @@ class VolumeMesh(MeshArrays):
         """Return the mesh with a straight duct of elements in front of every opening, so that a flow settles before the body.
 
         The duct has the opening's cross-section, and belongs to the same group of elements. At its end is the opening, and its
-        sides are a group of facets: "channel +: stub X-" of "channel +: opening X-".
+        sides are a group of facets: "channel +: stub X-" of "channel +: opening X-", "inlet: stub" of a group renamed "inlet".
 
         Raises
         ------
