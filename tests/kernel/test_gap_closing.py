@@ -128,3 +128,12 @@ def test_a_body_with_gaps_is_cut(cover: Cover) -> None:
     assert sum(map(volume, parts)) == pytest.approx(volume(read.brep), rel=1e-6)
     for part in parts:
         assert is_brep_valid(part, build_solids(part).known_faces)
+
+
+def test_a_thread_of_eight_turns_is_read() -> None:
+    profile = bd.make_face(bd.Plane.XZ * bd.Polyline((2.5, -0.3), (3.5, -0.05), (3.5, 0.05), (2.5, 0.3), (2.5, -0.3)))
+    thread = bd.sweep(profile, path=bd.Helix(pitch=1, height=8, radius=3), is_frenet=True)
+    read = read_free_form_body(thread)
+    assert len(connectivity.find_unmatched_edges(read.brep)) == 0
+    assert read.brep.edges.deviation.max() < 1e-7
+    assert volume(read.brep) == pytest.approx(thread.volume, rel=1e-5)  # of the kernel, to five digits

@@ -96,6 +96,29 @@ def test_a_branch_ends_at_a_point_where_the_sheet_ends() -> None:
     assert (reach > 0.75 * size).all()
 
 
+@pytest.mark.parametrize("width", [0.1, 0.02])
+def test_the_branch_across_a_strip_that_is_narrower_than_a_cell_crosses_both_of_its_edges(width: float) -> None:
+    patch, plane = saddle_patch(), build_implicit_surfaces([Plane(np.zeros(3), X, NORMAL)])
+    (arc,) = march_patch(patch, plane, read_borders(patch, plane), NO_CORNERS, 1e-9).arcs
+    path = patch(*arc.path.T)
+    middle, along = path[len(path) // 2], path[len(path) // 2 + 1] - path[len(path) // 2 - 1]
+    along = along / np.linalg.norm(along)
+    s, t = np.meshgrid([-0.2, 0.2], [-width, width], indexing="ij")  # the face is half as wide as its surface
+    poles = middle + s[..., None] * np.cross(NORMAL, along) + t[..., None] * along
+    strip = FreeFormSurface(BSplineSurface(poles, bezier_knots(1), bezier_knots(1), 1, 1))
+    row = build_implicit_surfaces([strip])
+
+    def border_distance(points: Array) -> Array:
+        return np.asarray(np.abs((points - middle) @ along) - width / 2)
+
+    borders = (BorderSide(np.zeros(0), 1),) * 4
+    (found,) = march_masked_patches([patch], row, [borders], NO_CORNERS[None], 1e-9, [border_distance])
+    (own,) = found.arcs
+    reach = (patch(*own.path.T) - middle) @ along
+    assert reach.min() < -width / 2
+    assert reach.max() > width / 2
+
+
 def test_only_what_is_next_to_faces_is_kept() -> None:
     patch, near = saddle_patch(), 0.3
     whole, part = march(patch, sheet(5.0)), march(patch, sheet(5.0), near=near)

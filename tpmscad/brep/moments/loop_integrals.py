@@ -120,13 +120,16 @@ def _find_breaks(
         return np.linspace(*pcurve.domain, pieces + 1) if pieces > 1 else np.zeros(0)
     found = []
     for axis, knots in enumerate(inner):
-        if len(knots):
-            poles = pcurve.poles[:, axis]
-            knots = knots[(knots >= poles.min()) & (knots <= poles.max())]
-            if len(knots):
-                breaks, coefficients = power_coefficients(pcurve.knots, poles, pcurve.degree)
-                piecewise = PPoly(coefficients, breaks)
-                found += [piecewise.solve(knot, extrapolate=False) for knot in knots]
+        poles = pcurve.poles[:, axis]
+        if not ((knots >= poles.min()) & (knots <= poles.max())).any():
+            continue
+        breaks, coefficients = power_coefficients(pcurve.knots, poles, pcurve.degree)
+        last = np.searchsorted(pcurve.knots, breaks[:-1], side="right") - 1
+        own = poles[last[:, None] - np.arange(pcurve.degree + 1)]
+        crossed = (knots >= own.min(axis=1)[:, None]) & (knots <= own.max(axis=1)[:, None])  # a piece lies in the hull
+        for piece, k in np.argwhere(crossed).tolist():
+            part = PPoly(coefficients[:, piece : piece + 1], breaks[piece : piece + 2])
+            found.append(part.solve(knots[k], extrapolate=False))
     at = np.concatenate([np.zeros(0), *found])
     return at[np.isfinite(at) & (at > span[0]) & (at < span[1])]
 

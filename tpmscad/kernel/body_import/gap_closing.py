@@ -102,12 +102,13 @@ def close_edge(
             known = recognise_line_or_circle(path, within)
             if known is not None and _misses(known[0](np.linspace(*known[1], len(points))), carriers) <= tol:
                 return known
-    path = smooth_path(path, max(SMOOTHING * gap, tol))
+    near = max(SMOOTHING * gap, tol)
+    path = smooth_path(path, near)
     try:
-        curve = _fit_between(hard, path, tol / 4)
+        curve = _fit_between(hard, path, tol / 4, near)
     except UnsupportedFace:  # the soft surface is too rough
         hard = [c for c in hard if not isinstance(c, FreeFormSurface)]
-        curve = _fit_between(hard, path, tol / 4)
+        curve = _fit_between(hard, path, tol / 4, near)
     left = _misses(curve(np.linspace(*curve.domain, 2 * len(points))), hard) if hard else 0.0
     if left > MAX_LEFT_TOLS * tol:
         raise UnsupportedFace(
@@ -130,12 +131,12 @@ def _move_to_tangency(hard: Sequence[BodyCarrier], points: Array, size: float) -
     return found if near and _misses(found, hard) <= EXACT_REL_TOL * size else None
 
 
-def _fit_between(hard: Sequence[BodyCarrier], path: Array, tol: float) -> BSplineCurve:
-    """The curve on the hard surfaces next to a path (m, 3), through its ends."""
+def _fit_between(hard: Sequence[BodyCarrier], path: Array, tol: float, near: float) -> BSplineCurve:
+    """The curve on the hard surfaces and within `near` of a path (m, 3), through its ends."""
     inner = path.copy()
     if hard:
         inner[1:-1] = project_to_carriers(hard, path[1:-1], HARD_SINE)
-    return fit_curve_on_carriers(hard, inner, tol)
+    return fit_curve_on_carriers(hard, inner, tol, near)
 
 
 def are_tangent_quadrics(carriers: Sequence[BodyCarrier], points: Array) -> bool:

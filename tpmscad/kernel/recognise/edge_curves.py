@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.interpolate import make_interp_spline
 
-from tpmscad._typing import Array
+from tpmscad._typing import Array, BoolArray
 from tpmscad.brep.carriers import ConicalSurface, EdgeCurve, Quadric, SphericalSurface
 from tpmscad.brep.conics import TWO_PI
 from tpmscad.brep.free_form_surface import BodyCarrier, FreeFormSurface
@@ -242,24 +242,24 @@ def difference_gradients(carrier: BodyCarrier, points: Array) -> Array:
     return np.stack([carrier.gradient(points + w) - carrier.gradient(points - w) for w in ways], axis=2) / (2.0 * step)
 
 
-ARC_LENGTH_GAUSS_POINTS = 6
+ARC_LENGTH_DEGREE, ARC_LENGTH_GAUSS_POINTS = 5, 6
+"""Degree of the spline of which lengths are measured, and points in each of its spans."""
 
 MIN_STEP_FRACTION = 1e-9
 """Of the size of a curve: nearer points are one."""
 
-SMOOTH_SPANS = (1, 2, 4, 8, 16, 32)
-"""Numbers of spans of a smooth curve that are tried."""
+MAX_SMOOTH_SPANS = 256
+"""Most spans of a smooth curve: eight turns of a helix take 128 for 1e-8 of their radius."""
 
 
 def smooth_path(path: Array, tol: float) -> Array:
     """Points (m, 3) of a smooth curve from the first to the last of the points of a path, within `tol` of all if it can be."""
-    t = np.append(0.0, np.cumsum(np.linalg.norm(np.diff(path, axis=0), axis=1)))
+    t = _measure_lengths(path)
     t /= max(t[-1], 1e-300)
     chord = path[0] + np.multiply.outer(t, path[-1] - path[0])
     best, least = path, np.inf
-    for spans in SMOOTH_SPANS:
-        if spans + FIT_DEGREE > len(path) // 3:
-            break
+    spans = 1
+    while spans <= min(MAX_SMOOTH_SPANS, len(path) // 3 - FIT_DEGREE):
         knots, _ = make_knots_and_sites(np.linspace(0.0, 1.0, spans + 1))
         rows = design_matrix(knots, FIT_DEGREE, t)[:, 1:-1]
         found = chord + rows @ np.linalg.lstsq(rows, path - chord, rcond=None)[0]
@@ -268,6 +268,7 @@ def smooth_path(path: Array, tol: float) -> Array:
             best, least = found, off
         if least <= tol:
             break
+        spans *= 2
     best = best.copy()
     best[[0, -1]] = path[[0, -1]]
     return best
@@ -281,16 +282,16 @@ def fit_intersection_curve(first: BodyCarrier, second: BodyCarrier, path: Array,
     return fit_curve_on_carriers((first, second), project_to_carriers((first, second), path), tol)
 
 
-def fit_curve_on_carriers(carriers: Sequence[BodyCarrier], points: Array, tol: float) -> BSplineCurve:
-    """B-spline through points (m, 3) on surfaces, if any, within `tol` of all of them, parametrised by arc length."""
-    far = np.append(True, np.linalg.norm(np.diff(points, axis=0), axis=1) > MIN_STEP_FRACTION * np.ptp(points))
-    far[-1] = True
-    points = points[far]
-    t = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(points, axis=0), axis=1))])
-    for _ in range(ARC_LENGTH_PASSES):
-        dense = make_interp_spline(t, points, 5)
-        t = _arc_lengths(dense, t)
-    dense = make_interp_spline(t, points, 5)
+def fit_curve_on_carriers(
+    carriers: Sequence[BodyCarrier], points: Array, tol: float, place_tol: float | None = None
+) -> BSplineCurve:
+    """B-spline through points (m, 3) on surfaces, if any, within `tol` of all of them, parametrised by arc length.
+
+    Fewer than two surfaces do not say where the curve is: it is within `place_tol`, or `tol`, of a curve through the points.
+    """
+    points = points[_find_apart(points)]
+    t = _measure_lengths(points)
+    dense = make_interp_spline(t, points, ARC_LENGTH_DEGREE)
 
     def values(sites: Array, ends: bool = True) -> Array:
         through = project_to_carriers(carriers, dense(sites)) if carriers else dense(sites)
@@ -300,11 +301,29 @@ def fit_curve_on_carriers(carriers: Sequence[BodyCarrier], points: Array, tol: f
 
     def error(fit: BSplineCurve, checks: Array) -> Array:
         at = fit(checks)
-        if len(carriers) < 2:  # surfaces alone do not say where the curve is
-            return np.asarray(np.linalg.norm(at - values(checks, ends=False), axis=1))
-        return np.asarray(np.max([np.abs(c.distance(at)) for c in carriers], axis=0))
+        off = [np.abs(c.distance(at)) for c in carriers]
+        if len(carriers) < 2:
+            off.append(np.linalg.norm(at - values(checks, ends=False), axis=1) * (tol / (place_tol or tol)))
+        return np.asarray(np.max(off, axis=0))
 
     return _require_fit(fit_adaptively(values, np.array([0.0, t[-1]]), error, tol))
+
+
+def _find_apart(points: Array) -> BoolArray:
+    """Which of points (m, 3) of a path are farther than round-off from the one before; the last is."""
+    far = np.append(True, np.linalg.norm(np.diff(points, axis=0), axis=1) > MIN_STEP_FRACTION * np.ptp(points))
+    far[-1] = True
+    return far
+
+
+def _measure_lengths(points: Array) -> Array:
+    """Arc lengths (m,) of a smooth curve through points (m, 3), from the first; chords where they are too few or coincide."""
+    t = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(points, axis=0), axis=1))])
+    if len(points) <= ARC_LENGTH_DEGREE or not _find_apart(points).all():
+        return t
+    for _ in range(ARC_LENGTH_PASSES):
+        t = _arc_lengths(make_interp_spline(t, points, ARC_LENGTH_DEGREE), t)
+    return t
 
 
 def _arc_lengths(dense: Callable[..., Array], t: Array) -> Array:

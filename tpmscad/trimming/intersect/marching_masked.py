@@ -60,6 +60,9 @@ BorderDistance = Callable[[Array], Array]
 KINK_CLEARANCE_STEPS = 0.2
 """Grid steps from the border of a face within which they are not: an edge of the body is there, and short edges would result."""
 
+MASK_REFINEMENTS = 4
+"""Largest number of times that lines through masked cells next to a face are halved: a face of a sixteenth of a cell is found."""
+
 MARGIN_STEPS = 3.0
 """Grid steps beyond the border of a face to which a branch is followed, so that it crosses the edge for certain."""
 
@@ -157,10 +160,12 @@ def _trace_branches(
     us, vs, saddles = refine_grid_lines(samples.us, samples.vs, critical, on_corner, zero_tol)
     if len(us) > len(samples.us) or len(vs) > len(samples.vs) or len(saddles):
         samples = _sample(distance, us, vs)
-    for _ in range(MAX_REFINEMENTS):
+    for attempt in range(MAX_REFINEMENTS):
         negative = samples.values < 0
         masked = _mask_borders(samples, negative, borders)
         follow, ambiguous = link_crossings(negative, samples.us, samples.vs, saddles, masked)
+        if len(ambiguous) == 0 and attempt < MASK_REFINEMENTS:
+            ambiguous = _find_masked_crossings(distance, samples, masked, border_distance)
         if len(ambiguous) == 0:
             break
         us, vs = samples.us, samples.vs
@@ -265,6 +270,25 @@ def _mask_borders(samples: _Samples, negative: BoolArray, borders: tuple[BorderS
         inside = np.diff(np.searchsorted(border.roots, side_fractions(samples.us, samples.vs, side)))
         cells[side][(signs[1:] != signs[:-1]) != (inside % 2 == 1)] = True
     return masked
+
+
+def _find_masked_crossings(
+    distance: ComposedDistance, samples: _Samples, masked: BoolArray, border_distance: BorderDistance
+) -> IntArray:
+    """Masked cells (n, 2) with a change of sign next to a face: a branch may cross the face's edge in them.
+
+    The surface of a face that is narrower than a cell ends within one, too, on both sides of the face.
+    """
+    negative = samples.values < 0
+    count = negative[:-1, :-1].astype(int) + negative[1:, :-1] + negative[:-1, 1:] + negative[1:, 1:]
+    i, j = np.nonzero(masked & (count > 0) & (count < 4))
+    if len(i) == 0:
+        return np.zeros((0, 2), np.int64)
+    us, vs = samples.us, samples.vs
+    middle = distance.surface(0.5 * (us[i] + us[i + 1]), 0.5 * (vs[j] + vs[j + 1]))
+    radius = 0.5 * np.linalg.norm(samples.points[i + 1, j + 1] - samples.points[i, j], axis=1)
+    near = border_distance(middle) <= radius
+    return np.column_stack([i, j])[near]
 
 
 def _collect_branches(
