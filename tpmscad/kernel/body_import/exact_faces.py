@@ -240,8 +240,8 @@ CORRECTION_SAMPLES = 241
 CLOSED_REL_TOL = 5e-10
 """In body sizes: distance of edges from a corrected surface at which it is good enough."""
 
-MAX_MOVE_GAPS = 4.0
-"""Gaps by which a surface may move between its edges."""
+MAX_MOVE_GAPS = 8.0
+"""Gaps by which a surface may move between its edges, where nothing but bending holds it: 4.1 on a face of a real casting."""
 
 MAX_LEFT_REL = 1e-8
 """In body sizes: the greatest distance that is taken. It is written into the tolerances of edges."""

@@ -279,16 +279,16 @@ def _find_masked_crossings(
 
     The surface of a face that is narrower than a cell ends within one, too, on both sides of the face.
     """
-    negative = samples.values < 0
-    count = negative[:-1, :-1].astype(int) + negative[1:, :-1] + negative[:-1, 1:] + negative[1:, 1:]
-    i, j = np.nonzero(masked & (count > 0) & (count < 4))
+    corners = np.stack([samples.values[i : i - 1 or None, j : j - 1 or None] for i in (0, 1) for j in (0, 1)])
+    points = samples.points
+    radius = 0.5 * np.linalg.norm(points[1:, 1:] - points[:-1, :-1], axis=2)
+    changes = (corners.min(axis=0) < 0) & (corners.max(axis=0) >= 0) & (np.abs(corners).min(axis=0) <= 2.0 * radius)
+    i, j = np.nonzero(masked & changes)
     if len(i) == 0:
         return np.zeros((0, 2), np.int64)
     us, vs = samples.us, samples.vs
     middle = distance.surface(0.5 * (us[i] + us[i + 1]), 0.5 * (vs[j] + vs[j + 1]))
-    radius = 0.5 * np.linalg.norm(samples.points[i + 1, j + 1] - samples.points[i, j], axis=1)
-    near = border_distance(middle) <= radius
-    return np.column_stack([i, j])[near]
+    return np.column_stack([i, j])[border_distance(middle) <= radius[i, j]]
 
 
 def _collect_branches(
