@@ -18,6 +18,7 @@ from tpmscad.brep.deviation import Deviation
 from tpmscad.brep.edge_continuity import EdgeContinuity
 from tpmscad.errors import InvalidRequest, LevelSetError
 from tpmscad.fields.analysis.outermost_extremes import expose_extremes, list_leaves, replace_leaves
+from tpmscad.fields.data.field_notes import find_least_spacing
 from tpmscad.fields.field import Field
 from tpmscad.fields.kinds.linear_extension import LinearExtension, extend_linearly
 from tpmscad.levelset.adaptive_search import fit_level_set_adaptively, split_hidden_crossings
@@ -199,6 +200,8 @@ def find_sample_spacing(field: Field, lo: Array, hi: Array) -> float:
     """The spacing at which the level sets that bound a field's solid are sampled in a box, model units."""
     periods = [leaf.periods() for leaf in list_leaves(expose_extremes(field))]
     lengths = [length / SAMPLES_PER_PERIOD for period in periods for length in period or () if length > 0]
+    data = find_least_spacing(field)
+    lengths += [] if data is None else [data]  # a cavity or a speck of one sample is found where lines pass samples
     return min([float((hi - lo).max()) / MIN_SAMPLE_LINES, *lengths])
 
 
