@@ -10,12 +10,13 @@ the box stay folded however finely the leaves are split. Merging a sliver into i
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import replace
 
 import numpy as np
 from scipy.spatial import cKDTree
 
 from tpmscad._typing import BoolArray, IntArray
-from tpmscad.levelset.level_set_fit import LevelSetFit, fit_level_set
+from tpmscad.levelset.level_set_fit import FitRequest, LevelSetFit, fit_level_set
 from tpmscad.levelset.quadmesh.dual_mesh import QuadMesh
 from tpmscad.levelset.quadmesh.octree import Octree
 from tpmscad.levelset.quadmesh.simplification.edit_history import EditHistory
@@ -31,6 +32,9 @@ MAX_REFITS = 20
 MAX_DISTORTIONS = (1.0, 1.3, 1.6)
 """Greatest distortion of polygons in each simplification, of the mesh of the one before. Wide limits from the start leave more
 patches than narrow ones: a polygon that fails takes the merges round it with it."""
+
+EARLY_DISTORTIONS = MAX_DISTORTIONS[:2]
+"""The limits of a mesh that is simplified before it is fitted, one after the other."""
 
 MIN_GAIN, MIN_GAIN_PATCHES = 0.35, 1500
 """Fraction of the patches that a simplification has to remove for the next one to be tried, where it leaves more patches than
@@ -52,8 +56,11 @@ SMOOTHING_SWEEPS = 40
 
 
 def simplify_fit(fit: LevelSetFit) -> LevelSetFit:
-    """The fit with patches merged in up to three simplifications, or `fit` itself, as of periodic fields, whose periods match."""
-    if fit.request.field.periods() is not None:
+    """The fit with patches merged in up to three simplifications, or `fit` itself if its mesh has been simplified.
+
+    Fits of periodic fields, whose periods match, stay as they are.
+    """
+    if fit.is_simplified or fit.request.field.periods() is not None:
         return fit
     for max_distortion in MAX_DISTORTIONS:
         simplified = _simplify_once(fit, max_distortion)
@@ -69,13 +76,29 @@ def simplify_fit(fit: LevelSetFit) -> LevelSetFit:
 
 def _simplify_once(fit: LevelSetFit, max_distortion: float) -> LevelSetFit | None:
     """Fit of a simplified mesh, None if none passes, and `fit` itself if there is nothing to simplify."""
-    request, tree = fit.request, fit.tree
+    history = _simplify_mesh(fit.request, fit.tree, fit.mesh, (max_distortion,))
+    return _fit_history(fit.request, fit.tree, history, fit) if history.edits else fit
+
+
+def fit_simplified_mesh(request: FitRequest, tree: Octree, mesh: QuadMesh) -> LevelSetFit | None:
+    """The fit of a mesh that is simplified before anything is fitted, None if it does not pass."""
+    fit = _fit_history(request, tree, _simplify_mesh(request, tree, mesh, EARLY_DISTORTIONS), None)
+    return None if fit is None else replace(fit, is_simplified=True)
+
+
+def _simplify_mesh(
+    request: FitRequest, tree: Octree, mesh: QuadMesh, max_distortions: tuple[float, ...]
+) -> EditHistory:
     side_distance = MAX_SIDE_DISTANCE_TOLS * request.tol
-    history = simplify_mesh(fit.mesh, request.field, tree.lo, tree.hi, max_distortion, side_distance)
-    if not history.edits:
-        return fit
+    return simplify_mesh(mesh, request.field, tree.lo, tree.hi, max_distortions, side_distance)
+
+
+def _fit_history(
+    request: FitRequest, tree: Octree, history: EditHistory, previous: LevelSetFit | None
+) -> LevelSetFit | None:
+    """Fit of a simplified mesh, with edits undone until all patches pass; None if they do not."""
     times_bad = np.zeros(len(tree.size), np.int64)
-    refit = fit
+    refit = previous
     for _ in range(MAX_REFITS):
         mesh, numbers = history.mesh()
         refit = fit_level_set(request, tree, mesh, refit)
