@@ -1,0 +1,67 @@
+"""Meshes finer than the tolerance asks, as of rough images, whose leaves follow the noise: what to know before they are simplified.
+
+Most polygons of such a mesh would be fitted only to be merged. It is therefore simplified first. A simplified mesh does not tell
+which leaves to split, so those are found beforehand: where the few polygons of poor shape cannot be fitted, and where samples of
+the level set are far from the mesh.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+from scipy.spatial import cKDTree
+
+from tpmscad._typing import Array, IntArray
+from tpmscad.levelset.level_set_fit import FitRequest, LevelSetFit, fit_level_set, locate_leaves
+from tpmscad.levelset.quadmesh.dual_mesh import QuadMesh
+from tpmscad.levelset.quadmesh.octree import Octree
+from tpmscad.levelset.quadmesh.quality import interior_distortion, measure_side_distances
+from tpmscad.levelset.quadmesh.smoothing import extract_submesh
+from tpmscad.levelset.quadmesh.vectors import normalize
+
+MIN_POLYGONS = 2000
+"""Least number of polygons of a mesh that is simplified before it is fitted: smaller ones take seconds in any order."""
+
+FINE_QUANTILE, FINE_SIDE_TOLS = 0.95, 0.5
+"""A mesh is finer than the tolerance asks if this quantile of the distances of its cubic sides from the level set is at most
+this fraction of the tolerance."""
+
+N_POLYGONS_MEASURED = 2000
+"""Polygons of which the sides are measured for that."""
+
+MIN_RISKY_DISTORTION = 0.9
+"""Interior distortion of a polygon above which its patch may fail: of 10,197 patches of a scan 7 failed, all above 1.1."""
+
+
+def is_finer_than_asked(request: FitRequest, mesh: QuadMesh) -> bool:
+    """Whether a mesh has many polygons, and most of them are far within the tolerance."""
+    count = len(mesh.corners)
+    if count < MIN_POLYGONS or request.field.periods() is not None:
+        return False
+    chosen = mesh.corners[:: max(1, count // N_POLYGONS_MEASURED)]
+    normals = normalize(request.field.gradient(mesh.vertices))
+    distance = measure_side_distances(request.field, mesh.vertices, normals, mesh.fixed, chosen)
+    return bool(np.quantile(distance, FINE_QUANTILE) <= FINE_SIDE_TOLS * request.tol)
+
+
+def fit_risky_polygons(
+    request: FitRequest, tree: Octree, mesh: QuadMesh, previous: LevelSetFit | None
+) -> LevelSetFit | None:
+    """The fit of the polygons of poor shape alone, None if there are none; patches of a `previous` one are reused."""
+    field = request.field
+    normals = normalize(field.gradient(mesh.vertices))
+    risky = interior_distortion(field, mesh.vertices, normals, mesh.fixed, mesh.corners) > MIN_RISKY_DISTORTION
+    if not risky.any():
+        return None
+    alone = replace(request, surface_samples=np.empty((0, 3)))
+    return fit_level_set(alone, tree, extract_submesh(mesh, risky)[0], previous)
+
+
+def find_missed_leaves(tree: Octree, mesh: QuadMesh, samples: Array) -> IntArray:
+    """Leaves with samples (n, 3) of the level set that are farther from the mesh's nearest vertex than its longest side."""
+    ends = mesh.side_ends
+    longest = np.zeros(len(mesh.vertices))
+    np.maximum.at(longest, ends, np.linalg.norm(mesh.vertices[ends[:, 0]] - mesh.vertices[ends[:, 1]], axis=1)[:, None])
+    distance, nearest = cKDTree(mesh.vertices).query(samples)
+    return np.unique(locate_leaves(tree, samples[distance > longest[nearest]]))
