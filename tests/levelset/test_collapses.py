@@ -275,7 +275,7 @@ def test_a_polygon_with_two_consecutive_sides_in_a_face_of_the_box_is_beyond_the
 
 def test_wider_limits_of_shape_leave_fewer_patches() -> None:
     name = "gyroid"
-    narrow, wide = smaller(name), simplify_mesh(smaller(name), FIELDS[name], LO, HI, (1.5,)).mesh()[0]
+    narrow, wide = smaller(name), simplify_mesh(smaller(name), FIELDS[name], LO, HI, 1.5).mesh()[0]
     assert patches(wide) < patches(narrow)
     before, after = (corner_distortion(m.vertices, normals(m, name), m.fixed, m.corners) for m in (narrow, wide))
     assert np.count_nonzero(after > 1) > np.count_nonzero(before > 1)

@@ -59,7 +59,7 @@ def test_merged_polygons_keep_the_limit_and_a_narrow_one_leaves_more_of_them() -
     known = measure_side_distances(field, mesh.vertices, normals(mesh, name), mesh.fixed, mesh.corners)
     sizes = []
     for limit in (np.inf, known.max()):
-        small = simplify_mesh(mesh, field, LO, HI, (1.6,), limit).mesh()[0]
+        small = simplify_mesh(mesh, field, LO, HI, 1.6, limit).mesh()[0]
         distance = measure_side_distances(field, small.vertices, normals(small, name), small.fixed, small.corners)
         assert distance.max() <= limit
         sizes.append(len(small.corners))

@@ -151,7 +151,7 @@ def split_hidden_crossings(fit: LevelSetFit, more_samples: Array, places: Array 
 def _generate_starts(request: FitRequest, lo: Array, hi: Array, detect_hidden_crossings: bool) -> Iterator[_MeshedTree]:
     """Meshes to start from, those first that promise the fewest patches; none if the level set lies between all corners.
 
-    The first leaf size comes before all others if nothing had to be split.
+    The first leaf size comes before all others if nothing had to be split, or if its mesh will be simplified before it is fitted.
     """
     field = request.field
     end, periods = crop_to_searched_periods(field, lo, hi)
@@ -171,7 +171,7 @@ def _generate_starts(request: FitRequest, lo: Array, hi: Array, detect_hidden_cr
             continue
         sketch = _split_until_unfolded(field, found, TRIAL_MESHES)
         unsplit = sketch.tree.size.max() == 1 and not len(sketch.splittable)
-        if divisor == LEAF_SIZE_DIVISORS[0] and unsplit:
+        if divisor == LEAF_SIZE_DIVISORS[0] and (unsplit or is_finer_than_asked(request, sketch.mesh)):
             yield _complete_start(field, sketch, hi, periods)
         else:
             sketches.append(sketch)
@@ -216,8 +216,8 @@ def _split_risky_leaves(request: FitRequest, start: _MeshedTree) -> _MeshedTree:
     for _ in range(MAX_SPLITS_BEFORE_SIMPLIFYING):
         fit = fit_risky_polygons(request, start.tree, start.mesh, fit)
         missed = find_missed_leaves(start.tree, start.mesh, request.surface_samples)
-        bad = np.concatenate([start.splittable, missed, [] if fit is None else fit.bad_leaves])
-        leaves = _select_splittable(start.tree, request.field, np.unique(bad.astype(np.int64)))
+        bad = np.concatenate([start.splittable, missed, fit.bad_leaves])
+        leaves = _select_splittable(start.tree, request.field, np.unique(bad))
         if not len(leaves):
             break
         start = _mesh_tree(octree.split_leaves(start.tree, leaves), request.field, start.mesh)

@@ -13,25 +13,25 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from tpmscad._typing import Array, IntArray
-from tpmscad.levelset.level_set_fit import FitRequest, LevelSetFit, fit_level_set, locate_leaves
+from tpmscad.levelset.level_set_fit import PATCH_DEGREES, FitRequest, LevelSetFit, fit_level_set, locate_leaves
 from tpmscad.levelset.quadmesh.dual_mesh import QuadMesh
 from tpmscad.levelset.quadmesh.octree import Octree
-from tpmscad.levelset.quadmesh.quality import interior_distortion, measure_side_distances
+from tpmscad.levelset.quadmesh.quality import corner_distortion, interior_distortion, measure_side_distances
 from tpmscad.levelset.quadmesh.smoothing import extract_submesh
 from tpmscad.levelset.quadmesh.vectors import normalize
 
 MIN_POLYGONS = 2000
 """Least number of polygons of a mesh that is simplified before it is fitted: smaller ones take seconds in any order."""
 
-FINE_QUANTILE, FINE_SIDE_TOLS = 0.95, 0.5
+FINE_QUANTILE, FINE_SIDE_TOLS = 0.95, 1.0
 """A mesh is finer than the tolerance asks if this quantile of the distances of its cubic sides from the level set is at most
 this fraction of the tolerance."""
 
 N_POLYGONS_MEASURED = 2000
 """Polygons of which the sides are measured for that."""
 
-MIN_RISKY_DISTORTION = 0.9
-"""Interior distortion of a polygon above which its patch may fail: of 10,197 patches of a scan 7 failed, all above 1.1."""
+MIN_RISKY_INTERIOR, MIN_RISKY_CORNER = 0.85, 1.05
+"""Interior and corner distortions of a polygon above which its patch may fail."""
 
 
 def is_finer_than_asked(request: FitRequest, mesh: QuadMesh) -> bool:
@@ -47,15 +47,26 @@ def is_finer_than_asked(request: FitRequest, mesh: QuadMesh) -> bool:
 
 def fit_risky_polygons(
     request: FitRequest, tree: Octree, mesh: QuadMesh, previous: LevelSetFit | None
-) -> LevelSetFit | None:
-    """The fit of the polygons of poor shape alone, None if there are none; patches of a `previous` one are reused."""
-    field = request.field
-    normals = normalize(field.gradient(mesh.vertices))
-    risky = interior_distortion(field, mesh.vertices, normals, mesh.fixed, mesh.corners) > MIN_RISKY_DISTORTION
-    if not risky.any():
-        return None
+) -> LevelSetFit:
+    """The fit of the polygons of poor shape, and of those round patches that need a higher degree; samples are not measured.
+
+    Patches of a `previous` fit are reused.
+    """
     alone = replace(request, surface_samples=np.empty((0, 3)))
-    return fit_level_set(alone, tree, extract_submesh(mesh, risky)[0], previous)
+    normals = normalize(request.field.gradient(mesh.vertices))
+    surface = mesh.vertices, normals, mesh.fixed, mesh.corners
+    risky = interior_distortion(request.field, *surface) > MIN_RISKY_INTERIOR
+    risky |= corner_distortion(*surface) > MIN_RISKY_CORNER
+    part, ids = extract_submesh(mesh, risky)
+    fit = fit_level_set(alone, tree, part, previous)
+    if len(fit.bad_leaves):
+        return fit
+    raised = np.array([len(poles) - 1 > PATCH_DEGREES[0] for poles in fit.fit.patches], bool)
+    corners = fit.network.corners[raised]
+    steep = np.zeros(len(mesh.vertices), bool)
+    steep[ids[corners[(corners >= 0) & (corners < len(ids))]]] = True
+    beside = ~risky & (steep[mesh.corners] & (mesh.corners >= 0)).any(axis=1)
+    return fit_level_set(alone, tree, extract_submesh(mesh, risky | beside)[0], fit) if beside.any() else fit
 
 
 def find_missed_leaves(tree: Octree, mesh: QuadMesh, samples: Array) -> IntArray:

@@ -9,13 +9,14 @@ the box stay folded however finely the leaves are split. Merging a sliver into i
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import replace
 
 import numpy as np
 from scipy.spatial import cKDTree
 
 from tpmscad._typing import BoolArray, IntArray
+from tpmscad.levelset.fine_meshes import fit_risky_polygons
 from tpmscad.levelset.level_set_fit import FitRequest, LevelSetFit, fit_level_set
 from tpmscad.levelset.quadmesh.dual_mesh import QuadMesh
 from tpmscad.levelset.quadmesh.octree import Octree
@@ -76,32 +77,42 @@ def simplify_fit(fit: LevelSetFit) -> LevelSetFit:
 
 def _simplify_once(fit: LevelSetFit, max_distortion: float) -> LevelSetFit | None:
     """Fit of a simplified mesh, None if none passes, and `fit` itself if there is nothing to simplify."""
-    history = _simplify_mesh(fit.request, fit.tree, fit.mesh, (max_distortion,))
-    return _fit_history(fit.request, fit.tree, history, fit) if history.edits else fit
+    history = _simplify_mesh(fit.request, fit.tree, fit.mesh, max_distortion)
+    return _fit_history(fit.request, fit.tree, history, fit_level_set, fit) if history.edits else fit
 
 
 def fit_simplified_mesh(request: FitRequest, tree: Octree, mesh: QuadMesh) -> LevelSetFit | None:
-    """The fit of a mesh that is simplified before anything is fitted, None if it does not pass."""
-    fit = _fit_history(request, tree, _simplify_mesh(request, tree, mesh, EARLY_DISTORTIONS), None)
+    """The fit of a mesh that is simplified twice before it is fitted, None if it does not pass.
+
+    After the first time the polygons of poor shape alone are fitted, so that less has to be undone after the second.
+    """
+    narrow, wide = EARLY_DISTORTIONS
+    history = _simplify_mesh(request, tree, mesh, narrow)
+    if _fit_history(request, tree, history, fit_risky_polygons) is None:
+        return None
+    history = _simplify_mesh(request, tree, history.mesh()[0], wide)
+    fit = _fit_history(request, tree, history, fit_level_set)
     return None if fit is None else replace(fit, is_simplified=True)
 
 
-def _simplify_mesh(
-    request: FitRequest, tree: Octree, mesh: QuadMesh, max_distortions: tuple[float, ...]
-) -> EditHistory:
+def _simplify_mesh(request: FitRequest, tree: Octree, mesh: QuadMesh, max_distortion: float) -> EditHistory:
     side_distance = MAX_SIDE_DISTANCE_TOLS * request.tol
-    return simplify_mesh(mesh, request.field, tree.lo, tree.hi, max_distortions, side_distance)
+    return simplify_mesh(mesh, request.field, tree.lo, tree.hi, max_distortion, side_distance)
 
 
 def _fit_history(
-    request: FitRequest, tree: Octree, history: EditHistory, previous: LevelSetFit | None
+    request: FitRequest,
+    tree: Octree,
+    history: EditHistory,
+    fit: Callable[[FitRequest, Octree, QuadMesh, LevelSetFit | None], LevelSetFit],
+    previous: LevelSetFit | None = None,
 ) -> LevelSetFit | None:
-    """Fit of a simplified mesh, with edits undone until all patches pass; None if they do not."""
+    """Fit of a simplified mesh by a function `fit`, with edits undone until all patches pass; None if they do not."""
     times_bad = np.zeros(len(tree.size), np.int64)
     refit = previous
     for _ in range(MAX_REFITS):
         mesh, numbers = history.mesh()
-        refit = fit_level_set(request, tree, mesh, refit)
+        refit = fit(request, tree, mesh, refit)
         if not len(refit.bad_leaves):
             return refit
         if not _undo_near(history, mesh, numbers, tree, refit.bad_leaves, times_bad):

@@ -53,23 +53,21 @@ def simplify_mesh(
     field: Field,
     lo: Array,
     hi: Array,
-    max_distortions: Sequence[float] = (1.0,),
+    max_distortion: float = 1.0,
     max_side_distance: float = math.inf,
 ) -> EditHistory:
     """The edits that merge polygons of a mesh of {field = 0} in the box [lo, hi], whose mesh is the simplified one.
 
-    The distortion of merged polygons is at most the first of `max_distortions` until nothing is left to merge, then the next.
-    Their cubic sides are at most `max_side_distance` from the level set (`measure_side_distances`).
+    The distortion of merged polygons is at most `max_distortion`, and their cubic sides are at most `max_side_distance` from the
+    level set (`measure_side_distances`).
     """
-    state = _Simplification(mesh, field, lo, hi, max_side_distance)
-    for max_distortion in max_distortions:
-        state.start_over(max_distortion)
-        for _ in range(MAX_REQUEUES):
-            for _ in range(MAX_ROUNDS_PER_QUEUE):
-                if not state.run_round():
-                    break
-            if not state.requeue_stale():
+    state = _Simplification(mesh, field, lo, hi, max_distortion, max_side_distance)
+    for _ in range(MAX_REQUEUES):
+        for _ in range(MAX_ROUNDS_PER_QUEUE):
+            if not state.run_round():
                 break
+        if not state.requeue_stale():
+            break
     polygons = state.polygons
     sizes = state.vertex_sizes(polygons.rows)
     return EditHistory(mesh, polygons, state.vertices, sizes, state.history, field, lo, hi)
@@ -101,21 +99,19 @@ class _NearbyPolygons:
 class _Simplification:
     """The state of a simplification: mesh, vertex positions, candidates and the polygons to be rated again."""
 
-    def __init__(self, mesh: QuadMesh, field: Field, lo: Array, hi: Array, max_side_distance: float) -> None:
-        self.field, self.lo, self.hi, self.max_side_distance = field, lo, hi, max_side_distance
+    def __init__(
+        self, mesh: QuadMesh, field: Field, lo: Array, hi: Array, max_distortion: float, max_side_distance: float
+    ) -> None:
+        self.field, self.lo, self.hi = field, lo, hi
+        self.max_distortion, self.max_side_distance = max_distortion, max_side_distance
         self.polygons = PolygonMesh(mesh)
         self.vertices, self.fixed = mesh.vertices.copy(), mesh.fixed
         self.leaf_size = mesh.size.copy()
         self.normals = normalize(field.gradient(self.vertices))
-        self.history: list[RecordedEdit] = []
-        self.start_over(1.0)
-
-    def start_over(self, max_distortion: float) -> None:
-        """Queue all polygons, to be merged within another limit of distortion."""
-        self.max_distortion = max_distortion
         self.candidates = Candidates.empty()
         self.queue = set(self.polygons.corners_of)
         self.stale: set[int] = set()
+        self.history: list[RecordedEdit] = []
 
     def requeue_stale(self) -> bool:
         """Re-queue polygons whose neighbourhood moved; whether the queue is not empty."""
