@@ -57,13 +57,11 @@ SMOOTHING_SWEEPS = 40
 
 
 def simplify_fit(fit: LevelSetFit) -> LevelSetFit:
-    """The fit with patches merged in up to three simplifications, or `fit` itself if its mesh has been simplified.
-
-    Fits of periodic fields, whose periods match, stay as they are.
-    """
-    if fit.is_simplified or fit.request.field.periods() is not None:
+    """The fit with patches merged in up to three simplifications, or `fit` itself, as of periodic fields, whose periods match."""
+    if fit.request.field.periods() is not None:
         return fit
-    for max_distortion in MAX_DISTORTIONS:
+    # where edits of a mesh simplified early were undone, they may be made otherwise
+    for max_distortion in MAX_DISTORTIONS[1:] if fit.is_simplified else MAX_DISTORTIONS:
         simplified = _simplify_once(fit, max_distortion)
         if simplified is None:  # wider limits would fail all the more
             break
@@ -90,14 +88,15 @@ def fit_simplified_mesh(request: FitRequest, tree: Octree, mesh: QuadMesh) -> Le
     history = _simplify_mesh(request, tree, mesh, narrow)
     if _fit_history(request, tree, history, fit_risky_polygons) is None:
         return None
-    history = _simplify_mesh(request, tree, history.mesh()[0], wide)
-    fit = _fit_history(request, tree, history, fit_level_set)
+    fit = _fit_history(request, tree, _simplify_mesh(request, tree, mesh, wide, history), fit_level_set)
     return None if fit is None else replace(fit, is_simplified=True)
 
 
-def _simplify_mesh(request: FitRequest, tree: Octree, mesh: QuadMesh, max_distortion: float) -> EditHistory:
+def _simplify_mesh(
+    request: FitRequest, tree: Octree, mesh: QuadMesh, max_distortion: float, earlier: EditHistory | None = None
+) -> EditHistory:
     side_distance = MAX_SIDE_DISTANCE_TOLS * request.tol
-    return simplify_mesh(mesh, request.field, tree.lo, tree.hi, max_distortion, side_distance)
+    return simplify_mesh(mesh, request.field, tree.lo, tree.hi, max_distortion, side_distance, earlier)
 
 
 def _fit_history(
