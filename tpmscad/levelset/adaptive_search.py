@@ -4,7 +4,9 @@
    number of patches that they promise; an octree split by normal cones is the last resort. Of a periodic field a part of the box
    is searched.
 2. *Unfolding.* A mesh costs a small fraction of a fit, so leaves are split first until no polygon is left that no fit could save.
-3. *Refinement.* The mesh is fitted. The bad leaves of the fit are split, and the refined mesh is fitted again with the patches
+3. *Early simplification.* A mesh finer than the tolerance asks is split where it has to be, simplified, and only then fitted
+   (`fine_meshes`).
+4. *Refinement.* The mesh is fitted. The bad leaves of the fit are split, and the refined mesh is fitted again with the patches
    reused that passed, until all pass or refinement stalls; then the next start is tried.
 """
 

@@ -1,8 +1,8 @@
-"""Meshes finer than the tolerance asks, as of rough images, whose leaves follow the noise: what to know before they are simplified.
+"""Meshes finer than the tolerance asks, as of rough images: what is found out before they are simplified.
 
-Most polygons of such a mesh would be fitted only to be merged. It is therefore simplified first. A simplified mesh does not tell
-which leaves to split, so those are found beforehand: where the few polygons of poor shape cannot be fitted, and where samples of
-the level set are far from the mesh.
+Leaves of the octree follow the noise of the image. Most polygons of such a mesh would be fitted only to be merged, so it is
+simplified first. A simplified mesh does not tell which leaves to split. These are found beforehand: where the few polygons of
+poor shape cannot be fitted, and where samples of the level set are far from the mesh.
 """
 
 from __future__ import annotations
@@ -45,9 +45,7 @@ def is_finer_than_asked(request: FitRequest, mesh: QuadMesh) -> bool:
     return bool(np.quantile(distance, FINE_QUANTILE) <= FINE_SIDE_TOLS * request.tol)
 
 
-def fit_risky_polygons(
-    request: FitRequest, tree: Octree, mesh: QuadMesh, previous: LevelSetFit | None
-) -> LevelSetFit:
+def fit_risky_polygons(request: FitRequest, tree: Octree, mesh: QuadMesh, previous: LevelSetFit | None) -> LevelSetFit:
     """The fit of the polygons of poor shape, and of those round patches that need a higher degree; samples are not measured.
 
     Patches of a `previous` fit are reused.

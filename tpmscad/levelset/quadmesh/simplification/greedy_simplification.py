@@ -60,7 +60,7 @@ def simplify_mesh(
     """The edits that merge polygons of a mesh of {field = 0} in the box [lo, hi], whose mesh is the simplified one.
 
     The distortion of merged polygons is at most `max_distortion`, and their cubic sides are at most `max_side_distance` from the
-    level set (`measure_side_distances`). An `earlier` simplification of the mesh is continued; it is used up, and its edits can be
+    level set (`measure_side_distances`). An `earlier` simplification of the mesh is continued, and used up; its edits can be
     undone as well.
     """
     state = _Simplification(mesh, field, lo, hi, max_distortion, max_side_distance)
