@@ -66,6 +66,7 @@ MAX_TILED_CELLS = 2**27
 MAX_MESHES_BEFORE_FIT = 8
 MAX_FITS_PER_START = 12
 MAX_SPLITS_BEFORE_SIMPLIFYING = 20
+MAX_EARLY_FITS = 3
 MAX_IDLE_FITS = 2
 MAX_STARTS = 5
 
@@ -153,7 +154,7 @@ def split_hidden_crossings(fit: LevelSetFit, more_samples: Array, places: Array 
 def _generate_starts(request: FitRequest, lo: Array, hi: Array, detect_hidden_crossings: bool) -> Iterator[_MeshedTree]:
     """Meshes to start from, those first that promise the fewest patches; none if the level set lies between all corners.
 
-    The first leaf size comes before all others if nothing had to be split, or if its mesh will be simplified before it is fitted.
+    The first leaf size comes before all others if nothing had to be split.
     """
     field = request.field
     end, periods = crop_to_searched_periods(field, lo, hi)
@@ -173,7 +174,7 @@ def _generate_starts(request: FitRequest, lo: Array, hi: Array, detect_hidden_cr
             continue
         sketch = _split_until_unfolded(field, found, TRIAL_MESHES)
         unsplit = sketch.tree.size.max() == 1 and not len(sketch.splittable)
-        if divisor == LEAF_SIZE_DIVISORS[0] and (unsplit or is_finer_than_asked(request, sketch.mesh)):
+        if divisor == LEAF_SIZE_DIVISORS[0] and unsplit:
             yield _complete_start(field, sketch, hi, periods)
         else:
             sketches.append(sketch)
@@ -187,9 +188,15 @@ def _generate_starts(request: FitRequest, lo: Array, hi: Array, detect_hidden_cr
 def _refine_from(request: FitRequest, start: _MeshedTree, previous: LevelSetFit | None = None) -> LevelSetFit:
     """The best fit of those that splitting bad leaves leads to, with patches of a `previous` fit where they remain."""
     if is_finer_than_asked(request, start.mesh):
-        start = _split_risky_leaves(request, start)
-        if (simplified := fit_simplified_mesh(request, start.tree, start.mesh)) is not None:
-            return simplified
+        for _ in range(MAX_EARLY_FITS):
+            start = _split_risky_leaves(request, start)
+            fit = fit_simplified_mesh(request, start.tree, start.mesh)
+            if not len(fit.bad_leaves):
+                return fit
+            leaves = _select_splittable(start.tree, request.field, fit.bad_leaves)
+            if not len(leaves):
+                break
+            start = _mesh_tree(octree.split_leaves(start.tree, leaves), request.field, start.mesh)
     fit = fit_level_set(request, start.tree, start.mesh, previous)
     best, stalled, fewest = fit, 0, len(fit.bad_leaves)
     for _ in range(MAX_FITS_PER_START - 1):

@@ -53,7 +53,7 @@ class EditHistory:
         hi: Array,
     ) -> None:
         self._original, self._field, self._lo, self._hi = original, field, lo, hi
-        self.polygons, self.vertices, self.size = polygons, vertices, size
+        self.polygons, self._vertices, self._size = polygons, vertices, size
         self.edits = dict(enumerate(edits))
         self._edit_that_made = {number: i for i, each in self.edits.items() for number in each.applied.new_numbers}
         self._edit_that_removed = {number: i for i, each in self.edits.items() for number in each.applied.old_polygons}
@@ -62,7 +62,7 @@ class EditHistory:
     def mesh(self) -> tuple[QuadMesh, IntArray]:
         """The present mesh, and the number of each of its polygons (Q,)."""
         numbers = sorted(self.polygons.corners_of)
-        return extract_mesh(self.polygons, self.vertices, self.size, numbers)[0], np.array(numbers, np.int64)
+        return extract_mesh(self.polygons, self._vertices, self._size, numbers)[0], np.array(numbers, np.int64)
 
     def undo(self, numbers: Iterable[int], levels: int) -> bool:
         """Undo the edits that made the polygons of these numbers, and what surrounds them the deeper the higher `levels` is.
@@ -90,8 +90,8 @@ class EditHistory:
         if not chosen and self._pinned[pin].all():
             return False
         self._pinned[pin] = True
-        self.size[restored] = self._original.size[restored]
-        self.vertices[pin] = self._original.vertices[pin]
+        self._size[restored] = self._original.size[restored]
+        self._vertices[pin] = self._original.vertices[pin]
         self._smooth_around(set(restored))
         return True
 
@@ -100,7 +100,7 @@ class EditHistory:
         recorded = self.edits.pop(i)
         applied = recorded.applied
         self.polygons.undo(applied)
-        self.vertices[recorded.vertices] = recorded.positions
+        self._vertices[recorded.vertices] = recorded.positions
         for number in applied.new_numbers:
             del self._edit_that_made[number]
         for number in applied.old_polygons:
@@ -132,18 +132,18 @@ class EditHistory:
         corners_of, at_vertex = self.polygons.corners_of, self.polygons.polygons_at_vertex
         for _ in range(RINGS_AROUND_UNDONE):
             near = {w for v in near for f in at_vertex[v] for w in corners_of[f]}
-        free = np.zeros(len(self.vertices), bool)
+        free = np.zeros(len(self._vertices), bool)
         free[list(near)] = True
         free &= ~self._pinned
         touched = sorted({f for v in np.flatnonzero(free).tolist() for f in at_vertex[v]})
         if touched:
-            part, ids = extract_mesh(self.polygons, self.vertices, self.size, touched)
+            part, ids = extract_mesh(self.polygons, self._vertices, self._size, touched)
             smoothed = smooth_vertices(part, free[ids], self._field, self._lo, self._hi, SWEEPS_AFTER_UNDO)
-            vertices = self.vertices.copy()
+            vertices = self._vertices.copy()
             vertices[ids] = smoothed.vertices
-            before, after = (self._measure_distortion(positions, touched) for positions in (self.vertices, vertices))
+            before, after = (self._measure_distortion(positions, touched) for positions in (self._vertices, vertices))
             if after < max(before, 1.0):  # vertices that were drawn far together tangle the polygons round them
-                self.vertices = vertices
+                self._vertices = vertices
 
     def _measure_distortion(self, vertices: Array, numbers: list[int]) -> float:
         """The largest distortion of the polygons of these numbers, with all vertices (V, 3) at the given positions."""

@@ -55,17 +55,13 @@ def simplify_mesh(
     hi: Array,
     max_distortion: float = 1.0,
     max_side_distance: float = math.inf,
-    earlier: EditHistory | None = None,
 ) -> EditHistory:
     """The edits that merge polygons of a mesh of {field = 0} in the box [lo, hi], whose mesh is the simplified one.
 
     The distortion of merged polygons is at most `max_distortion`, and their cubic sides are at most `max_side_distance` from the
-    level set (`measure_side_distances`). An `earlier` simplification of the mesh is continued, and used up; its edits can be
-    undone as well.
+    level set (`measure_side_distances`).
     """
     state = _Simplification(mesh, field, lo, hi, max_distortion, max_side_distance)
-    if earlier is not None:
-        state.resume(earlier)
     for _ in range(MAX_REQUEUES):
         for _ in range(MAX_ROUNDS_PER_QUEUE):
             if not state.run_round():
@@ -116,13 +112,6 @@ class _Simplification:
         self.queue = set(self.polygons.corners_of)
         self.stale: set[int] = set()
         self.history: list[RecordedEdit] = []
-
-    def resume(self, earlier: EditHistory) -> None:
-        """Continue from the state of an earlier simplification."""
-        self.polygons, self.vertices, self.leaf_size = earlier.polygons, earlier.vertices, earlier.size
-        self.normals = normalize(self.field.gradient(self.vertices))
-        self.queue = set(self.polygons.corners_of)
-        self.history = list(earlier.edits.values())
 
     def requeue_stale(self) -> bool:
         """Re-queue polygons whose neighbourhood moved; whether the queue is not empty."""
