@@ -92,8 +92,15 @@ def test_the_leaves_that_fail_are_found_by_fitting_the_polygons_of_poor_shape(ce
     request, tree, mesh = meshed(cells, 0.35)
     whole, part = fit_level_set(request, tree, mesh), fit_risky_polygons(request, tree, mesh, None)
     assert whole.failing.any()
+    assert part is not None
     assert np.isin(whole.network.leaf[whole.failing], part.bad_leaves).any(axis=1).all()
     assert len(part.fit.patches) < len(whole.fit.patches)
+
+
+def test_nothing_is_fitted_where_all_polygons_are_of_good_shape(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(fine_meshes, "MIN_RISKY_INTERIOR", 10.0)
+    monkeypatch.setattr(fine_meshes, "MIN_RISKY_CORNER", 10.0)
+    assert fit_risky_polygons(*meshed(), None) is None
 
 
 @pytest.mark.slow

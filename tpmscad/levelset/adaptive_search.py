@@ -225,7 +225,7 @@ def _split_risky_leaves(request: FitRequest, start: _MeshedTree) -> _MeshedTree:
     for _ in range(MAX_SPLITS_BEFORE_SIMPLIFYING):
         fit = fit_risky_polygons(request, start.tree, start.mesh, fit)
         missed = find_missed_leaves(start.tree, start.mesh, request.surface_samples)
-        bad = np.concatenate([start.splittable, missed, fit.bad_leaves])
+        bad = np.concatenate([start.splittable, missed, start.splittable if fit is None else fit.bad_leaves])
         leaves = _select_splittable(start.tree, request.field, np.unique(bad))
         if not len(leaves):
             break

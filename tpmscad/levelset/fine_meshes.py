@@ -45,16 +45,20 @@ def is_finer_than_asked(request: FitRequest, mesh: QuadMesh) -> bool:
     return bool(np.quantile(distance, FINE_QUANTILE) <= FINE_SIDE_TOLS * request.tol)
 
 
-def fit_risky_polygons(request: FitRequest, tree: Octree, mesh: QuadMesh, previous: LevelSetFit | None) -> LevelSetFit:
+def fit_risky_polygons(
+    request: FitRequest, tree: Octree, mesh: QuadMesh, previous: LevelSetFit | None
+) -> LevelSetFit | None:
     """The fit of the polygons of poor shape, and of those round patches that need a higher degree; samples are not measured.
 
-    Patches of a `previous` fit are reused.
+    Patches of a `previous` fit are reused. None if all polygons are of good shape.
     """
     alone = replace(request, surface_samples=np.empty((0, 3)))
     normals = normalize(request.field.gradient(mesh.vertices))
     surface = mesh.vertices, normals, mesh.fixed, mesh.corners
     risky = interior_distortion(request.field, *surface) > MIN_RISKY_INTERIOR
     risky |= corner_distortion(*surface) > MIN_RISKY_CORNER
+    if not risky.any():
+        return None
     part, ids = extract_submesh(mesh, risky)
     fit = fit_level_set(alone, tree, part, previous)
     if len(fit.bad_leaves):
