@@ -4,7 +4,9 @@
    number of patches that they promise; an octree split by normal cones is the last resort. Of a periodic field a part of the box
    is searched.
 2. *Unfolding.* A mesh costs a small fraction of a fit, so leaves are split first until no polygon is left that no fit could save.
-3. *Refinement.* The mesh is fitted. The bad leaves of the fit are split, and the refined mesh is fitted again with the patches
+3. *Early simplification.* A mesh finer than the tolerance asks is split where it has to be, simplified, and only then fitted
+   (`fine_meshes`).
+4. *Refinement.* The mesh is fitted. The bad leaves of the fit are split, and the refined mesh is fitted again with the patches
    reused that passed, until all pass or refinement stalls; then the next start is tried.
 """
 
@@ -20,7 +22,8 @@ from tpmscad._typing import Array, IntArray
 from tpmscad.errors import LevelSetError, format_point
 from tpmscad.fields.field import Field
 from tpmscad.levelset.boundary_level_sets import measure_shape_operators
-from tpmscad.levelset.fit_simplification import merge_failing_polygons
+from tpmscad.levelset.fine_meshes import find_missed_leaves, fit_risky_polygons, is_finer_than_asked
+from tpmscad.levelset.fit_simplification import fit_simplified_mesh, merge_failing_polygons
 from tpmscad.levelset.level_set_fit import FitRequest, LevelSetFit, fit_level_set, locate_leaves, mesh_level_set
 from tpmscad.levelset.quadmesh import octree
 from tpmscad.levelset.quadmesh.dual_mesh import QuadMesh
@@ -62,6 +65,8 @@ MAX_TILED_CELLS = 2**27
 
 MAX_MESHES_BEFORE_FIT = 8
 MAX_FITS_PER_START = 12
+MAX_SPLITS_BEFORE_SIMPLIFYING = 20
+MAX_EARLY_FITS = 3
 MAX_IDLE_FITS = 2
 MAX_STARTS = 5
 
@@ -139,7 +144,7 @@ def split_hidden_crossings(fit: LevelSetFit, more_samples: Array, places: Array 
     if tree is fit.tree and not len(more_samples):
         return fit
     request = replace(fit.request, surface_samples=np.concatenate([fit.request.surface_samples, more_samples]))
-    start = _split_until_unfolded(field, _mesh_tree(tree, field, fit.mesh))
+    start = _split_until_unfolded(field, _mesh_tree(tree, field, None if fit.is_simplified else fit.mesh))
     refined = _refine_from(request, start, fit)
     if len(refined.bad_leaves):
         raise LevelSetError(_explain_failure(refined))
@@ -182,6 +187,16 @@ def _generate_starts(request: FitRequest, lo: Array, hi: Array, detect_hidden_cr
 
 def _refine_from(request: FitRequest, start: _MeshedTree, previous: LevelSetFit | None = None) -> LevelSetFit:
     """The best fit of those that splitting bad leaves leads to, with patches of a `previous` fit where they remain."""
+    if is_finer_than_asked(request, start.mesh):
+        for _ in range(MAX_EARLY_FITS):
+            start = _split_risky_leaves(request, start)
+            fit = fit_simplified_mesh(request, start.tree, start.mesh)
+            if not len(fit.bad_leaves):
+                return fit
+            leaves = _select_splittable(start.tree, request.field, fit.bad_leaves)
+            if not len(leaves):
+                break
+            start = _mesh_tree(octree.split_leaves(start.tree, leaves), request.field, start.mesh)
     fit = fit_level_set(request, start.tree, start.mesh, previous)
     best, stalled, fewest = fit, 0, len(fit.bad_leaves)
     for _ in range(MAX_FITS_PER_START - 1):
@@ -202,6 +217,20 @@ def _refine_from(request: FitRequest, start: _MeshedTree, previous: LevelSetFit 
         elif stalled == MAX_IDLE_FITS:
             break
     return merge_failing_polygons(best)
+
+
+def _split_risky_leaves(request: FitRequest, start: _MeshedTree) -> _MeshedTree:
+    """The octree split where the mesh misses parts of the level set, or has polygons of poor shape that cannot be fitted."""
+    fit: LevelSetFit | None = None
+    for _ in range(MAX_SPLITS_BEFORE_SIMPLIFYING):
+        fit = fit_risky_polygons(request, start.tree, start.mesh, fit)
+        missed = find_missed_leaves(start.tree, start.mesh, request.surface_samples)
+        bad = np.concatenate([start.splittable, missed, start.splittable if fit is None else fit.bad_leaves])
+        leaves = _select_splittable(start.tree, request.field, np.unique(bad))
+        if not len(leaves):
+            break
+        start = _mesh_tree(octree.split_leaves(start.tree, leaves), request.field, start.mesh)
+    return start
 
 
 def _mesh_tree(tree: Octree, field: Field, coarser: QuadMesh | None = None) -> _MeshedTree:

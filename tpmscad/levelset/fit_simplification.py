@@ -10,12 +10,13 @@ the box stay folded however finely the leaves are split. Merging a sliver into i
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import replace
 
 import numpy as np
 from scipy.spatial import cKDTree
 
 from tpmscad._typing import BoolArray, IntArray
-from tpmscad.levelset.level_set_fit import LevelSetFit, fit_level_set
+from tpmscad.levelset.level_set_fit import FitRequest, LevelSetFit, fit_level_set
 from tpmscad.levelset.quadmesh.dual_mesh import QuadMesh
 from tpmscad.levelset.quadmesh.octree import Octree
 from tpmscad.levelset.quadmesh.simplification.edit_history import EditHistory
@@ -31,6 +32,9 @@ MAX_REFITS = 20
 MAX_DISTORTIONS = (1.0, 1.3, 1.6)
 """Greatest distortion of polygons in each simplification, of the mesh of the one before. Wide limits from the start leave more
 patches than narrow ones: a polygon that fails takes the merges round it with it."""
+
+MAX_EARLY_REFITS = 6
+"""The same of a mesh that is simplified before anything is fitted, some of whose original polygons may fail."""
 
 MIN_GAIN, MIN_GAIN_PATCHES = 0.35, 1500
 """Fraction of the patches that a simplification has to remove for the next one to be tried, where it leaves more patches than
@@ -55,7 +59,7 @@ def simplify_fit(fit: LevelSetFit) -> LevelSetFit:
     """The fit with patches merged in up to three simplifications, or `fit` itself, as of periodic fields, whose periods match."""
     if fit.request.field.periods() is not None:
         return fit
-    for max_distortion in MAX_DISTORTIONS:
+    for max_distortion in MAX_DISTORTIONS[1:] if fit.is_simplified else MAX_DISTORTIONS:
         simplified = _simplify_once(fit, max_distortion)
         if simplified is None:  # wider limits would fail all the more
             break
@@ -69,21 +73,38 @@ def simplify_fit(fit: LevelSetFit) -> LevelSetFit:
 
 def _simplify_once(fit: LevelSetFit, max_distortion: float) -> LevelSetFit | None:
     """Fit of a simplified mesh, None if none passes, and `fit` itself if there is nothing to simplify."""
-    request, tree = fit.request, fit.tree
-    side_distance = MAX_SIDE_DISTANCE_TOLS * request.tol
-    history = simplify_mesh(fit.mesh, request.field, tree.lo, tree.hi, max_distortion, side_distance)
+    history = _simplify_mesh(fit.request, fit.tree, fit.mesh, max_distortion)
     if not history.edits:
         return fit
+    refit = _fit_history(fit.request, fit.tree, history, MAX_REFITS, fit)
+    return None if len(refit.bad_leaves) else refit
+
+
+def fit_simplified_mesh(request: FitRequest, tree: Octree, mesh: QuadMesh) -> LevelSetFit:
+    """The fit of a mesh that is simplified within the narrowest limit before it is fitted, which may have bad leaves."""
+    history = _simplify_mesh(request, tree, mesh, MAX_DISTORTIONS[0])
+    fit = merge_failing_polygons(_fit_history(request, tree, history, MAX_EARLY_REFITS))
+    return replace(fit, is_simplified=True)
+
+
+def _simplify_mesh(request: FitRequest, tree: Octree, mesh: QuadMesh, max_distortion: float) -> EditHistory:
+    side_distance = MAX_SIDE_DISTANCE_TOLS * request.tol
+    return simplify_mesh(mesh, request.field, tree.lo, tree.hi, max_distortion, side_distance)
+
+
+def _fit_history(
+    request: FitRequest, tree: Octree, history: EditHistory, max_refits: int, previous: LevelSetFit | None = None
+) -> LevelSetFit:
+    """The last fit of a simplified mesh, of which edits are undone until all patches pass."""
     times_bad = np.zeros(len(tree.size), np.int64)
-    refit = fit
-    for _ in range(MAX_REFITS):
+    mesh, numbers = history.mesh()
+    refit = fit_level_set(request, tree, mesh, previous)
+    for _ in range(max_refits - 1):
+        if not len(refit.bad_leaves) or not _undo_near(history, mesh, numbers, tree, refit.bad_leaves, times_bad):
+            break
         mesh, numbers = history.mesh()
         refit = fit_level_set(request, tree, mesh, refit)
-        if not len(refit.bad_leaves):
-            return refit
-        if not _undo_near(history, mesh, numbers, tree, refit.bad_leaves, times_bad):
-            break
-    return None
+    return refit
 
 
 def merge_failing_polygons(fit: LevelSetFit) -> LevelSetFit:

@@ -94,7 +94,8 @@ class LevelSetFit:
     """A fitted and measured level set.
 
     `failing` (Q,) marks patches that fail, `sample_distances` (n,) are the distances from the request's samples to the patches
-    (empty if patches fail), `bad_leaves` are too coarse, and `failure_text` says why.
+    (empty if patches fail), `bad_leaves` are too coarse, and `failure_text` says why. `is_simplified`: whether the mesh was
+    simplified before it was fitted.
     """
 
     request: FitRequest
@@ -107,6 +108,7 @@ class LevelSetFit:
     sample_distances: Array
     bad_leaves: IntArray
     failure_text: str
+    is_simplified: bool = False
 
     @property
     def bad_volume(self) -> float:

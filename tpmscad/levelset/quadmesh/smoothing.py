@@ -113,7 +113,7 @@ def smooth_from_start(
 def _smooth_part(mesh: QuadMesh, free: BoolArray, field: Field, lo: Array, hi: Array, sweeps: int) -> QuadMesh:
     """As `smooth_vertices`, on the polygons at the free vertices only."""
     touched = np.asarray((free[mesh.corners] & (mesh.corners >= 0)).any(axis=1))
-    part, ids = _extract_submesh(mesh, touched)
+    part, ids = extract_submesh(mesh, touched)
     vertices = mesh.vertices.copy()
     vertices[ids] = smooth_vertices(part, free[ids], field, lo, hi, sweeps).vertices
     return replace(mesh, vertices=vertices)
@@ -208,7 +208,7 @@ def _box_face_neighbours(mesh: QuadMesh, moving: BoolArray) -> tuple[IntArray, I
     return start[first], np.stack([end[first], end[first + 1]], axis=1)
 
 
-def _extract_submesh(mesh: QuadMesh, polygons: BoolArray) -> tuple[QuadMesh, IntArray]:
+def extract_submesh(mesh: QuadMesh, polygons: BoolArray) -> tuple[QuadMesh, IntArray]:
     """The mesh of the chosen polygons (Q,), and the numbers (V',) of its vertices in the whole mesh."""
     corners, sides = mesh.corners[polygons], mesh.sides[polygons]
     ids, renumbered = np.unique(corners[corners >= 0], return_inverse=True)

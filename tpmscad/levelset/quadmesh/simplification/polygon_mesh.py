@@ -161,8 +161,8 @@ class PolygonMesh:
     def apply(self, edit: MeshEdit) -> AppliedEdit:
         """Apply an edit that was planned for the mesh as it is."""
         old_polygons, old_box_sides = {f: self.corners_of[f] for f in edit.removed}, self.box_sides(edit.removed)
-        for a, b in self._half_edges_on_box(edit.removed):
-            plane = self.plane_of_side.pop((min(a, b), max(a, b)))
+        for (a, b), plane in old_box_sides.items():
+            del self.plane_of_side[a, b]
             c, d = edit.merges.get(a, a), edit.merges.get(b, b)
             if c != d:
                 self.plane_of_side[min(c, d), max(c, d)] = plane
@@ -277,7 +277,9 @@ class PolygonMesh:
     def _half_edges_on_box(self, numbers: Iterable[int]) -> list[HalfEdge]:
         """Half-edges of these polygons that have no opposite and whose ends lie on the box."""
         n_fixed, half_edges = self.n_fixed, self.polygon_of_half_edge
-        edges = [edge for number in numbers for edge in sides_of(self.corners_of[number])]
+        polygons = (self.corners_of[number] for number in numbers)
+        near = [polygon for polygon in polygons if any(map(n_fixed.__getitem__, polygon))]  # next to none
+        edges = [edge for polygon in near for edge in sides_of(polygon)]
         return [(a, b) for a, b in edges if n_fixed[a] and n_fixed[b] and (b, a) not in half_edges]
 
 

@@ -1,0 +1,80 @@
+"""Meshes finer than the tolerance asks, as of rough images: what is found out before they are simplified.
+
+Leaves of the octree follow the noise of the image. Most polygons of such a mesh would be fitted only to be merged, so it is
+simplified first. A simplified mesh does not tell which leaves to split. These are found beforehand: where the few polygons of
+poor shape cannot be fitted, and where samples of the level set are far from the mesh.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+from scipy.spatial import cKDTree
+
+from tpmscad._typing import Array, IntArray
+from tpmscad.levelset.level_set_fit import PATCH_DEGREES, FitRequest, LevelSetFit, fit_level_set, locate_leaves
+from tpmscad.levelset.quadmesh.dual_mesh import QuadMesh
+from tpmscad.levelset.quadmesh.octree import Octree
+from tpmscad.levelset.quadmesh.quality import corner_distortion, interior_distortion, measure_side_distances
+from tpmscad.levelset.quadmesh.smoothing import extract_submesh
+from tpmscad.levelset.quadmesh.vectors import normalize
+
+MIN_POLYGONS = 2000
+"""Least number of polygons of a mesh that is simplified before it is fitted: smaller ones take seconds in any order."""
+
+FINE_QUANTILE, FINE_SIDE_TOLS = 0.95, 1.0
+"""A mesh is finer than the tolerance asks if this quantile of the distances of its cubic sides from the level set is at most
+this fraction of the tolerance."""
+
+N_POLYGONS_MEASURED = 2000
+"""Polygons of which the sides are measured for that."""
+
+MIN_RISKY_INTERIOR, MIN_RISKY_CORNER = 0.85, 1.05
+"""Interior and corner distortions of a polygon above which its patch may fail."""
+
+
+def is_finer_than_asked(request: FitRequest, mesh: QuadMesh) -> bool:
+    """Whether a mesh has many polygons, and most of them are far within the tolerance."""
+    count = len(mesh.corners)
+    if count < MIN_POLYGONS or request.field.periods() is not None:
+        return False
+    chosen = mesh.corners[:: max(1, count // N_POLYGONS_MEASURED)]
+    normals = normalize(request.field.gradient(mesh.vertices))
+    distance = measure_side_distances(request.field, mesh.vertices, normals, mesh.fixed, chosen)
+    return bool(np.quantile(distance, FINE_QUANTILE) <= FINE_SIDE_TOLS * request.tol)
+
+
+def fit_risky_polygons(
+    request: FitRequest, tree: Octree, mesh: QuadMesh, previous: LevelSetFit | None
+) -> LevelSetFit | None:
+    """The fit of the polygons of poor shape, and of those round patches that need a higher degree; samples are not measured.
+
+    Patches of a `previous` fit are reused. None if all polygons are of good shape.
+    """
+    alone = replace(request, surface_samples=np.empty((0, 3)))
+    normals = normalize(request.field.gradient(mesh.vertices))
+    surface = mesh.vertices, normals, mesh.fixed, mesh.corners
+    risky = interior_distortion(request.field, *surface) > MIN_RISKY_INTERIOR
+    risky |= corner_distortion(*surface) > MIN_RISKY_CORNER
+    if not risky.any():
+        return None
+    part, ids = extract_submesh(mesh, risky)
+    fit = fit_level_set(alone, tree, part, previous)
+    if len(fit.bad_leaves):
+        return fit
+    raised = np.array([len(poles) - 1 > PATCH_DEGREES[0] for poles in fit.fit.patches], bool)
+    corners = fit.network.corners[raised]
+    steep = np.zeros(len(mesh.vertices), bool)
+    steep[ids[corners[(corners >= 0) & (corners < len(ids))]]] = True
+    beside = ~risky & (steep[mesh.corners] & (mesh.corners >= 0)).any(axis=1)
+    return fit_level_set(alone, tree, extract_submesh(mesh, risky | beside)[0], fit) if beside.any() else fit
+
+
+def find_missed_leaves(tree: Octree, mesh: QuadMesh, samples: Array) -> IntArray:
+    """Leaves with samples (n, 3) of the level set that are farther from the mesh's nearest vertex than its longest side."""
+    ends = mesh.side_ends
+    longest = np.zeros(len(mesh.vertices))
+    np.maximum.at(longest, ends, np.linalg.norm(mesh.vertices[ends[:, 0]] - mesh.vertices[ends[:, 1]], axis=1)[:, None])
+    distance, nearest = cKDTree(mesh.vertices).query(samples)
+    return np.unique(locate_leaves(tree, samples[distance > longest[nearest]]))
