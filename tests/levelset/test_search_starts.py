@@ -12,7 +12,7 @@ from tpmscad.brep import connectivity
 from tpmscad.errors import LevelSetError
 from tpmscad.levelset import adaptive_search
 from tpmscad.levelset.boundary_level_sets import find_narrow_places, sample_level_set, sample_narrow_places
-from tpmscad.levelset.field_solid import fit_field_solid
+from tpmscad.levelset.field_solid import find_sample_spacing, fit_field_solid
 from tpmscad.levelset.level_set_fit import FitRequest
 from tpmscad.parallel import run_serial
 
@@ -44,6 +44,16 @@ def test_narrow_places_that_samples_missed_are_sampled(formula: str, radius: flo
     found = sample_narrow_places(speck, LO, HI, np.empty((0, 3)), find_narrow_places(speck, LO, HI))
     assert len(found) > 3
     np.testing.assert_allclose(np.linalg.norm(found - centre, axis=1), radius, rtol=1e-3)
+
+
+def test_a_speck_of_one_voxel_of_a_long_image_is_sampled() -> None:
+    values = np.full((90, 7, 6), -1.0)
+    values[57, 3, 2] = 0.02  # half-way between the 40 lines that suffice for a formula
+    image = fields.sampled(values, spacing=(1.0, 1.003, 1.002), level=0.0)
+    lo, hi = (np.array(corner) for corner in image.domain)
+    found = sample_level_set(image, lo, hi, find_sample_spacing(image, lo, hi))
+    assert len(found) > 0
+    assert np.linalg.norm(found - lo - np.array([57.0, 3.009, 2.004]), axis=1).max() < 1.0
 
 
 def test_narrow_places_of_a_plate_are_sampled_as_coarsely_as_its_length_allows() -> None:

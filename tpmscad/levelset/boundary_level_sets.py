@@ -45,7 +45,7 @@ NARROW_PLACE_RADII = (0.5, 0.1, 0.02)
 """Number of points round a narrow place, at each of these distances in spacings, that are projected onto the level set."""
 
 SPACING_RTOL = 0.01
-"""Of a step: lines may be farther apart by this, so that those of data whose spacings differ by a little pass the samples."""
+"""Lines may be farther apart by this, so that those of data whose spacings differ by a little pass the samples."""
 
 JUMP_HALVINGS = 40
 JUMP_FRACTION = 1e-3
@@ -104,7 +104,7 @@ def sample_level_set(field: Field, lo: Array, hi: Array, spacing: float) -> Arra
 
     LevelSetError where the sign changes in a jump of the field, which has no level set there.
     """
-    wanted = np.maximum(2, np.ceil((hi - lo) / spacing - SPACING_RTOL)) + 1
+    wanted = np.maximum(2, np.ceil((1.0 - SPACING_RTOL) * (hi - lo) / spacing)) + 1
     require_memory(
         float(np.prod(wanted)),
         BYTES_PER_SAMPLE,
