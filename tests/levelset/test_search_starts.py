@@ -56,6 +56,12 @@ def test_a_speck_of_one_voxel_of_a_long_image_is_sampled() -> None:
     assert np.linalg.norm(found - lo - np.array([57.0, 3.009, 2.004]), axis=1).max() < 1.0
 
 
+def test_the_samples_of_a_large_image_are_bounded() -> None:
+    image = fields.sampled(np.linspace(-1.0, 1.0, 600)[:, None, None] * np.ones((1, 4, 4)), level=0.0)
+    lo, hi = (np.array(corner) for corner in image.domain)
+    assert find_sample_spacing(image, lo, hi) == pytest.approx(599 / 256)
+
+
 def test_narrow_places_of_a_plate_are_sampled_as_coarsely_as_its_length_allows() -> None:
     ball = fields.sphere((1.0, 1.0, 0.0), 0.5)
     thin = np.array([2.0, 2.0, 1e-4])

@@ -41,6 +41,9 @@ from tpmscad.parallel import TaskRunner, run_serial
 MIN_SAMPLE_LINES = 40
 """Least number of sampling grid lines along the longest edge of the box."""
 
+MAX_DATA_LINES = 256
+"""Most lines along the longest edge of the box that samples of data ask for: 17 million points in a cube."""
+
 SAMPLES_PER_PERIOD = 8
 """Least number of sampling grid lines per period of a periodic field."""
 
@@ -200,9 +203,10 @@ def find_sample_spacing(field: Field, lo: Array, hi: Array) -> float:
     """The spacing at which the level sets that bound a field's solid are sampled in a box, model units."""
     periods = [leaf.periods() for leaf in list_leaves(expose_extremes(field))]
     lengths = [length / SAMPLES_PER_PERIOD for period in periods for length in period or () if length > 0]
-    data = find_least_spacing(field)
-    lengths += [] if data is None else [data]  # a cavity or a speck of one sample is found where lines pass samples
-    return min([float((hi - lo).max()) / MIN_SAMPLE_LINES, *lengths])
+    longest, data = float((hi - lo).max()), find_least_spacing(field)
+    if data is not None:  # a cavity or a speck of one sample is found where lines pass samples
+        lengths.append(max(data, longest / MAX_DATA_LINES))
+    return min([longest / MIN_SAMPLE_LINES, *lengths])
 
 
 def _prepare_parts(field: Field, lo: Array, hi: Array, tol: float) -> tuple[list[_LevelSetPart], tuple[str, ...]]:

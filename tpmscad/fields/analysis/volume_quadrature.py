@@ -171,9 +171,8 @@ def _weigh_directions(leaves: Sequence[Field], points: Array, reach: float) -> A
     if not len(points):
         return total
     for leaf in leaves:
-        value, gradient = leaf.value_and_gradient(
-            points
-        )  # most points are near: 64 lines have 24 on either side of a surface
+        # together, since most points are near: 64 lines have 24 on either side of a surface
+        value, gradient = leaf.value_and_gradient(points)
         square = gradient**2
         some = square[:: max(1, len(points) // SLOPE_SAMPLES)].sum(axis=1)
         floor = SLOPE_FLOOR_FRACTION * some.mean() / 3.0

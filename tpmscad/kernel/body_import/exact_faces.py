@@ -345,13 +345,13 @@ SAMPLES_PER_DEGREE = 8
 def _sample_curve(shape: TopoDS_Edge) -> Array:
     """Points (m, 3) along the kernel's curve of an edge, several in each of its spans."""
     adaptor = BRepAdaptor_Curve(shape)
-    breaks, least = [adaptor.FirstParameter(), adaptor.LastParameter()], 4
+    breaks, degree = [adaptor.FirstParameter(), adaptor.LastParameter()], 1
     if adaptor.GetType() == GeomAbs_BSplineCurve:
         spline = adaptor.BSpline()
         knots = [spline.Knot(i) for i in range(1, spline.NbKnots() + 1)]
         breaks = [breaks[0], *[k for k in knots if breaks[0] < k < breaks[1]], breaks[1]]
-        least = SAMPLES_PER_DEGREE * spline.Degree()
-    each = max(least, REFIT_SAMPLES // (len(breaks) - 1))
+        degree = spline.Degree()
+    each = max(SAMPLES_PER_DEGREE * degree, REFIT_SAMPLES // (len(breaks) - 1))
     t = np.unique(np.concatenate([np.linspace(a, b, each) for a, b in zip(breaks[:-1], breaks[1:], strict=True)]))
     return np.array([adaptor.Value(s).Coord() for s in t.tolist()])
 
