@@ -37,6 +37,20 @@ def draw_graded(path: Path) -> None:
     tpmscad.solidify(field, ((0, 0, 0), (5, 5, 10)), tol=0.05, progress=False).render(path, size=SIZE)
 
 
+def draw_density(path: Path) -> None:
+    """A density of 24 by 12 by 8 elements as a solid, with a boss and its bore."""
+    x, y, z = (np.indices((24, 12, 8)).T + 0.5).T / np.array([24, 12, 8]).reshape(3, 1, 1, 1)
+    chords = np.minimum(abs(y - 0.88 + 0.5 * x), abs(y - 0.12 - 0.5 * x))
+    web = 1.4 * abs(x - 0.45 - 0.3 * (y - 0.5))
+    values = 1 / (1 + np.exp((np.minimum(chords, web) - 0.14) / 0.035))
+    values *= 1 - 0.75 * np.exp(-(((z - 0.5) / 0.18) ** 2)) * (chords < 0.3)
+    field = fields.sampled(values, 2.5, (1.25,) * 3, volume_fraction=0.45, centred=True)
+    boss, bore = (bd.Pos(50, 15, 10) * bd.Cylinder(radius, height) for radius, height in ((6, 26), (3, 30)))
+    tpmscad.solidify(field, field.domain, tol=0.2, keep=boss, clear=bore, progress=False).render(
+        path, size=SIZE, color_by="tag"
+    )
+
+
 def draw_infill(path: Path) -> None:
     body = fields.cylinder((0, 0, 6), 10, height=12)
     tpmscad.infill(body, "gyroid", cell=8, thickness=0.8, tol=0.1, progress=False).render(path, size=SIZE)
@@ -89,6 +103,7 @@ PICTURES: dict[str, Callable[[Path], None]] = {
     "natural": draw_lattice(surface="schwarz_p", cell=10, cells=2, thickness=1, boundary="natural", tol=0.05),
     "section": draw_lattice(surface="diamond", cell=10, thickness=1, tol=0.05, section="z=5", color_by="deviation"),
     "lidinoid": draw_lattice(surface="lidinoid", cell=10, thickness=0.5, tol=0.05),
+    "density": draw_density,
     "graded": draw_graded,
     "infill": draw_infill,
     "cells_and_layers": draw_cells_and_layers,

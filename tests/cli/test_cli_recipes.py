@@ -241,6 +241,39 @@ class TestArrays:
             assert report["volume"] == pytest.approx(size, rel=1e-6)
 
     @pytest.mark.kernel
+    def test_bosses_and_bolts_are_exact(self, folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+        """The plate of 24 by 6 by 8, a boss of 4 by 4 beside it, and a bolt of radius 1 through it."""
+        import build123d as bd
+
+        bd.export_step(bd.Pos(10.1, 7.1, 3.7) * bd.Box(4, 4, 6), str(folder / "boss.step"))
+        bd.export_step(bd.Pos(10.1, 7.3, 3.7) * bd.Cylinder(1, 20), str(folder / "bolt.step"))
+        line = "solidify density.npy --level 0.5 --cell-data --keep boss.step --clear bolt.step"
+        assert run(f"{line} --dry-run") == 0
+        out = capsys.readouterr().out
+        assert "boss.step is contained, 96 mm3" in out
+        assert "bolt.step stays empty, 62.8319 mm3" in out
+        assert run(f"{line} --report out.json -o out.step") == 0
+        report = json.loads(Path("out.json").read_text())
+        assert report["met"]
+        assert report["volume"] == pytest.approx(24 * 6 * 8 + 4 * (9.1 - 5.5) * 6 - np.pi * 6, rel=1e-5)
+        assert report["betti"] == [1, 1, 0]
+        assert run("solidify graded.toml --keep boss.step -o out.step") == 2
+        assert "--keep: a recipe says these itself" in capsys.readouterr().err
+
+    @pytest.mark.kernel
+    def test_a_recipe_names_what_is_kept(self, folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+        import build123d as bd
+
+        bd.export_step(bd.Pos(5, 5, 5) * bd.Box(2, 2, 30), str(folder / "bar.step"))
+        text = (folder / "graded.toml").read_text()
+        (folder / "kept.toml").write_text('keep = "bar.step"\n' + text)
+        assert run("solidify kept.toml --dry-run") == 0
+        assert "bar.step is contained, 120 mm3" in capsys.readouterr().out
+        (folder / "kept.toml").write_text('clear = "none.step"\n' + text)
+        assert run("solidify kept.toml --dry-run") == 2
+        assert "kept.toml, line 1, clear: there is no file none.step" in capsys.readouterr().err
+
+    @pytest.mark.kernel
     def test_the_certificate_of_a_label_says_what_it_is_measured_from(self) -> None:
         assert run("solidify organs.npy --label 1 --report out.json -o out.step") == 0
         report = json.loads(Path("out.json").read_text())

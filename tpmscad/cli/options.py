@@ -215,6 +215,24 @@ AmongOption = Annotated[
         help="With --label: the labels with which it shares its faces; their solids, made one by one, touch exactly.",
     ),
 ]
+KeepOption = Annotated[
+    Path | None,
+    array_option(
+        metavar="PART.step",
+        exists=True,
+        dir_okay=False,
+        help="A CAD file whose solids the result contains, with their exact faces: bosses, flanges.",
+    ),
+]
+ClearOption = Annotated[
+    Path | None,
+    array_option(
+        metavar="PART.step",
+        exists=True,
+        dir_okay=False,
+        help="A CAD file whose solids stay empty: bolts in their bores, what moves past.",
+    ),
+]
 CentredOption = Annotated[
     bool | None,
     array_option(

@@ -18,10 +18,12 @@ from tpmscad.cli.options import (
     ArrayTolOption,
     AsSurfaceOption,
     CentredOption,
+    ClearOption,
     DryRunOption,
     FieldFileArgument,
     FrameOption,
     KeepLooseOption,
+    KeepOption,
     LabelOption,
     LevelOption,
     OptionalOutputOption,
@@ -93,6 +95,8 @@ def solidify(
     frame: FrameOption = None,
     volume: VolumeOption = None,
     array_name: ArrayNameOption = None,
+    keep: KeepOption = None,
+    clear: ClearOption = None,
     tol: ArrayTolOption = None,
     dry_run: DryRunOption = False,
     keep_loose: KeepLooseOption = False,
@@ -123,7 +127,11 @@ def solidify(
             "array_name": array_name,
         }
         if file.suffix.lower() == ".toml":
-            extra = [f"`{name}`" for name, value in {**given, "tol": tol}.items() if value is not None]
+            extra = [
+                f"`{name}`"
+                for name, value in {**given, "keep": keep, "clear": clear, "tol": tol}.items()
+                if value is not None
+            ]
             if extra:
                 raise InvalidRequest(f"{', '.join(extra)}: a recipe says these itself; the options are for arrays")
             return SolidRun.read(file, keep_loose=keep_loose)
@@ -131,7 +139,7 @@ def solidify(
             raise InvalidRequest(
                 f"{file.name} is no recipe and no array: {INPUTS_OF_OTHER_COMMANDS[file.suffix.lower()]}"
             )
-        return SolidRun.sample(file, **given, tol=tol, keep_loose=keep_loose)
+        return SolidRun.sample(file, **given, keep=keep, clear=clear, tol=tol, keep_loose=keep_loose)
 
     _run("making", file, read, writing, dry_run)
 

@@ -73,11 +73,15 @@ class BlendRun:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SolidRun:
-    """A field that was read, to be made a solid in a box or a body within `tol` (mm); of a recipe, if there is one."""
+    """A field that was read, to be made a solid in a box or a body within `tol` (mm); of a recipe, if there is one.
+
+    passive: the CAD files of `keep` and `clear`, of `solidify`, by these names, where they are given.
+    """
 
     field: Field
     domain: SolidDomain
     tol: float
+    passive: Mapping[str, Path]
     recipe: SolidRecipe | None = None
     keep_loose: bool = False
 
@@ -85,13 +89,23 @@ class SolidRun:
     def read(cls, path: Path, *, keep_loose: bool = False) -> SolidRun:
         """The field of the recipe in a TOML file; errors as `read_solid_recipe`."""
         recipe = read_solid_recipe(path)
-        return cls(recipe.field, recipe.domain, recipe.tol, recipe, keep_loose)
+        return cls(recipe.field, recipe.domain, recipe.tol, recipe.passive, recipe, keep_loose)
 
     @classmethod
-    def sample(cls, path: Path, *, tol: float | None = None, keep_loose: bool = False, **given: Any) -> SolidRun:
+    def sample(
+        cls,
+        path: Path,
+        *,
+        keep: Path | None = None,
+        clear: Path | None = None,
+        tol: float | None = None,
+        keep_loose: bool = False,
+        **given: Any,
+    ) -> SolidRun:
         """The field of an image or array, with what is `given` to `make_array_field`, in its domain."""
-        field, domain, default_tol = make_array_field(path, **given)
-        return cls(field, domain, default_tol if tol is None else tol, None, keep_loose)
+        made, domain, default_tol = make_array_field(path, **given)
+        passive = {name: path for name, path in (("keep", keep), ("clear", clear)) if path is not None}
+        return cls(made, domain, default_tol if tol is None else tol, passive, None, keep_loose)
 
     def describe(self) -> tuple[str, dict[str, Any]]:
         """The domain, the tolerance and the volume fraction; an error that making the solid would end in before its fits."""
@@ -105,6 +119,11 @@ class SolidRun:
             content["domain"] = self.recipe.recipe["domain"].value
         fraction = f"about {100 * found.volume_fraction:.1f} % of it solid"
         notes = collect_notes(self.field)
+        if self.passive:
+            from tpmscad.solids.passive_regions import PassiveRegions
+
+            with self._locate_errors():
+                notes = (*notes, *PassiveRegions.read(**self.passive).describe())
         content |= {"notes": list(notes)} if notes else {}
         text = f"box {_format_corner(box[0])} to {_format_corner(box[1])}, {fraction}, tolerance {self.tol:g}"
         return "\n".join([text, *(f"note        {note}" for note in notes)]), content
@@ -112,7 +131,7 @@ class SolidRun:
     def make(self, progress: Progress | None) -> tuple[Model, dict[str, Any]]:
         """The solid of the field in its domain, and its report."""
         with self._locate_errors():
-            model = _make_solid(self.field, self.domain, self.tol, self.keep_loose, progress)
+            model = _make_solid(self.field, self.domain, self.tol, self.keep_loose, progress, **self.passive)
         return model, model.certificate.to_dict()
 
     def _locate_errors(self) -> AbstractContextManager[None]:
@@ -127,9 +146,11 @@ def _format_corner(corner: Sequence[float]) -> str:
     return f"({', '.join(f'{x:.6g}' for x in corner)})"
 
 
-def _make_solid(field: Field, domain: Any, tol: float, keep_loose: bool, progress: Progress | None) -> Model:
-    """The solid of a field, with or without its loose pieces."""
+def _make_solid(
+    field: Field, domain: Any, tol: float, keep_loose: bool, progress: Progress | None, **passive: Path
+) -> Model:
+    """The solid of a field, with or without its loose pieces, and with passive regions if they are given."""
     from tpmscad.solids._solidify import solidify  # loads the kernel
 
-    options: dict[str, Any] = {"loose": "keep"} if keep_loose else {}
+    options: dict[str, Any] = {**passive, **({"loose": "keep"} if keep_loose else {})}
     return solidify(field, domain, tol=tol, progress=progress, **options)

@@ -20,7 +20,7 @@ from typing import Any
 
 from tpmscad._typing import BoxCorners
 from tpmscad.api.arguments import Argument
-from tpmscad.api.shared_kinds import BOX, FIELD, POSITIVE
+from tpmscad.api.shared_kinds import BOX, FIELD, POSITIVE, SHAPE
 from tpmscad.errors import InvalidRequest, LevelSetError, RecipeError
 from tpmscad.fields import Field
 from tpmscad.recipe.field_reader import FIELDS_ARGUMENT, read_field_entry, read_table, read_value
@@ -33,6 +33,8 @@ BODY_KINDS = ("box", "cylinder", "sphere")
 SolidDomain = BoxCorners | Path | Field
 """What a field is made a solid in: a box, the solid of a STEP file, or a primitive region as a body."""
 
+PART = SHAPE.described_as("the name of a file", '"part.step"')
+
 SOLID_KEYS = make_table(
     (
         Argument("field", Field, FIELD, "The solid is where this field is negative: [field]."),
@@ -43,6 +45,14 @@ SOLID_KEYS = make_table(
             "The box [[x0, y0, z0], [x1, y1, z1]], mm; or a body, whose faces stay exact: a STEP file with one solid, or a table "
             f"of kind {', '.join(BODY_KINDS)}.",
         ),
+        Argument(
+            "keep",
+            Path,
+            PART,
+            "A CAD file whose solids the result contains, with their exact faces; for a domain that is a box.",
+            None,
+        ),
+        Argument("clear", Path, PART, "A CAD file whose solids stay empty; for a domain that is a box.", None),
         Argument("tol", float, POSITIVE, "Greatest deviation of the solid from the field, mm."),
         FIELDS_ARGUMENT,
     )
@@ -52,12 +62,13 @@ SOLID_KEYS = make_table(
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SolidRecipe:
-    """A field to be made a solid in a box or a body, and the tolerance (mm)."""
+    """A field to be made a solid in a box or a body, the tolerance (mm), and the CAD files of `keep` and `clear`, if any."""
 
     recipe: Entry
     field: Field
     domain: SolidDomain
     tol: float
+    passive: Mapping[str, Path]
 
     @contextmanager
     def locate_errors(self) -> Iterator[None]:
@@ -78,7 +89,8 @@ def read_solid_recipe(path: Path, changes: Mapping[str, Any] | None = None) -> S
     if "structures" in recipe.value and "field" not in recipe.value:
         raise recipe.error("this recipe joins structures: hand it to `tpmscad blend`")
     values = read_table(recipe, SOLID_KEYS, {"domain": read_solid_domain})
-    return SolidRecipe(recipe, values["field"], values["domain"], values["tol"])
+    passive: dict[str, Path] = {name: values[name] for name in ("keep", "clear") if name in values}
+    return SolidRecipe(recipe, values["field"], values["domain"], values["tol"], passive)
 
 
 def read_solid_domain(entry: Entry) -> SolidDomain:

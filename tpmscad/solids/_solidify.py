@@ -10,34 +10,44 @@ from __future__ import annotations
 import os
 from collections.abc import Callable, Sequence
 from concurrent.futures import Executor
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import Annotated, Any
 
 import numpy as np
 
-from tpmscad._typing import BoxCorners
+from tpmscad._typing import Array, BoolArray, BoxCorners
 from tpmscad.api.argument_kinds import show_value
 from tpmscad.api.public_calls import validate_call
 from tpmscad.api.shared_arguments import LoosePieces, StageProgress
-from tpmscad.api.shared_kinds import DOMAIN, EXECUTOR, FIELD, POSITIVE
+from tpmscad.api.shared_kinds import DOMAIN, EXECUTOR, FIELD, POSITIVE, SHAPE
+from tpmscad.brep.boundary_representation import Brep
 from tpmscad.errors import CrossingSurfaces, InvalidRequest
 from tpmscad.fields.field import Field, as_field
 from tpmscad.fields.kinds.linear_extension import extend_level_sets_linearly
 from tpmscad.kernel.body_import.cad_body import read_body
+from tpmscad.kernel.boolean.boolean_operations import OcctSolids
 from tpmscad.kernel.build.solids import BrepSolids, build_solids
 from tpmscad.kernel.measure.envelope import Envelope
 from tpmscad.kernel.occt.bounding_boxes import enclosing_box
 from tpmscad.lattices.spline_maps import SplineMap
 from tpmscad.levelset.crossing_operands import has_meeting_quadrics
 from tpmscad.levelset.field_solid import validate_box
-from tpmscad.results.certificate import certify_built_solids, certify_kernel_solids
-from tpmscad.results.loose_pieces import drop_loose_pieces, drop_loose_solids, drop_specks
+from tpmscad.results.certificate import PatchMeasures, certify_built_solids, certify_kernel_solids
+from tpmscad.results.loose_pieces import (
+    KEEP,
+    NOTHING_DROPPED,
+    DroppedPieces,
+    drop_loose_pieces,
+    drop_loose_solids,
+    drop_specks,
+)
 from tpmscad.results.model import Model
 from tpmscad.solids._infill import infill
 from tpmscad.solids.boolean_strategies import KERNEL_BOOLEAN, TRIMMED_PATCHES
 from tpmscad.solids.combined_solids import combine_field_solids, label_combined_solids
 from tpmscad.solids.field_mapping import solidify_mapped
 from tpmscad.solids.field_patches import fit_field_patches
+from tpmscad.solids.passive_regions import NO_REGIONS, PassiveRegions
 from tpmscad.solids.patch_measures import measure_field_patches
 from tpmscad.solids.reference_distance import field_distance
 from tpmscad.stage_timer import StageTimer
@@ -65,6 +75,19 @@ def solidify(
         POSITIVE.described_as(example="0.01"),
         "Greatest orthogonal deviation between the surface and the level set, model units.",
     ],
+    keep: Annotated[
+        Any,
+        SHAPE,
+        "CAD solids that the result contains with their own, exact faces, such as bosses and flanges, within the box or "
+        "reaching beyond it: a build123d or CadQuery shape, or the path of a CAD file, all solids of which are kept. They "
+        "must not overlap each other. Of their faces, those inside the solid of the field vanish. For a box.",
+    ] = None,
+    clear: Annotated[
+        Any,
+        SHAPE,
+        "CAD solids that stay empty, such as bolts in their bores: what of the field's solid and of `keep` lies in them is "
+        "cut away, with exact faces. Given as `keep`; for a box.",
+    ] = None,
     loose: LoosePieces = "drop",
     executor: Annotated[
         Executor | None,
@@ -101,6 +124,8 @@ def solidify(
     >>> model.certificate.met  # doctest: +SKIP
     True
     """
+    if (keep is not None or clear is not None) and (isinstance(domain, SplineMap) or not is_numeric_box(domain)):
+        raise InvalidRequest("keep and clear are for the solid in a box: give the domain as two corners")
     if isinstance(domain, SplineMap):
         return solidify_mapped(field, domain, tol, loose, executor, StageTimer(progress))
     if not is_numeric_box(domain):
@@ -112,63 +137,104 @@ def solidify(
             body, extend_level_sets_linearly(as_field(field), *bounds), tol=tol, loose=loose, progress=progress
         )
     stages = StageTimer(progress)
+    passive = PassiveRegions.read(keep, clear)
     if has_meeting_quadrics(as_field(field), *validate_box(*parse_corners(domain), tol), tol):
-        return solidify_crossing(as_field(field), domain, tol, loose, stages)
-    field, specks = drop_specks(as_field(field), *parse_corners(domain), loose)
+        return solidify_crossing(as_field(field), domain, tol, loose, stages, passive)
+    field, specks = drop_specks(as_field(field), *parse_corners(domain), KEEP if passive.bodies else loose)
     try:
         found = fit_field_patches(field, *parse_corners(domain), tol, stages, executor=executor)
     except CrossingSurfaces:
-        return solidify_crossing(as_field(field), domain, tol, loose, stages)
+        return solidify_crossing(as_field(field), domain, tol, loose, stages, passive)
     with stages("build"):
-        brep, built, dropped = drop_loose_pieces(
-            found.fitted.brep, build_solids(found.fitted.brep, found.moments), loose
-        )
-    with stages("check"):
-        whole = " with the pieces left out" if dropped.volumes else ""
-        volumes = {
-            f"volume of the field{whole}": found.field_volume,
-            "uncertainty of that volume": found.field_volume_error,
-        }
-        measures = measure_field_patches(found)
-        measures = replace(measures, figures={**measures.figures, **volumes})
-        left_out = specks | dropped
-        certificate = certify_built_solids(built, measures, notes=left_out.notes, dropped=left_out.volumes)
-    return Model(
-        "field solid",
-        brep,
-        certificate.with_seconds(stages.seconds),
-        built,
-        distance_to_reference=field_distance(field),
-        envelope=Envelope.of_box("the field's box", *parse_corners(domain)),
-    )
+        built = build_solids(found.fitted.brep, found.moments)
+    measures = measure_field_patches(found)
+    volumes = {
+        "volume of the field": found.field_volume,
+        "uncertainty of that volume": found.field_volume_error,
+    }
+    measures = replace(measures, figures={**measures.figures, **volumes})
+    return _finish(field, domain, _Made(built, found.fitted.brep, measures), loose, passive, stages, specks)
 
 
-def solidify_crossing(field: Field, domain: BoxCorners, tol: float, loose: str, stages: StageTimer) -> Model:
+def solidify_crossing(
+    field: Field, domain: BoxCorners, tol: float, loose: str, stages: StageTimer, passive: PassiveRegions = NO_REGIONS
+) -> Model:
     """The solid of a field whose level sets cross, in a box."""
     combined = combine_field_solids(field, *parse_corners(domain), tol, stages)
-    built, patches, trimmed_by = combined.built, combined.patches, KERNEL_BOOLEAN
+    trimmed_by = TRIMMED_PATCHES if isinstance(combined.built, BrepSolids) else KERNEL_BOOLEAN
+    made = _Made(combined.built, combined.patches, combined.measures, trimmed_by, valid=True)
+    return _finish(field, domain, made, loose, passive, stages)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Made:
+    """Solids in a box, the patches that they are made of, and what was measured on these.
+
+    trimmed_by: of `Model`. valid: what is known of the kernel's check of patches, if anything.
+    """
+
+    built: BrepSolids | OcctSolids
+    patches: Brep
+    measures: PatchMeasures
+    trimmed_by: str | None = None
+    valid: bool | None = None
+
+
+def _finish(
+    field: Field,
+    domain: BoxCorners,
+    made: _Made,
+    loose: str,
+    passive: PassiveRegions,
+    stages: StageTimer,
+    specks: DroppedPieces = NOTHING_DROPPED,
+) -> Model:
+    """The model: combined with the passive regions, without its loose pieces, and certified."""
+    box = parse_corners(domain)
+    if passive.bodies:
+        with stages("passive regions"):
+            made = _combine(field, box, made, passive)
+    built, patches, measures = made.built, made.patches, made.measures
     with stages("check"):
         if isinstance(built, BrepSolids):
-            patches, built, dropped = drop_loose_pieces(patches, built, loose)
-            trimmed_by = TRIMMED_PATCHES
+            patches, built, dropped = drop_loose_pieces(built.brep, built, loose)
+            left_out = specks | dropped
             certificate = certify_built_solids(
-                built, combined.measures, valid=True, notes=dropped.notes, dropped=dropped.volumes
+                built, measures, valid=made.valid, notes=left_out.notes, dropped=left_out.volumes
             )
         else:
             solids, dropped = drop_loose_solids(built.solids, loose)
-            built = label_combined_solids(solids, *parse_corners(domain))
+            left_out = specks | dropped
+            built = passive.label(solids, patches, label_combined_solids(solids, *box))
             certificate = certify_kernel_solids(
-                solids, patches, combined.measures, notes=dropped.notes, dropped=dropped.volumes
+                solids, patches, measures, notes=left_out.notes, dropped=left_out.volumes
             )
+    passive.require_kept(dropped.volumes)
     return Model(
         "field solid",
         patches,
         certificate.with_seconds(stages.seconds),
         built,
-        trimmed_by=trimmed_by,
+        trimmed_by=made.trimmed_by,
         distance_to_reference=field_distance(field),
-        envelope=Envelope.of_box("the field's box", *parse_corners(domain)),
+        envelope=Envelope.of_box("the field's box", *box),
     )
+
+
+def _combine(field: Field, box: tuple[Array, Array], made: _Made, passive: PassiveRegions) -> _Made:
+    """The solids with the bodies that are kept, and without those that are cleared."""
+
+    def is_inside(points: Array) -> BoolArray:
+        in_box = ((points > box[0]) & (points < box[1])).all(axis=1)
+        found = np.zeros(len(points), bool)
+        found[in_box] = field(points[in_box]) < 0
+        return found
+
+    combined = passive.combine(made.built, is_inside)
+    measures = made.measures
+    measures = replace(measures, notes=(*measures.notes, *combined.notes), checks=(*measures.checks, combined.check))
+    trimmed_by = TRIMMED_PATCHES if isinstance(combined.built, BrepSolids) else KERNEL_BOOLEAN
+    return _Made(combined.built, made.patches, measures, trimmed_by, valid=True)
 
 
 def is_numeric_box(domain: Any) -> bool:

@@ -169,10 +169,10 @@ def _close_struts_in_box(request: _Request) -> BrepSolids:
     """The solids of struts alone in a box, by their nodes; TrimmingError if sides of the box cut them elsewhere."""
     (struts,) = request.operands
     assert isinstance(struts, StrutsField)
-    return _build_valid(bound_struts_in_box(struts, request.lo, request.hi))
+    return build_valid_solids(bound_struts_in_box(struts, request.lo, request.hi))
 
 
-def _build_valid(brep: Brep) -> BrepSolids:
+def build_valid_solids(brep: Brep) -> BrepSolids:
     """The solids of a boundary representation; TrimmingError if the kernel rejects a face."""
     built = build_solids(brep)
     if not is_brep_valid(brep, built.known_faces):
@@ -192,7 +192,7 @@ def _combine_networks_of(request: _Request) -> BrepSolids:
             sets.append((_bound_operand(operand), False))
     found = request.evaluate(sets, request.domain, _combine_mixed)
     assert not isinstance(found, SolidSet)
-    return _build_valid(_tag_sides(found[0], request.lo, request.hi))
+    return build_valid_solids(_tag_sides(found[0], request.lo, request.hi))
 
 
 def _bound_operand(operand: FieldPatches | StrutsField) -> Brep:

@@ -145,7 +145,7 @@ def _make_from_recipe(parameters: Mapping[str, Any]) -> Model:
     if isinstance(recipe, BlendRecipe):
         run = BlendRun(run_blend_recipe(recipe, progress=_be_silent), recipe.tol)
     else:
-        run = SolidRun(recipe.field, recipe.domain, recipe.tol, recipe)
+        run = SolidRun(recipe.field, recipe.domain, recipe.tol, recipe.passive, recipe)
     return run.make(_be_silent)[0]
 
 

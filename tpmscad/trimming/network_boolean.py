@@ -78,6 +78,7 @@ def combine_networks(
     tol: float = DEFAULT_TOL,
     *,
     build: Callable[[Brep], Any] | None = None,
+    may_move: bool = True,
 ) -> NetworkResult:
     """The union, the intersection or the difference of the solids of two boundary representations.
 
@@ -91,13 +92,15 @@ def combine_networks(
         Largest distance between a common curve and its two faces, model units.
     build
         Makes `NetworkResult.built` of the result. If it raises TrimmingError, the next placement is tried.
+    may_move
+        Whether the second solid may be translated by a few tolerances where edges or planes of both coincide.
 
     Raises
     ------
     InvalidRequest
         If an operand is not closed, tol is not positive, or the operation is unknown.
     TrimmingError
-        If the faces touch or coincide in a part, or an intersection is not resolved, at any placement of the second network.
+        If the faces touch or coincide in a part, or an intersection is not resolved, at every placement that is tried.
     """
     if not (np.isfinite(tol) and tol > 0):
         raise InvalidRequest(f"tol must be positive and finite, not {tol}")
@@ -108,6 +111,8 @@ def combine_networks(
         brep = rebuild_networks(cut.operands, KEPT_PARTS[operation], cut.arcs, cut.vertices)
         return NetworkResult(brep, cut.report, build(brep) if build else None)
 
+    if not may_move:
+        return _cut_translated(0.0, first, second, tol, finish)
     return _cut_networks(first, second, tol, finish)
 
 

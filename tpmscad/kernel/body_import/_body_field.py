@@ -10,10 +10,8 @@ from typing import Annotated, Any
 
 import numpy as np
 from OCP.BRepBuilderAPI import BRepBuilderAPI_MakeVertex
-from OCP.BRepClass3d import BRepClass3d_SolidClassifier
 from OCP.BRepExtrema import BRepExtrema_DistShapeShape
 from OCP.gp import gp_Pnt
-from OCP.TopAbs import TopAbs_IN
 from OCP.TopoDS import TopoDS_Face, TopoDS_Solid
 
 from tpmscad._typing import Array
@@ -24,9 +22,9 @@ from tpmscad.fields.field import Field
 from tpmscad.fields.kinds.sampled_data import SampledField, interpolate_samples
 from tpmscad.fields.tape.evaluation import FieldJet, stack_points
 from tpmscad.kernel.body_import.cad_body import CadBody, read_body
+from tpmscad.kernel.measure.shape_sampling import contains_points
 from tpmscad.kernel.occt.bounding_boxes import enclosing_box
 from tpmscad.kernel.occt.construction import make_compound
-from tpmscad.kernel.occt.convert import CONFUSION_TOLERANCE
 from tpmscad.kernel.occt.exploration import faces_of
 
 TABLE_MARGIN_SPACINGS = 2.0
@@ -75,8 +73,6 @@ class BodyDistance(Field):
         """Signed distances (n,) and foot points (n, 3) of points (n, 3)."""
         measure = BRepExtrema_DistShapeShape()
         measure.LoadS2(make_compound(self.faces))
-        classify = BRepClass3d_SolidClassifier(self.solid)
-        within = np.all((points > self.low) & (points < self.high), axis=1).tolist()
         value, feet = np.empty(len(points)), np.empty((len(points), 3))
         for i, (x, y, z) in enumerate(points.tolist()):
             at = gp_Pnt(x, y, z)
@@ -84,10 +80,9 @@ class BodyDistance(Field):
             if not measure.Perform():
                 raise KernelError("distance to the body", f"no foot point for ({x:g}, {y:g}, {z:g})", self.solid)
             value[i], feet[i] = measure.Value(), measure.PointOnShape2(1).Coord()
-            if within[i]:
-                classify.Perform(at, CONFUSION_TOLERANCE)
-                if classify.State() == TopAbs_IN:
-                    value[i] = -value[i]
+        within = np.flatnonzero(((points > self.low) & (points < self.high)).all(axis=1))
+        inside = within[contains_points(self.solid, points[within])]
+        value[inside] = -value[inside]
         return value, feet
 
 

@@ -18,17 +18,15 @@ from itertools import chain
 import numpy as np
 from OCP.BRep import BRep_Tool
 from OCP.BRepCheck import BRepCheck_Analyzer
-from OCP.BRepClass3d import BRepClass3d_SolidClassifier
-from OCP.gp import gp_Pnt
 from OCP.ShapeFix import ShapeFix_Shape
-from OCP.TopAbs import TopAbs_EDGE, TopAbs_FACE, TopAbs_IN, TopAbs_WIRE
+from OCP.TopAbs import TopAbs_EDGE, TopAbs_FACE, TopAbs_WIRE
 from OCP.TopoDS import TopoDS_Face, TopoDS_Shape, TopoDS_Solid
 
 from tpmscad.kernel.body_import.closed_shells import list_free_edges, turn_outward
 from tpmscad.kernel.measure.invalid_faces import describe_invalid_face
 from tpmscad.kernel.measure.shape_report import ShapeReport, check_shape
+from tpmscad.kernel.measure.shape_sampling import contains_points
 from tpmscad.kernel.occt.bounding_boxes import box_diagonal
-from tpmscad.kernel.occt.convert import CONFUSION_TOLERANCE
 from tpmscad.kernel.occt.exploration import faces_of, list_subshapes, solids_of
 from tpmscad.kernel.step.long_arcs import CircularEdges
 from tpmscad.kernel.step.step_reader import list_circular_edges
@@ -168,10 +166,7 @@ def volume_agrees(solid: TopoDS_Solid, report: ShapeReport) -> bool:
     """Whether the volume is that of the random points of the solid's box that are in it."""
     low, high = np.array(report.bounds)
     points = low + (high - low) * np.random.default_rng(0).random((VOLUME_SAMPLES, 3))
-    classifier, inside = BRepClass3d_SolidClassifier(solid), 0
-    for point in points.tolist():
-        classifier.Perform(gp_Pnt(*point), CONFUSION_TOLERANCE)
-        inside += classifier.State() == TopAbs_IN
+    inside = int(contains_points(solid, points).sum())
     part = report.volume / float((high - low).prod())
     deviation = np.sqrt(max(part * (1.0 - part), 1.0 / VOLUME_SAMPLES) / VOLUME_SAMPLES)
     return bool(abs(inside / VOLUME_SAMPLES - part) <= VOLUME_DEVIATIONS * deviation)

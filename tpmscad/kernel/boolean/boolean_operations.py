@@ -15,6 +15,7 @@ from OCP.BRep import BRep_Tool
 from OCP.BRepAlgoAPI import BRepAlgoAPI_Common, BRepAlgoAPI_Cut
 from OCP.BRepGProp import BRepGProp
 from OCP.GProp import GProp_GProps
+from OCP.ShapeUpgrade import ShapeUpgrade_UnifySameDomain
 from OCP.TopAbs import TopAbs_EDGE, TopAbs_FACE, TopAbs_SHELL, TopAbs_VERTEX, TopAbs_WIRE
 from OCP.TopoDS import TopoDS_Face, TopoDS_Shape, TopoDS_Solid
 
@@ -92,6 +93,14 @@ def _run_boolean(
         if not operation.IsDone() or operation.Shape().IsNull():
             raise KernelError(name, "the kernel's Boolean operation failed", first)
         return sort_by_volume(solids_of(operation.Shape()))
+
+
+def merge_faces(shape: TopoDS_Shape) -> TopoDS_Shape:
+    """The shape with neighbouring faces and edges made one where they lie on the same surface or curve."""
+    with translate_occt_errors("merging faces", shape):
+        unified = ShapeUpgrade_UnifySameDomain(shape, True, True, False)
+        unified.Build()
+        return unified.Shape()
 
 
 def sort_by_volume(solids: Iterable[TopoDS_Solid]) -> tuple[TopoDS_Solid, ...]:

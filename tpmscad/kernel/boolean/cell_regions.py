@@ -13,7 +13,6 @@ from OCP.BRepAlgoAPI import BRepAlgoAPI_Fuse
 from OCP.BRepGProp import BRepGProp
 from OCP.BRepPrimAPI import BRepPrimAPI_MakeBox
 from OCP.GProp import GProp_GProps
-from OCP.ShapeUpgrade import ShapeUpgrade_UnifySameDomain
 from OCP.TopoDS import TopoDS_Face, TopoDS_Shape, TopoDS_Solid
 from scipy.spatial import cKDTree
 
@@ -21,6 +20,7 @@ from tpmscad._typing import Array, BoolArray
 from tpmscad.errors import KernelError
 from tpmscad.kernel.boolean.boolean_operations import (
     intersect_solids,
+    merge_faces,
     subtract_solid,
     translate_occt_errors,
 )
@@ -97,9 +97,7 @@ def _unite_boxes(boxes: Sequence[TopoDS_Solid]) -> TopoDS_Shape:
         operation.Build()
         if not operation.IsDone():
             raise KernelError("union of whole cells", "the kernel's Boolean operation failed", boxes[0])
-        unified = ShapeUpgrade_UnifySameDomain(operation.Shape(), True, True, False)
-        unified.Build()
-    return make_compound(solids_of(unified.Shape()))
+    return make_compound(solids_of(merge_faces(operation.Shape())))
 
 
 def describe_region(solids: Sequence[TopoDS_Solid]) -> Array:

@@ -105,7 +105,7 @@ def find_patch_tags(patches: Brep, points: Array) -> list[str | None]:
         nodes.append(faces.motion[own][:, None].apply(local).reshape(-1, 3))
         of_face.append(np.repeat(own, len(u)))
         parameters.append(np.tile(np.column_stack([u, v]), (len(own), 1)))
-    if not nodes:
+    if not nodes or not len(points):
         return [None] * len(points)
     face, start = np.concatenate(of_face), np.concatenate(parameters)
     _, nearest = cKDTree(np.concatenate(nodes)).query(points, min(NEAREST_NODES, len(face)))

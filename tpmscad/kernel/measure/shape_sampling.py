@@ -22,11 +22,11 @@ from OCP.GeomAbs import GeomAbs_BSplineCurve, GeomAbs_Line
 from OCP.gp import gp_Dir, gp_Lin, gp_Pnt, gp_Pnt2d
 from OCP.IntCurvesFace import IntCurvesFace_ShapeIntersector
 from OCP.IntTools import IntTools_Context, IntTools_FClass2d
-from OCP.TopAbs import TopAbs_ON, TopAbs_OUT
+from OCP.TopAbs import TopAbs_IN, TopAbs_ON, TopAbs_OUT
 from OCP.TopoDS import TopoDS_Edge, TopoDS_Face, TopoDS_Solid
 from scipy.spatial import cKDTree
 
-from tpmscad._typing import Array, IntArray
+from tpmscad._typing import Array, BoolArray, IntArray
 from tpmscad.brep.linked_items import label_linked
 from tpmscad.index_ranges import expand_ranges
 from tpmscad.kernel.occt import convert
@@ -298,6 +298,15 @@ def sobol_points(count: int, dimension: int, rng: np.random.Generator) -> Array:
     from scipy.stats import qmc  # imported where it is used: scipy.stats takes a fifth of the start of a lattice
 
     return np.asarray(qmc.Sobol(dimension, seed=rng).random(count))
+
+
+def contains_points(solid: TopoDS_Solid, points: Array) -> BoolArray:
+    """Whether points (n, 3) lie inside a solid, by the kernel's classifier: (n,)."""
+    classifier, found = BRepClass3d_SolidClassifier(solid), np.zeros(len(points), bool)
+    for i, point in enumerate(points.tolist()):
+        classifier.Perform(gp_Pnt(*point), CONFUSION_TOLERANCE)
+        found[i] = classifier.State() == TopAbs_IN
+    return found
 
 
 def sample_solid(solid: TopoDS_Solid, lines: int, points_per_line: int) -> Array:

@@ -1,0 +1,128 @@
+"""CAD bodies that the solid of a field contains, or that stay empty: volumes by formulas, exact faces, what is told and refused."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+pytest.importorskip("OCP")
+
+import build123d as bd
+
+import tpmscad
+from tpmscad import fields
+from tpmscad._typing import Array
+from tpmscad.errors import InvalidRequest
+from tpmscad.results.model import Model
+from tpmscad.solids import passive_regions
+
+pytestmark = pytest.mark.kernel
+
+BOX = ((0.0, 0.0, 0.0), (20.0, 16.0, 10.0))
+PLATE = 20.0 * 16.0 * 4.0
+MIDDLE = (9.1, 7.7)
+BOSS, BORE = 9.0 * np.pi, 2.25 * np.pi
+"""Areas of a boss of radius 3 and a bore of radius 1.5."""
+
+
+def plate(points: Array) -> Array:
+    """A field whose solid is 4 high, plane on its upper side."""
+    height: Array = points[..., 2] - 4.0
+    return height
+
+
+def cylinder(radius: float, low: float, high: float) -> Any:
+    return bd.Pos(*MIDDLE, 0.5 * (low + high)) * bd.Cylinder(radius, high - low)
+
+
+def body_labels(model: Model) -> set[str]:
+    return {label for solid in model.named_solids() for label in solid.labels if label.startswith("body")}
+
+
+def make(**passive: Any) -> Model:
+    return tpmscad.solidify(plate, BOX, tol=0.02, progress=False, **passive)
+
+
+def require_sound(model: Model, volume: float, path: Path) -> None:
+    """The certificate is met with this volume, and so is the file."""
+    assert model.certificate.met, model.certificate.shortfalls
+    assert model.certificate.volume == pytest.approx(volume, rel=1e-6)
+    model.export_step(path)
+    again = tpmscad.check_step(path)
+    assert again.ok
+    assert again.shape.volume == pytest.approx(volume, rel=1e-6)
+
+
+def test_a_boss_stands_out_of_the_solid_with_its_own_faces(tmp_path: Path) -> None:
+    model = make(keep=cylinder(3.0, 1.0, 9.0))
+    require_sound(model, PLATE + 5.0 * BOSS, tmp_path / "boss.step")
+    assert model.trimmed_by == "patches"
+    assert len(body_labels(model)) == 2  # its side and its top; its bottom is within the solid
+    assert any("is contained, 3" in note for note in model.certificate.notes)
+
+
+def test_a_bore_goes_through_a_boss_that_the_field_fills(tmp_path: Path) -> None:
+    model = make(keep=cylinder(3.0, 1.0, 9.0), clear=cylinder(1.5, -1.0, 11.0))
+    require_sound(model, PLATE + 5.0 * BOSS - 9.0 * BORE, tmp_path / "bore.step")
+    assert model.certificate.betti == (1, 1, 0)
+    assert any("is empty, 7" in note for note in model.certificate.notes)
+
+
+def test_a_body_flush_with_sides_of_the_box_leaves_one_plane_there(tmp_path: Path) -> None:
+    boss = bd.Pos(0, 5, 0) * bd.Box(3, 4, 9, align=(bd.Align.MIN,) * 3)
+    model = make(keep=boss)
+    require_sound(model, PLATE + 3.0 * 4.0 * 5.0, tmp_path / "flush.step")
+    assert model.trimmed_by == "kernel"
+    planes = [face for face in model.solid.faces() if face.geom_type == bd.GeomType.PLANE]
+    assert sum(abs(face.center().X) < 1e-7 for face in planes) == 1
+    assert sum(abs(face.center().Z) < 1e-7 for face in planes) == 1
+
+
+def test_a_body_may_reach_beyond_the_box_and_a_file_may_hold_several(tmp_path: Path) -> None:
+    file = tmp_path / "two.step"
+    bd.export_step(bd.Compound([bd.Pos(4, 4, 3) * bd.Box(2, 2, 14), bd.Pos(15.3, 9.1, 6) * bd.Cylinder(2.0, 9)]), file)
+    model = make(keep=file)
+    require_sound(model, PLATE + 4.0 * 10.0 + np.pi * 4.0 * 6.5, tmp_path / "out.step")
+    assert sum("is contained" in note for note in model.certificate.notes) == 2
+
+
+def test_what_a_body_joins_is_no_loose_piece() -> None:
+    balls = fields.union(fields.sphere((4, 8, 5), 3.0), fields.sphere((14, 8, 5), 0.6))
+    apart = tpmscad.solidify(balls, BOX, tol=0.02, progress=False)
+    assert len(apart.certificate.dropped) == 1
+    joined = tpmscad.solidify(balls, BOX, tol=0.02, keep=bd.Pos(9.1, 8.03, 5.02) * bd.Box(10, 0.5, 0.5), progress=False)
+    assert joined.certificate.met
+    assert joined.certificate.dropped == ()
+    assert joined.certificate.betti == (1, 0, 0)
+
+
+def test_a_body_that_touches_nothing_is_refused_not_dropped() -> None:
+    off = bd.Pos(10, 8, 8) * bd.Box(1, 1, 1)
+    with pytest.raises(InvalidRequest, match="touches nothing of the solid and is a loose piece of 1 mm3"):
+        make(keep=off)
+    assert tpmscad.solidify(plate, BOX, tol=0.02, keep=off, loose="keep", progress=False).certificate.betti[0] == 2
+
+
+def test_a_wrong_volume_is_seen_by_the_sample(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The body replaced by a thinner one when it is united: the check by points of the right one must notice."""
+    combine = passive_regions._combine_networks
+    (thin,) = passive_regions.PassiveRegions.read(cylinder(2.0, 1.0, 9.0)).kept
+
+    def combine_thin(built: Any, _: Any, operation: Any) -> Any:
+        return combine(built, thin, operation)
+
+    methods = passive_regions.METHODS
+    wrong = type(methods)((type(methods.methods[0])("wrongly", combine_thin),))
+    monkeypatch.setattr(passive_regions, "METHODS", wrong)
+    model = make(keep=cylinder(3.0, 1.0, 9.0))
+    assert not model.certificate.met
+    assert "the volume with the passive regions is" in model.certificate.shortfalls[0]
+
+
+@pytest.mark.parametrize("name", ["keep", "clear"])
+def test_only_a_box_takes_passive_regions(name: str) -> None:
+    with pytest.raises(InvalidRequest, match="keep and clear are for the solid in a box"):
+        tpmscad.solidify(plate, bd.Box(4, 4, 4), tol=0.02, progress=False, **{name: bd.Box(1, 1, 1)})
