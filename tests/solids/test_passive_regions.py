@@ -1,4 +1,4 @@
-"""CAD bodies that the solid of a field contains, or that stay empty: volumes by formulas, exact faces, what is told and refused."""
+"""CAD bodies that the solid of a field contains, or that stay empty: volumes by formulas, exact faces, what is told, refused."""
 
 from __future__ import annotations
 
