@@ -151,14 +151,18 @@ def load_image(path: Path) -> Judged:
     """What is above Otsu's threshold in an image, or its greatest label."""
     read: Callable[..., Any] = fields.sampled
     given: dict[str, Any] = {}
-    try:
-        field = read(path)
-    except tpmscad.InvalidRequest as error:
-        if "labels" in str(error):
-            read, given = fields.labels, {"label": "all"}
-        else:
-            given = {"volume": 0} if "volumes" in str(error) else {"centred": True}
-        field = read(path, **given)
+    while True:
+        try:
+            field = read(path, **given)
+            break
+        except tpmscad.InvalidRequest as error:
+            known = read, dict(given)
+            if "labels" in str(error):
+                read, given = fields.labels, {**given, "label": "all"}
+            else:
+                given |= {"volume": 0} if "volumes" in str(error) else {"centred": True}
+            if (read, given) == known:
+                raise
     low, high = np.array(field.domain)
     points = low + (high - low) * np.random.default_rng(3).random((200_000, 3))
     if read is fields.sampled:

@@ -211,6 +211,8 @@ def test_coincident_faces_are_told_apart_by_a_shift_that_is_told() -> None:
     assert (shift > 0).all()
     assert result.report.reason
     assert volume(result.brep) == pytest.approx(float(np.prod(2 - shift)), rel=1e-12)
+    with pytest.raises(TrimmingError):
+        combine_networks(first, first, "intersection", may_move=False)
 
 
 @pytest.mark.slow
