@@ -24,7 +24,6 @@ from OCP.TopAbs import TopAbs_FORWARD, TopAbs_IN, TopAbs_REVERSED
 from OCP.TopoDS import (
     TopoDS_Face,
     TopoDS_Shape,
-    TopoDS_Shell,
     TopoDS_Solid,
     TopoDS_Wire,
 )
@@ -122,16 +121,18 @@ def _nest_and_collect(
     members: Sequence[IntArray],
     moments: integral_properties.FaceMoments | None = None,
 ) -> BrepSolids:
-    """The solids of faces grouped by shells; faces and shells are made when they are needed."""
-    shells: dict[int, TopoDS_Shell] = {}
+    """The solids of faces grouped by shells; faces are made when they are needed, and classifiers once, as they load them all."""
+    classifiers: dict[int, BRepClass3d_SolidClassifier] = {}
 
     def contains(number: int, point: Array) -> bool:
         nonlocal faces
         if faces is None:
             faces = build_faces(brep)
-        if number not in shells:
-            shells[number] = make_shell(faces[i] for i in members[number])
-        return shell_contains(shells[number], point)
+        if number not in classifiers:
+            shell = make_shell(faces[i] for i in members[number])
+            classifiers[number] = BRepClass3d_SolidClassifier(make_solid([shell]))
+        classifiers[number].Perform(convert.point(point), CONFUSION_TOLERANCE)
+        return bool(classifiers[number].State() == TopAbs_IN)
 
     nested = nest_shells(brep, contains, moments)
     return BrepSolids(brep, nested, faces)
@@ -161,13 +162,6 @@ def select_solids(brep: Brep, built: BrepSolids, selected: Sequence[int]) -> tup
     part = drop_unused_geometry(select_faces(brep, faces))
     known = None if built.known_faces is None else tuple(built.known_faces[f] for f in faces.tolist())
     return part, BrepSolids(part, kept, known)
-
-
-def shell_contains(shell: TopoDS_Shell, point: Array) -> bool:
-    """True if a point (3,) lies inside the region bounded by the shell."""
-    classifier = BRepClass3d_SolidClassifier(make_solid([shell]))
-    classifier.Perform(convert.point(point), CONFUSION_TOLERANCE)
-    return bool(classifier.State() == TopAbs_IN)
 
 
 def build_faces(brep: Brep) -> tuple[TopoDS_Face, ...]:
