@@ -422,6 +422,8 @@ def test_an_example_in_readme_guide_or_help_is_good_usage(
         "gyroid.step",
         "scaffold.step",
         "bracket.step",
+        "bosses.step",
+        "bolts.step",
         "filled.step",
         "body.step",
         "exchanger.step",
