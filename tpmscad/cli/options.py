@@ -68,6 +68,11 @@ def array_option(*names: str, **settings: Any) -> Any:
     return typer.Option(*names, rich_help_panel=ARRAY_PANEL, **settings)
 
 
+def part_option(help: str) -> Any:
+    """An option that names a CAD file beside an array."""
+    return array_option(metavar="PART.step", exists=True, dir_okay=False, help=help)
+
+
 MODEL_OUTPUT = output_option(f"The file to write; its name ends in {MODEL_FORMATS}.")
 OutputOption = Annotated[Path, MODEL_OUTPUT]
 OptionalOutputOption = Annotated[Path | None, MODEL_OUTPUT]
@@ -216,22 +221,10 @@ AmongOption = Annotated[
     ),
 ]
 KeepOption = Annotated[
-    Path | None,
-    array_option(
-        metavar="PART.step",
-        exists=True,
-        dir_okay=False,
-        help="A CAD file whose solids the result contains, with their exact faces: bosses, flanges.",
-    ),
+    Path | None, part_option("A CAD file whose solids the result contains, with their exact faces: bosses, flanges.")
 ]
 ClearOption = Annotated[
-    Path | None,
-    array_option(
-        metavar="PART.step",
-        exists=True,
-        dir_okay=False,
-        help="A CAD file whose solids stay empty: bolts in their bores, what moves past.",
-    ),
+    Path | None, part_option("A CAD file whose solids stay empty: bolts in their bores, what moves past.")
 ]
 CentredOption = Annotated[
     bool | None,

@@ -8,7 +8,7 @@ quadratures (of the patches, and of the field along grid lines).
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import Executor
 from dataclasses import dataclass, replace
 from typing import Annotated, Any
@@ -51,6 +51,9 @@ from tpmscad.solids.passive_regions import NO_REGIONS, PassiveRegions
 from tpmscad.solids.patch_measures import measure_field_patches
 from tpmscad.solids.reference_distance import field_distance
 from tpmscad.stage_timer import StageTimer
+
+FIELD_VOLUME = "volume of the field"
+"""Name of a figure."""
 
 
 @validate_call("solidify(field, ((0, 0, 0), (10, 10, 10)), tol=0.01)")
@@ -147,12 +150,10 @@ def solidify(
         return solidify_crossing(as_field(field), domain, tol, loose, stages, passive)
     with stages("build"):
         built = build_solids(found.fitted.brep, found.moments)
-    measures = measure_field_patches(found)
-    volumes = {
-        "volume of the field": found.field_volume,
-        "uncertainty of that volume": found.field_volume_error,
-    }
-    measures = replace(measures, figures={**measures.figures, **volumes})
+    with stages("check"):
+        measures = measure_field_patches(found)
+        volumes = {FIELD_VOLUME: found.field_volume, "uncertainty of that volume": found.field_volume_error}
+        measures = replace(measures, figures={**measures.figures, **volumes})
     return _finish(field, domain, _Made(built, found.fitted.brep, measures), loose, passive, stages, specks)
 
 
@@ -199,6 +200,8 @@ def _finish(
         if isinstance(built, BrepSolids):
             patches, built, dropped = drop_loose_pieces(built.brep, built, loose)
             left_out = specks | dropped
+            if dropped.volumes:
+                measures = replace(measures, figures=_say_what_is_included(measures.figures))
             certificate = certify_built_solids(
                 built, measures, valid=made.valid, notes=left_out.notes, dropped=left_out.volumes
             )
@@ -219,6 +222,12 @@ def _finish(
         distance_to_reference=field_distance(field),
         envelope=Envelope.of_box("the field's box", *box),
     )
+
+
+def _say_what_is_included(figures: Mapping[str, float]) -> dict[str, float]:
+    """The figures, where the name of the field's volume says that it includes the pieces left out of the solid."""
+    names = {FIELD_VOLUME: f"{FIELD_VOLUME} with the pieces left out"}
+    return {names.get(name, name): value for name, value in figures.items()}
 
 
 def _combine(field: Field, box: tuple[Array, Array], made: _Made, passive: PassiveRegions) -> _Made:
