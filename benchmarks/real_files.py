@@ -36,8 +36,9 @@ from OCP.gp import gp_Pnt
 from OCP.TopAbs import TopAbs_IN
 from scipy.spatial import cKDTree
 from vtkmodules.util.numpy_support import numpy_to_vtk, numpy_to_vtkIdTypeArray, vtk_to_numpy
-from vtkmodules.vtkCommonCore import vtkPoints
+from vtkmodules.vtkCommonCore import vtkDoubleArray, vtkPoints
 from vtkmodules.vtkCommonDataModel import vtkCellArray, vtkPolyData
+from vtkmodules.vtkFiltersCore import vtkImplicitPolyDataDistance
 from vtkmodules.vtkFiltersModeling import vtkSelectEnclosedPoints
 
 import tpmscad
@@ -86,16 +87,14 @@ def load_cad(path: Path) -> Judged:
     (body,) = solids_of(file.shape)
     measured = check_shape(body)
     volume = measured.volume
-    vertices, triangles = triangulate(body, 0.002 * volume ** (1 / 3))
+    deflection = 0.001 * volume ** (1 / 3)
+    vertices, triangles = triangulate(body, deflection)
     classifier = BRepClass3d_SolidClassifier(body)
 
     def is_inside(points: Array) -> Array:
         """Far from the triangles by these; near them by the classifier, which takes up to 50 ms for a point."""
-        samples = sample_triangles(vertices[triangles], SURFACE_SAMPLES)
-        apart = (measured.area / SURFACE_SAMPLES) ** 0.5
-        near = cKDTree(samples).query(points)[0] < 3.0 * apart + 0.004 * volume ** (1 / 3)
-        found = lies_in_triangles(vertices, triangles, points)
-        for k in np.flatnonzero(near):
+        found, distances = locate_in_triangles(vertices, triangles, points)
+        for k in np.flatnonzero(distances < 2.0 * deflection):
             classifier.Perform(gp_Pnt(*points[k].tolist()), 1e-7)
             found[k] = classifier.State() == TopAbs_IN
         return found
@@ -120,8 +119,8 @@ def load_mesh(path: Path) -> Judged:
     return Judged(path, is_inside, vertices, triangles, float(mesh.volume), f"{len(triangles)} triangles")
 
 
-def lies_in_triangles(vertices: Array, triangles: Array, points: Array) -> Array:
-    """Whether each of points (n, 3) lies inside closed triangles, by VTK."""
+def locate_in_triangles(vertices: Array, triangles: Array, points: Array) -> tuple[Array, Array]:
+    """Whether each of points (n, 3) lies inside closed triangles, and its distance to them, by VTK."""
     cells = np.column_stack([np.full(len(triangles), 3), triangles]).astype(np.int64)
     closed, asked, search = vtkPolyData(), vtkPolyData(), vtkSelectEnclosedPoints()
     for data, places in ((closed, vertices), (asked, points)):
@@ -135,7 +134,12 @@ def lies_in_triangles(vertices: Array, triangles: Array, points: Array) -> Array
     search.SetInputData(asked)
     search.SetTolerance(0.0)
     search.Update()
-    return np.asarray(vtk_to_numpy(search.GetOutput().GetPointData().GetArray("SelectedPoints")) == 1)
+    distance = vtkImplicitPolyDataDistance()
+    distance.SetInput(closed)
+    found = vtkDoubleArray()
+    distance.FunctionValue(asked.GetPoints().GetData(), found)
+    inside = vtk_to_numpy(search.GetOutput().GetPointData().GetArray("SelectedPoints")) == 1
+    return np.asarray(inside), np.abs(vtk_to_numpy(found))
 
 
 def find_winding(corners: Array, points: Array) -> Array:
