@@ -140,6 +140,20 @@ def test_samples_that_end_at_their_box_are_closed_by_planes() -> None:
     assert flat[0].area == pytest.approx(np.pi * 6.1**2, rel=5e-3)
 
 
+def test_the_bounds_of_a_body_stay_in_the_box_that_ends_it() -> None:
+    """The poles of patches that a side cuts reach beyond it, where samples of the volume would be counted as solid."""
+    x, y, z = np.meshgrid(*[np.arange(0, 6.1, 1.0)] * 3, indexing="ij")
+    data = fields.sampled(np.cos(1.9 * x) + np.cos(1.7 * y + 0.4) + np.sin(1.8 * z), 1.0, (0, 0, 0))
+    body = fit_field_body(data, None, 0.05, StageTimer(None), is_default=False)
+    assert isinstance(body, FieldBody)
+    low, high = np.array(body.cad.report.bounds)
+    assert (low >= 0).all()
+    assert (high <= 6).all()
+    points = low + (high - low) * np.random.default_rng(4).random((100_000, 3))
+    sampled = float((body.field(points) < 0).mean()) * float(np.prod(high - low))
+    assert sampled == pytest.approx(body.cad.volume, rel=0.02)
+
+
 def test_noisy_data_are_followed_to_a_tenth_of_their_spacing_unless_a_tolerance_is_asked_for() -> None:
     """The tolerance of a lattice of small cells is far below what samples say of their surface."""
     x, y, z = np.meshgrid(*[np.arange(-6, 6.1, 0.5)] * 3, indexing="ij")

@@ -189,7 +189,8 @@ def _tag_as_body(brep: Brep) -> Brep:
 def _make_body(field: Field, lo: Array, hi: Array, name: str, built: BrepSolids, measures: PatchMeasures) -> FieldBody:
     """The body of patches, with the distances from the triangles of a mesh."""
     brep, properties = built.brep, measure_solid(built.brep, built.nesting.moments)
-    low, high = enclosing_box(built.shape)
+    low, high = enclosing_box(built.shape)  # by the poles of the patches, which reach beyond the sides that cut these
+    low, high = np.maximum(low, lo), np.minimum(high, hi)
     report = ShapeReport(
         solids=built.n_solids,
         shells=len(built.nesting.volume),
