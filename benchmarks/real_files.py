@@ -3,9 +3,9 @@
     python -m benchmarks.real_files FOLDER [--cells 30] [--skin-cells 0.1] [--seconds 120] [--only PART OF A NAME]
 
 Of a CAD file the largest solid is filled, healed if it must be; of an image what is above Otsu's threshold, or all labels, which
-is also made a solid without a lattice. The cell is that of which the volume holds as many as asked for; the wall is a tenth.
-Each file has a line with its kind and faces or samples, and one for each task: outcome, CPU seconds, faces and method. Each task
-runs in a process of its own.
+is also made a solid without a lattice. The cell is that of which the volume holds as many as asked for; the wall is a tenth, and
+the tolerance .005 of it, of images at least a tenth of their spacing, the command line's default. Each file has a line with its
+kind and faces or samples, and one for each task: outcome, CPU seconds, faces and method. Each task runs in a process of its own.
 
 Outcomes: met; WRONG if the file read again is not valid, or its volume is not that of random points which lie in the body (by the
 kernel's classifier, by winding numbers of the triangles, by the samples) and in the wall by the published formula of the surface;
@@ -46,6 +46,7 @@ from benchmarks.trial_judges import MINIMAL_OFF, STANDARD_ERRORS, NodalFunction,
 from benchmarks.trial_statements import triangulate
 from tpmscad import fields
 from tpmscad._typing import Array
+from tpmscad.fields.data.field_notes import DEFAULT_TOL_SPACINGS
 from tpmscad.fields.kinds.triangle_meshes import sample_triangles
 from tpmscad.kernel.measure.edge_gaps import measure_accuracy
 from tpmscad.kernel.measure.shape_report import check_shape
@@ -56,7 +57,7 @@ IMAGES = (".nii", ".nrrd", ".mha", ".map", ".mrc", ".tif", ".npy", ".npz", ".vti
 
 QUADRICS = (GeomAbs_Plane, GeomAbs_Cylinder, GeomAbs_Cone, GeomAbs_Sphere, GeomAbs_Torus)
 
-WALL_CELLS = 0.1
+WALL_CELLS, TOL_CELLS = 0.1, 0.005
 SAMPLES = 20000
 """Random points in the body's box."""
 
@@ -70,7 +71,10 @@ VOXEL_RTOL = 0.1
 
 @dataclass(frozen=True)
 class Judged:
-    """A body by means of its own: which points are inside, triangles of its surface, and its volume; `given` is filled."""
+    """A body by means of its own: which points are inside, triangles of its surface, and its volume; `given` is filled.
+
+    rtol: of the volume; tol: the least tolerance that what is given deserves.
+    """
 
     given: Any
     is_inside: Callable[[Array], Array]
@@ -78,7 +82,8 @@ class Judged:
     triangles: Array
     volume: float
     what: str
-    tolerance: float = 0.0
+    rtol: float = 0.0
+    tol: float = 0.0
 
 
 def load_cad(path: Path) -> Judged:
@@ -181,6 +186,7 @@ def load_image(path: Path) -> Judged:
         float(inside.mean() * np.prod(high - low)),
         f"{field}"[:60],
         VOXEL_RTOL,
+        DEFAULT_TOL_SPACINGS * min(field.spacing),
     )
 
 
@@ -220,7 +226,7 @@ def judge(body: Judged, model: Any, cell: float, skin: float | None, filled: boo
     faults = [] if again.ok else ["the file read again is not valid"]
     taken = (again.shape.volume + sum(model.certificate.dropped)) / body.volume
     fraction, error = sample_fraction(body, cell, skin, SAMPLES) if filled else (1.0, 0.0)
-    allowed = STANDARD_ERRORS * error + (0.2 * MINIMAL_OFF["gyroid"] * 6 if filled else 0.0) + body.tolerance
+    allowed = STANDARD_ERRORS * error + (0.2 * MINIMAL_OFF["gyroid"] * 6 if filled else 0.0) + body.rtol
     if abs(taken - fraction) > allowed:
         faults.append(f"it takes {taken:.4g} of the body, the sample says {fraction:.4g} +- {allowed:.2g}")
     return faults
@@ -236,12 +242,13 @@ def carry_out(path: Path, task: str, cells: float, skin_cells: float) -> dict[st
         return {"outcome": "read", "words": body.what}
     cell = (body.volume / cells) ** (1 / 3)
     skin = skin_cells * cell if task == "skin" else None
+    tol = max(TOL_CELLS * cell, body.tol)
     begun = time.process_time()
     try:
         if task == "solid":
-            model: Any = tpmscad.solidify(body.given, body.given.domain, tol=0.005 * cell, progress=False)
+            model: Any = tpmscad.solidify(body.given, body.given.domain, tol=tol, progress=False)
         else:
-            lattice = {"cell": cell, "thickness": WALL_CELLS * cell, "skin": skin, "tol": 0.005 * cell}
+            lattice = {"cell": cell, "thickness": WALL_CELLS * cell, "skin": skin, "tol": tol}
             model = tpmscad.infill(body.given, "gyroid", **lattice, progress=False)
     except tpmscad.TpmscadError as error:
         return {"outcome": "refused", "words": str(error), "seconds": time.process_time() - begun}
