@@ -109,6 +109,14 @@ class CrossingSurfaces(LevelSetError):
     """Level sets that bound a solid cross each other, in edges that patches of a single level set cannot have."""
 
 
+class ThinWall(LevelSetError):
+    """Two level sets come too close to each other for the tolerance; `thickness` is the least that was found, model units."""
+
+    def __init__(self, message: str, thickness: float) -> None:
+        super().__init__(message)
+        self.thickness = thickness
+
+
 class KernelError(TpmscadError):
     """The kernel refused an operation, or returned a result that its own checks reject.
 

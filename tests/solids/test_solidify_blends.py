@@ -16,7 +16,7 @@ from tpmscad.blending.composition.blended_field import BlendedField
 from tpmscad.errors import LevelSetError
 from tpmscad.kernel.measure.shape_report import check_step
 from tpmscad.solids._solidify import solidify
-from tpmscad.solids.field_patches import check_field_in_box
+from tpmscad.solids.field_patches import check_field_in_box, limit_tol_to_walls
 from tpmscad.splines.bspline import BSplineSurface
 
 pytestmark = pytest.mark.kernel
@@ -94,3 +94,13 @@ def test_what_a_field_is_beyond_a_body_does_not_matter() -> None:
     assert found.met, found.shortfalls
     assert found.betti == (1, 0, 0)
     assert found.volume == pytest.approx(quad(lambda z: np.pi * min(0.36, 0.49 - z * z), -0.5, 0.5)[0], rel=1e-3)
+
+
+def test_a_default_tolerance_is_lowered_to_what_the_walls_allow() -> None:
+    """Walls of .1 and of 1 by the gradient of the nodal function, which is sqrt(3) on much of the surface of period 2 pi."""
+    gyroid, corners = fields.tpms("gyroid", 2 * np.pi), (np.zeros(3), np.full(3, 2 * np.pi))
+    thin, thick = (fields.sheet(gyroid, -half, half) for half in (0.05 * np.sqrt(3), 0.5 * np.sqrt(3)))
+    tol = limit_tol_to_walls(thin, *corners, 0.1)
+    assert 0.09 / 3 < tol < 0.11 / 3
+    check_field_in_box(thin, *corners, tol)
+    assert limit_tol_to_walls(thick, *corners, 0.1) == 0.1

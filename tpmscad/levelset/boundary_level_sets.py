@@ -14,7 +14,7 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from tpmscad._typing import Array, BoolArray
-from tpmscad.errors import CrossingSurfaces, LevelSetError, format_point
+from tpmscad.errors import CrossingSurfaces, LevelSetError, ThinWall, format_point
 from tpmscad.fields.analysis.quadric_leaves import find_quadric
 from tpmscad.fields.analysis.saddles import find_narrow_points, spread_directions
 from tpmscad.fields.data.sample_grid import SampleGrid
@@ -71,7 +71,7 @@ def check_separation(field: Field, parts: tuple[Field, ...], points: list[Array]
     """The least distance between the level sets, to first order, at `points` (n, 3) of each.
 
     CrossingSurfaces if `field` does not vanish all over each level set, which then bounds the solid in part only, or if a plane,
-    sphere or cylinder, which can be exact, is within 2 tol of another; LevelSetError if two others are.
+    sphere or cylinder, which can be exact, is within 2 tol of another; ThinWall if two others are.
     """
     least = np.inf
     for i, part in enumerate(parts):
@@ -92,9 +92,10 @@ def check_separation(field: Field, parts: tuple[Field, ...], points: list[Array]
                 at = format_point(points[i][wall.argmin()], 5)
                 if find_quadric(part) is not None or find_quadric(other) is not None:
                     raise CrossingSurfaces(f"two surfaces come within {wall.min():.3g} of each other near {at}")
-                raise LevelSetError(
+                raise ThinWall(
                     f"the wall is {wall.min():.3g} thick near {at}, too thin for `tol` "
-                    f"{tol:g}: use one below {wall.min() / 2:.2g}, or a thicker wall"
+                    f"{tol:g}: use one below {wall.min() / 2:.2g}, or a thicker wall",
+                    float(wall.min()),
                 )
     return least
 

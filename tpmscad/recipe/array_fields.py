@@ -15,9 +15,11 @@ from tpmscad.errors import InvalidRequest
 from tpmscad.fields import Field
 from tpmscad.fields.data.field_notes import DEFAULT_TOL_SPACINGS
 from tpmscad.fields.data.image_files import read_image
+from tpmscad.fields.kinds.label_partitions import LabelPartition
+from tpmscad.solids.field_patches import limit_tol_to_walls
 
 DEFAULT_TOL_CELLS = 0.01
-"""In edges of a cell: the tolerance of a graded lattice if none is given."""
+"""In edges of a cell: the tolerance of a graded lattice if none is given; less where its walls are too thin for it."""
 
 LEAST_FRACTION, GREATEST_FRACTION = 0.15, 0.6
 """Volume fractions of a lattice to which densities are limited: thinner walls break, and thicker ones close the pores."""
@@ -27,9 +29,16 @@ OVERSHOOT = 0.12
 
 
 def make_array_field(
-    path: Path, *, as_surface: str | None = None, cell: Any = None, label: Any = None, among: Any = None, **given: Any
+    path: Path,
+    *,
+    as_surface: str | None = None,
+    cell: Any = None,
+    label: Any = None,
+    among: Any = None,
+    tol: float | None = None,
+    **given: Any,
 ) -> tuple[Field, BoxCorners, float]:
-    """The field, its domain and the tolerance of its solid if none is given, model units.
+    """The field, its domain and the tolerance of its solid, which is chosen if none is given, model units.
 
     Without a level, a volume fraction or a label it is the part of all labels but 0.
     """
@@ -39,7 +48,7 @@ def make_array_field(
         unused += ["`label`"] if label is not None else []
         if unused:
             raise InvalidRequest(f"{', '.join(unused)}: a lattice is graded by all of the densities; leave it out")
-        return _grade_lattice(path, as_surface, cell, read)
+        return _grade_lattice(path, as_surface, cell, tol, read)
     if cell is not None:
         raise InvalidRequest("`cell` is that of a lattice: give `as_surface` too, or leave it out")
     if among is not None and read.keys() & {"level", "volume_fraction", "smoothing"}:
@@ -50,7 +59,8 @@ def make_array_field(
         smoothing = read.pop("smoothing", None)
         read.pop("centred", None)
         if among is not None:
-            return _cut_out_label(path, label, among, read)
+            parts, field = _cut_out_label(path, label, among, read)
+            return field, parts.domain, _choose_tol(tol, parts.spacing)
         field = fields.labels(path, label="all" if label is None else label, **read)
         if smoothing is not None:
             raise InvalidRequest(
@@ -62,11 +72,15 @@ def make_array_field(
         raise InvalidRequest(
             "give either `level` or `volume_fraction`, for grey values, or `label`, for a segmentation"
         )
-    return field, field.domain, DEFAULT_TOL_SPACINGS * min(field.spacing)
+    return field, field.domain, _choose_tol(tol, field.spacing)
 
 
-def _cut_out_label(path: Path, label: Any, among: Any, given: Mapping[str, Any]) -> tuple[Field, BoxCorners, float]:
-    """The region of a label that shares its faces with those of the others."""
+def _choose_tol(tol: float | None, spacing: tuple[float, ...]) -> float:
+    return DEFAULT_TOL_SPACINGS * min(spacing) if tol is None else tol
+
+
+def _cut_out_label(path: Path, label: Any, among: Any, given: Mapping[str, Any]) -> tuple[LabelPartition, Field]:
+    """The regions of several labels that share faces, and that of one of them."""
     parts = fields.label_partition(path, label=among, **given)
     known = ", ".join(map(str, parts.regions))
     if label is None or isinstance(label, str) or np.size(label) != 1:
@@ -74,11 +88,13 @@ def _cut_out_label(path: Path, label: Any, among: Any, given: Mapping[str, Any])
     number = int(np.ravel(label)[0])
     if number not in parts.regions:
         raise InvalidRequest(f"label {number} is none of those in `among`, {known}: name one of them")
-    return parts.regions[number], parts.domain, DEFAULT_TOL_SPACINGS * min(parts.spacing)
+    return parts, parts.regions[number]
 
 
-def _grade_lattice(path: Path, surface: str, cell: Any, given: Mapping[str, Any]) -> tuple[Field, BoxCorners, float]:
-    """The sheet of a surface whose volume fraction is the density of an image everywhere."""
+def _grade_lattice(
+    path: Path, surface: str, cell: Any, tol: float | None, given: Mapping[str, Any]
+) -> tuple[Field, BoxCorners, float]:
+    """The sheet of a surface whose volume fraction is the density of an image everywhere, and the tolerance that it allows."""
     if cell is None:
         raise InvalidRequest("a lattice needs `cell`, the edge of its cell in mm")
     chosen = {name: given[name] for name in ("frame", "centred", "volume", "array_name") if name in given}
@@ -104,5 +120,8 @@ def _grade_lattice(path: Path, surface: str, cell: Any, given: Mapping[str, Any]
     span = (LEAST_FRACTION - OVERSHOOT, GREATEST_FRACTION + OVERSHOOT)
     thresholds = fields.graded_threshold(phi, density, span, "sheet")
     assert isinstance(thresholds, tuple)
-    lattice = fields.sheet(phi, *thresholds)
-    return lattice, density.domain, DEFAULT_TOL_CELLS * float(np.min(cell))
+    lattice, domain = fields.sheet(phi, *thresholds), density.domain
+    if tol is None:
+        low, high = (np.array(corner) for corner in domain)
+        tol = limit_tol_to_walls(lattice, low, high, DEFAULT_TOL_CELLS * float(np.min(cell)))
+    return lattice, domain, tol

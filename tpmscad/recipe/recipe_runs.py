@@ -103,9 +103,9 @@ class SolidRun:
         **given: Any,
     ) -> SolidRun:
         """The field of an image or array, with what is `given` to `make_array_field`, in its domain."""
-        made, domain, default_tol = make_array_field(path, **given)
+        made, domain, tol = make_array_field(path, tol=tol, **given)
         passive = {name: path for name, path in (("keep", keep), ("clear", clear)) if path is not None}
-        return cls(made, domain, default_tol if tol is None else tol, passive, None, keep_loose)
+        return cls(made, domain, tol, passive, None, keep_loose)
 
     def describe(self) -> tuple[str, dict[str, Any]]:
         """The domain, the tolerance and the volume fraction; an error that making the solid would end in before its fits."""

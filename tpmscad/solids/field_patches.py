@@ -25,7 +25,7 @@ from tpmscad.brep.deviation import Deviation
 from tpmscad.brep.moments import integral_properties
 from tpmscad.brep.moments.integral_properties import FaceMoments
 from tpmscad.brep.solid_properties import SolidProperties, measure_solid
-from tpmscad.errors import CrossingSurfaces, LevelSetError, format_point
+from tpmscad.errors import CrossingSurfaces, LevelSetError, ThinWall, format_point
 from tpmscad.fields.analysis import volume_quadrature
 from tpmscad.fields.analysis.betti_numbers import FINER_LINES, Betti, compute_betti_numbers
 from tpmscad.fields.data.field_notes import collect_notes
@@ -50,6 +50,10 @@ from tpmscad.stage_timer import StageTimer
 
 ROUNDING_TOL_FRACTION = 0.8
 """Fraction of the tolerance by which rounding may move the surface at edges; the fit seldom needs a tenth of it."""
+
+TOL_PER_WALL = 1 / 3
+"""Of the thinnest wall that samples show: the tolerance chosen where a default is too large. A wall must be thicker than twice
+the tolerance wherever samples of the fit, which may be denser, find it."""
 
 MIN_ROUNDING_RADIUS_PERIODS = 1.5e-3
 """In periods: the least rounding radius that the finest octree leaves can resolve."""
@@ -184,6 +188,15 @@ def check_field_in_box(field: Field | Callable[..., Any], lo: Any, hi: Any, tol:
         field_solid.check_field_in_box(rounded, low, high, tol - moved)
     except CrossingSurfaces:  # they are made one by one (`combined_solids`)
         split_crossing_operands(rounded, low, high, tol - moved, find_sample_spacing(rounded, low, high))
+
+
+def limit_tol_to_walls(field: Field, lo: Array, hi: Array, tol: float) -> float:
+    """The tolerance, or a fraction of the thinnest wall in the box where that is less."""
+    try:
+        check_field_in_box(field, lo, hi, tol)
+    except ThinWall as error:
+        return TOL_PER_WALL * error.thickness
+    return tol
 
 
 def _round_field_edges(field: Field, lo: Array, hi: Array, tol: float) -> tuple[Field, float, tuple[str, ...]]:
