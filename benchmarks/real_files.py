@@ -34,7 +34,6 @@ from OCP.BRepClass3d import BRepClass3d_SolidClassifier
 from OCP.GeomAbs import GeomAbs_Cone, GeomAbs_Cylinder, GeomAbs_Plane, GeomAbs_Sphere, GeomAbs_Torus
 from OCP.gp import gp_Pnt
 from OCP.TopAbs import TopAbs_IN
-from scipy.spatial import cKDTree
 from vtkmodules.util.numpy_support import numpy_to_vtk, numpy_to_vtkIdTypeArray, vtk_to_numpy
 from vtkmodules.vtkCommonCore import vtkDoubleArray, vtkPoints
 from vtkmodules.vtkCommonDataModel import vtkCellArray, vtkPolyData
@@ -47,7 +46,6 @@ from benchmarks.trial_statements import triangulate
 from tpmscad import fields
 from tpmscad._typing import Array
 from tpmscad.fields.data.field_notes import DEFAULT_TOL_SPACINGS
-from tpmscad.fields.kinds.triangle_meshes import sample_triangles
 from tpmscad.kernel.measure.edge_gaps import measure_accuracy
 from tpmscad.kernel.measure.shape_report import check_shape
 from tpmscad.kernel.occt.exploration import faces_of, solids_of
@@ -58,12 +56,8 @@ IMAGES = (".nii", ".nrrd", ".mha", ".map", ".mrc", ".tif", ".npy", ".npz", ".vti
 QUADRICS = (GeomAbs_Plane, GeomAbs_Cylinder, GeomAbs_Cone, GeomAbs_Sphere, GeomAbs_Torus)
 
 WALL_CELLS, TOL_CELLS = 0.1, 0.005
-SAMPLES = 20000
-"""Random points in the body's box."""
-
-SURFACE_SAMPLES = 400_000
-"""Points of the body's triangles, from which depths in the body are measured."""
-
+BATCH, MAX_BATCHES = 20_000, 20
+"""Random points in the body's box that are drawn at a time, until a quarter as many lie in it, and how often at most."""
 
 VOXEL_RTOL = 0.1
 """Difference allowed between the volume of an image's solid and that of its samples inside: they are few."""
@@ -201,18 +195,20 @@ def find_otsu_threshold(values: Array) -> float:
     return float(edges[1:-1][int(np.argmax(between))])
 
 
-def sample_fraction(body: Judged, cell: float, skin: float | None, samples: int) -> tuple[float, float]:
+def sample_fraction(body: Judged, cell: float, skin: float | None) -> tuple[float, float]:
     """Part of the body that the filling takes by random points, and its standard error; a wall and a skin by distances."""
     low, high = body.vertices.min(axis=0), body.vertices.max(axis=0)
     rng = np.random.default_rng(5)
-    points = low + (high - low) * rng.random((samples, 3))
-    points = points[body.is_inside(points)]
+    batches: list[Array] = []
+    while len(batches) < MAX_BATCHES and sum(map(len, batches)) < BATCH / 4:  # a thin body takes little of its box
+        drawn = low + (high - low) * rng.random((BATCH, 3))
+        batches.append(drawn[body.is_inside(drawn)])
+    points = np.concatenate(batches)
     f = NodalFunction(tpmscad.surfaces.find_surface("gyroid").formula, (cell,) * 3, (0, 0, 0))
     half = WALL_CELLS * cell / 2
     taken = np.abs(signed_distance(f, points, half, cell)) < half
     if skin is not None:
-        surface = sample_triangles(body.vertices[body.triangles], SURFACE_SAMPLES)
-        taken |= cKDTree(surface).query(points)[0] < skin
+        taken |= locate_in_triangles(body.vertices, body.triangles, points)[1] < skin
     mean = float(taken.mean())
     return mean, float(np.sqrt(max(mean * (1 - mean), 1e-4) / len(points)))
 
@@ -225,7 +221,7 @@ def judge(body: Judged, model: Any, cell: float, skin: float | None, filled: boo
         again: Any = tpmscad.check_step(file)
     faults = [] if again.ok else ["the file read again is not valid"]
     taken = (again.shape.volume + sum(model.certificate.dropped)) / body.volume
-    fraction, error = sample_fraction(body, cell, skin, SAMPLES) if filled else (1.0, 0.0)
+    fraction, error = sample_fraction(body, cell, skin) if filled else (1.0, 0.0)
     allowed = STANDARD_ERRORS * error + (0.2 * MINIMAL_OFF["gyroid"] * 6 if filled else 0.0) + body.rtol
     if abs(taken - fraction) > allowed:
         faults.append(f"it takes {taken:.4g} of the body, the sample says {fraction:.4g} +- {allowed:.2g}")
