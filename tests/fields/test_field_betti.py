@@ -7,7 +7,7 @@ import pytest
 
 from tpmscad import fields, topology
 from tpmscad.fields.analysis import betti_numbers, saddles
-from tpmscad.fields.analysis.betti_numbers import INITIAL_LINES, compute_betti_numbers
+from tpmscad.fields.analysis.betti_numbers import INITIAL_LINES, compute_betti_numbers, count_tunnels_near_surface
 from tpmscad.fields.data.sample_grid import SampleGrid
 
 LO, HI = np.array([-1.9, -1.45, -1.3]), np.array([1.93, 1.38, 1.51])
@@ -151,3 +151,25 @@ def test_grids_without_lines_through_all_necks_count_only_where_the_count_is_con
     assert compute_betti_numbers(gap, LO, HI, confirm=lambda betti: asked.append(betti) or False) is None
     assert compute_betti_numbers(gap, LO, HI, confirm=lambda betti: True) == asked[0]
     assert compute_betti_numbers(BALL, LO, HI) == (1, 0, 0), "a field without necks needs no more lines"
+
+
+def test_the_characteristic_of_a_grid_is_the_sum_of_its_blocks(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Also where the solid reaches the box's sides, and where blocks are left out."""
+    noise = np.random.default_rng(3).normal(size=(8, 7, 6))
+    for field in (BALL, fields.sampled(noise, 0.5, (-1.9, -1.45, -1.3), smoothing=1)):
+        cells = np.array([61, 53, 47])
+        axes = [np.linspace(a, b, n + 1) for a, b, n in zip(LO, HI, cells, strict=True)]
+        whole = topology.euler_characteristic(field.on_grid(*axes))
+        for size in (5, 16, 48):
+            monkeypatch.setattr(betti_numbers, "BLOCK_CELLS", size)
+            assert betti_numbers._sum_blocks(field, LO, HI, cells) == whole
+
+
+def test_tunnels_that_coarse_grids_show_are_not_counted_where_finer_ones_deny_them() -> None:
+    """A tilted lens, .1 thick in its middle: its rim falls apart on grids of .04."""
+    lens = fields.expression("x^2 + y^2 + ((z - 0.31*x - 0.17*y)/0.05)^2 - 1")
+    axes = [np.linspace(a, b, INITIAL_LINES) for a, b in zip(LO, HI, strict=True)]
+    seen = topology.betti(lens.on_grid(*axes))
+    assert (seen.b0, seen.b1) != (1, 0)
+    assert count_tunnels_near_surface(lens, LO, HI, (1, 7, 0), (1, 0, 0).__eq__) == (1, 0, 0)
+    assert count_tunnels_near_surface(lens, LO, HI, (1, 7, 0), (1, 2, 0).__eq__) is None

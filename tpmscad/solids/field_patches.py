@@ -27,7 +27,7 @@ from tpmscad.brep.moments.integral_properties import FaceMoments
 from tpmscad.brep.solid_properties import SolidProperties, measure_solid
 from tpmscad.errors import CrossingSurfaces, LevelSetError, ThinWall, format_point
 from tpmscad.fields.analysis import volume_quadrature
-from tpmscad.fields.analysis.betti_numbers import FINER_LINES, Betti, compute_betti_numbers
+from tpmscad.fields.analysis.betti_numbers import FINER_LINES, Betti, compute_betti_numbers, count_tunnels_near_surface
 from tpmscad.fields.data.field_notes import collect_notes
 from tpmscad.fields.field import Field, as_field
 from tpmscad.fields.kinds.linear_extension import LinearExtension, extend_linearly
@@ -153,7 +153,9 @@ def _compute_betti_numbers_of(fit: FieldFit) -> tuple[Betti | None, bool]:
         return betti, not contradicted
     # two grids can miss the same neck; a finer one is believed where the patches, counted otherwise, confirm it
     finer = compute_betti_numbers(fit.field, fit.lo, fit.hi, FINER_LINES, 1, confirm)
-    return (betti, False) if finer is None or not confirm(finer) else (finer, True)
+    if finer is None or not confirm(finer):
+        finer = count_tunnels_near_surface(fit.field, fit.lo, fit.hi, finer or betti, confirm)
+    return (betti, False) if finer is None else (finer, True)
 
 
 def _refine_until_possible(fit: FieldFit, betti: Betti | None) -> FieldFit | None:

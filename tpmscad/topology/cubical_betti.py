@@ -123,12 +123,20 @@ def bound_component_counts(values: Samples, level: Level = 0.0) -> tuple[tuple[i
 
 def _alternating_cell_sum(inside: BoolArray) -> int:
     """Alternating sum, by dimension, of the numbers of cells all of whose vertices are inside."""
+    return sum_cells_of_block(np.pad(inside, (0, 1)))
+
+
+def sum_cells_of_block(inside: BoolArray) -> int:
+    """Alternating sum, by dimension, of the numbers of cells that begin in a block, all of whose vertices are inside.
+
+    The last layer along each axis belongs to the next block. The sum is zero where all vertices are inside, and the sums
+    of all blocks of a grid that ends with a layer outside add up to its Euler characteristic.
+    """
     total = 0
     for steps in product((0, 1), repeat=3):
         cells = inside
         for axis, step in enumerate(steps):
-            if step:
-                low, high = np.moveaxis(cells, axis, 0)[:-1], np.moveaxis(cells, axis, 0)[1:]
-                cells = np.moveaxis(low & high, 0, axis)
+            low, high = np.moveaxis(cells, axis, 0)[:-1], np.moveaxis(cells, axis, 0)[1:]
+            cells = np.moveaxis(low & high if step else low, 0, axis)
         total += (-1) ** sum(steps) * int(np.count_nonzero(cells))
     return total
