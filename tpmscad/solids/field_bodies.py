@@ -80,10 +80,10 @@ class FieldBody:
 
     def mesh(self, deviation: float) -> SolidMesh:
         """Triangles of the patches, up to a distance from them."""
-        return _join_meshes(mesh_solids(self.built.shape, deviation, MESH_ANGLE))
+        return join_meshes(mesh_solids(self.built.shape, deviation, MESH_ANGLE))
 
 
-def _join_meshes(meshes: Sequence[SolidMesh]) -> SolidMesh:
+def join_meshes(meshes: Sequence[SolidMesh]) -> SolidMesh:
     """The meshes of several solids as one."""
     first = np.cumsum([0, *(len(each.points) for each in meshes)])
     faces = np.cumsum([0, *(int(each.face.max()) + 1 for each in meshes)])

@@ -11,6 +11,7 @@ to their feet on the patches of the body.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any
@@ -29,6 +30,7 @@ from scipy.spatial import cKDTree
 from tpmscad._typing import Array, IntArray
 from tpmscad.brep.boundary_representation import Brep, spline_faces
 from tpmscad.brep.orthogonal_projection import project_to_patch
+from tpmscad.brep.triangles.closed_mesh import SolidMesh
 from tpmscad.errors import InvalidRequest, LevelSetError, format_point
 from tpmscad.fallbacks import Fallback, Fallbacks
 from tpmscad.fields.data.triangle_distance import TriangleTree, build_triangle_tree, grid_winding_numbers
@@ -103,6 +105,16 @@ NODES_PER_DIRECTION, NEAREST_NODES = 7, 4
 
 
 @dataclass(frozen=True, slots=True, eq=False)
+class ErosionSource:
+    """A body to be eroded: its name, its tolerance, triangles within a deviation of it, and distances (n,) of points (n, 3)."""
+
+    name: str
+    tol: float
+    mesh: Callable[[float], SolidMesh]
+    distances: Callable[[Array], Array]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
 class ErodedFieldBody:
     """The patches of what is deeper than the skin, the field that is negative there, and what was measured."""
 
@@ -113,6 +125,12 @@ class ErodedFieldBody:
 
 
 def erode_field_body(body: FieldBody, skin: float) -> ErodedFieldBody:
+    """The part of a field's solid deeper than its skin, with the errors of `erode_by_distance`."""
+    distances = partial(_project_to_body, body=body)
+    return erode_by_distance(ErosionSource(body.name, body.measures.tol, body.mesh, distances), skin)
+
+
+def erode_by_distance(body: ErosionSource, skin: float) -> ErodedFieldBody:
     """The part of a body deeper than its skin; InvalidRequest if there is none, LevelSetError if it cannot be fitted."""
     outcome = CAVITY_FITS.run(body, skin, _sample_depth(body, skin))
     if not outcome.failures:
@@ -121,7 +139,7 @@ def erode_field_body(body: FieldBody, skin: float) -> ErodedFieldBody:
     return replace(outcome.value, notes=(*outcome.value.notes, rounded))
 
 
-def _fit_rounded_cavity(width: float, body: FieldBody, skin: float, depth: _SampledDepth) -> ErodedFieldBody:
+def _fit_rounded_cavity(width: float, body: ErosionSource, skin: float, depth: _SampledDepth) -> ErodedFieldBody:
     """The cavity of the distance after opening and a Gaussian of a width in skins."""
     depth = replace(depth, values=_round_ridges(depth.values, width * skin / depth.spacing))
     return _fit_cavity(_find_excess(depth, skin), body, skin, depth)
@@ -139,7 +157,7 @@ def _round_ridges(values: Array, width: float) -> Array:
     return np.asarray(smooth)
 
 
-CAVITY_FITS: Fallbacks[[FieldBody, float, Any], ErodedFieldBody] = Fallbacks(
+CAVITY_FITS: Fallbacks[[ErosionSource, float, Any], ErodedFieldBody] = Fallbacks(
     tuple(
         Fallback(f"a Gaussian of {width:g} skins", partial(_fit_rounded_cavity, width)) for width in SMOOTHING_WIDTHS
     ),
@@ -161,7 +179,7 @@ class _SampledDepth:
     spacing: float
 
 
-def _sample_depth(body: FieldBody, skin: float) -> _SampledDepth:
+def _sample_depth(body: ErosionSource, skin: float) -> _SampledDepth:
     """The distances from the body's boundary on a grid that holds it."""
     made = body.mesh(TRIANGLE_DEVIATION * skin)
     low, high = made.points.min(axis=0), made.points.max(axis=0)
@@ -213,7 +231,7 @@ def _find_level_points(spline: Field, depth: _SampledDepth, skin: float) -> Arra
     return points[np.abs(spline(points) + skin) < 1e-3 * skin]
 
 
-def _fit_cavity(excess: float, body: FieldBody, skin: float, depth: _SampledDepth) -> ErodedFieldBody:
+def _fit_cavity(excess: float, body: ErosionSource, skin: float, depth: _SampledDepth) -> ErodedFieldBody:
     """The cavity at (1 + excess) skins; LevelSetError if it cannot be fitted."""
     values, left_out = _fill_small_parts(depth.values + (1 + excess) * skin, depth.spacing)
     if not (values < 0).any():
@@ -223,7 +241,7 @@ def _fit_cavity(excess: float, body: FieldBody, skin: float, depth: _SampledDept
             f"nowhere deeper than {deepest:.4g}: make it thinner than that, or leave the body solid"
         )
     field = interpolate_samples(values, (depth.spacing,) * 3, depth.origin)
-    tol = min(max(LEAST_FIT_TOL * skin, body.measures.tol), GREATEST_FIT_TOL * skin)
+    tol = min(max(LEAST_FIT_TOL * skin, body.tol), GREATEST_FIT_TOL * skin)
     low, high = (np.array(corner) for corner in field.domain)
     found = fit_field_patches(field, low, high, tol, StageTimer(None))
     brep = replace(found.fitted.brep, tags=(BODY,) * len(found.fitted.brep.tags))
@@ -274,13 +292,13 @@ def _fill_small_parts(values: Array, spacing: float) -> tuple[Array, tuple[str, 
     return filled, (note,)
 
 
-def _measure_thickness(cavity: Brep, body: FieldBody, tree: TriangleTree) -> tuple[Array, Array]:
+def _measure_thickness(cavity: Brep, body: ErosionSource, tree: TriangleTree) -> tuple[Array, Array]:
     """Distances (n,) of points (n, 3) of the cavity's patches from the body, the extremes exactly."""
     points = np.concatenate([own.reshape(-1, 3) for own, _, _ in _place_nodes(cavity)])
     thickness = tree.distances(points)
     order = np.argsort(thickness)
     extreme = np.unique(np.concatenate([order[:PROJECTED_POINTS], order[-PROJECTED_POINTS:]]))
-    thickness[extreme] = _project_to_body(points[extreme], body)
+    thickness[extreme] = body.distances(points[extreme])
     return thickness, points
 
 

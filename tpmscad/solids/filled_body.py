@@ -18,9 +18,9 @@ from tpmscad.requests.lattice_request import LatticeRequest
 from tpmscad.results.loose_pieces import DroppedPieces, drop_loose_pieces, drop_loose_solids
 from tpmscad.results.model import Model
 from tpmscad.solids.boolean_strategies import BooleanResult, certify_cut_solids, intersect_body_with_lattice
+from tpmscad.solids.distance_skin import SKIN_METHODS
 from tpmscad.solids.lattice_block import LatticeBlock
 from tpmscad.solids.reference_distance import DistanceFunction
-from tpmscad.solids.skin import fill_within_skin
 from tpmscad.stage_timer import StageTimer
 
 MIN_WALL_THICKNESS = 1e-5
@@ -52,7 +52,7 @@ def fill_body(
     """
     with stages("trim"):
         if skin is not None:
-            result = fill_within_skin(block, body, skin, open_faces)
+            result = SKIN_METHODS.run(block, body, skin, open_faces).value
         else:
             result = intersect_body_with_lattice(block, body)
             if not result.built.n_solids:

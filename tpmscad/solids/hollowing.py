@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from itertools import zip_longest
 from typing import Any
 
 import numpy as np
@@ -24,7 +25,10 @@ from tpmscad.solids.boolean_strategies import BooleanResult, numerical_failures,
 
 @dataclass(frozen=True, slots=True, eq=False)
 class VoidsInBody:
-    """A body, the parts of it deeper than the skin, what is left of each part without the lattice, and the open faces."""
+    """A body, the parts of it deeper than the skin, what is left of each part without the lattice, and the open faces.
+
+    parts: none where the voids' faces are tagged already.
+    """
 
     body: CadBody
     parts: Sequence[CadBody]
@@ -51,11 +55,11 @@ def hollow_in_arrays(request: VoidsInBody) -> HollowedBody:
     TrimmingError if the kernel's check rejects it, KernelError if a void is known to the kernel only, NotQuadric if the body is.
     """
     voids = []
-    for part, result in zip(request.parts, request.voids, strict=True):
+    for part, result in zip_longest(request.parts, request.voids):
         if result.brep is None and result.solids:
             raise KernelError("hollowing", "a void was cut by the kernel")
         if result.brep is not None:
-            names = set(part.face_labels)
+            names = set(part.face_labels) if part else ()
             tags = tuple(SKIN if tag in names else tag for tag in result.brep.tags)
             voids.append(replace(result.brep, tags=tags))
     read = read_trimming_body(request.body)

@@ -1,0 +1,82 @@
+"""Skins of CAD bodies whose inner side is a level set of the distance, where offset faces fail."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import build123d as bd
+import numpy as np
+import pytest
+
+import tpmscad
+from tpmscad.errors import KernelError
+from tpmscad.results.model import Model
+from tpmscad.solids import skin as offset_skins
+
+pytestmark = [pytest.mark.kernel, pytest.mark.slow]
+
+P: dict[str, Any] = {"surface": "P", "cell": 8, "thickness": 0.8, "tol": 0.05}
+SKIN = 1.5
+SIZE, RADIUS = np.array([18.0, 14.0, 12.0]), 2.0
+
+
+def block() -> bd.Part:
+    return bd.Box(*SIZE) - bd.Pos(1, 0, 0) * bd.Cylinder(RADIUS, 30)
+
+
+def sample_depths(points: np.ndarray) -> np.ndarray:
+    """The depth of points in the block, negative outside: from its planes and its bore."""
+    planes = (SIZE / 2 - np.abs(points)).min(axis=1)
+    return np.asarray(np.minimum(planes, np.hypot(points[:, 0] - 1, points[:, 1]) - RADIUS))
+
+
+def refuse(*_: Any, **__: Any) -> Any:
+    raise KernelError("offset by the skin", "refused for this test")
+
+
+@pytest.fixture(scope="module")
+def filled() -> Any:
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(offset_skins, "erode_body", refuse)
+        yield tpmscad.infill(block(), **P, skin=SKIN)
+
+
+def test_where_offsets_fail_the_distance_gives_the_skin(filled: Model, tmp_path: Path) -> None:
+    certificate = filled.certificate
+    assert certificate.met, certificate.shortfalls
+    note = next(note for note in certificate.notes if note.startswith("skin of 1.5 by the distance"))
+    least, greatest = (float(word) for word in note.split(": ")[1].split(" thick")[0].split(" to "))
+    assert 0.98 * SKIN <= least <= greatest <= 1.6 * SKIN
+    filled.export_step(tmp_path / "filled.step")
+    again = tpmscad.check_step(tmp_path / "filled.step")
+    assert again.ok
+    assert again.shape.volume == pytest.approx(certificate.volume, rel=1e-6)
+
+
+def test_the_faces_of_the_body_stay_exact(filled: Model) -> None:
+    flat = [face for face in filled.solid.faces() if face.geom_type == bd.GeomType.PLANE]
+    round_ = [face for face in filled.solid.faces() if face.geom_type == bd.GeomType.CYLINDER]
+    assert sum(face.area for face in [*flat, *round_]) == pytest.approx(block().area, rel=1e-9)
+
+
+def test_the_volume_is_that_of_the_skin_and_the_wall(filled: Model) -> None:
+    """Within what rounded edges add: the least of skins is exact, and thicker ones only near edges."""
+    points = (np.random.default_rng(6).random((200_000, 3)) - 0.5) * SIZE
+    depth = sample_depths(points)
+    wall = np.abs(tpmscad.fields.normal_distance(tpmscad.fields.tpms("P", 8.0))(points[depth > SKIN])) < 0.4
+    exact = float(np.prod(SIZE)) * ((depth > 0).mean() - (~wall).sum() / len(points))
+    assert exact * 0.995 < filled.certificate.volume < exact * 1.05
+
+
+def test_open_faces_need_offset_faces(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(offset_skins, "erode_body", refuse)
+    body = block()
+    with pytest.raises(KernelError, match=r"refused for this test.*cannot leave out open faces"):
+        tpmscad.infill(body, **P, skin=SKIN, open_faces=[body.faces().sort_by(bd.Axis.Z)[-1]])
+
+
+def test_a_skin_that_leaves_nothing_is_refused_at_once() -> None:
+    with pytest.raises(tpmscad.errors.InvalidRequest, match="nowhere deeper than") as caught:
+        tpmscad.infill(block(), **P, skin=7.5)
+    assert "also tried" not in str(caught.value)

@@ -1,0 +1,102 @@
+"""A CAD body filled behind a skin whose inner side is a level set of the distance from the body.
+
+Offset faces give a skin its exact thickness, but where they meet at creases, in points of tangency or in corners too sharp, no
+arrangement of them closes. The distance from the triangles of the body has a level set there as everywhere: it is fitted as the
+cavity of a field's solid is (`field_skin`), with its edges rounded, and the skin is up to 1.6 times as thick there. The faces of
+the body stay exact.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import Any
+
+from tpmscad.errors import InvalidRequest, KernelError, TrimmingError
+from tpmscad.fallbacks import Fallback, Fallbacks
+from tpmscad.kernel.body_import.cad_body import CadBody
+from tpmscad.kernel.boolean.boolean_operations import estimate_volume
+from tpmscad.kernel.boolean.cut_faces import SKIN
+from tpmscad.kernel.boolean.hollow_body import count_closed_cavities
+from tpmscad.kernel.export.solid_mesh import mesh_solids
+from tpmscad.kernel.measure.shape_sampling import sample_solid
+from tpmscad.kernel.measure.skin_depth import SkinDepth
+from tpmscad.kernel.occt.exploration import faces_of
+from tpmscad.results.certificate import Check
+from tpmscad.solids.boolean_strategies import (
+    N_SAMPLE_LINES,
+    POINTS_PER_LINE,
+    TRIMMED_PATCHES,
+    BooleanResult,
+    estimate_fraction,
+    signed_distances_to_nodes,
+)
+from tpmscad.solids.field_bodies import BODY, join_meshes
+from tpmscad.solids.field_body_infill import MOVE_DIRECTION, build_valid_solids, cut_by_lattice, describe_cut
+from tpmscad.solids.field_skin import ErodedFieldBody, ErosionSource, erode_by_distance
+from tpmscad.solids.hollowing import HOLLOWING_METHODS, VoidsInBody
+from tpmscad.solids.lattice_block import LatticeBlock
+from tpmscad.solids.skin import describe_closed_voids, fill_within_skin
+from tpmscad.trimming.network_boolean import combine_networks
+
+MESH_ANGLE = 0.5
+"""Radians between facets of the triangles."""
+
+
+def fill_by_distance(block: LatticeBlock, body: CadBody, skin: float, open_faces: Sequence[Any] = ()) -> BooleanResult:
+    """As `fill_within_skin`, with the skin's inner side on patches of the distance; open faces are refused."""
+    if open_faces:
+        raise KernelError("skin by the distance", "it cannot leave out open faces")
+    cavity = erode_by_distance(_describe_source(body), skin)
+    found, moved = cut_by_lattice(
+        block, lambda lattice: combine_networks(cavity.brep, lattice, "difference", build=build_valid_solids)
+    )
+    brep = replace(found.brep, tags=tuple(SKIN if tag == BODY else tag for tag in found.brep.tags))
+    void = BooleanResult(found.built, brep, TRIMMED_PATCHES, ())
+    hollowed = HOLLOWING_METHODS.run(VoidsInBody(body, (), (void,), ())).value
+    volume = sum(map(estimate_volume, hollowed.built.solids))
+    closed = describe_closed_voids(hollowed.closed_cavities, count_closed_cavities(body, ()), False)
+    return BooleanResult(
+        hollowed.built,
+        hollowed.brep,
+        TRIMMED_PATCHES,
+        (*describe_cut(found.report, moved), *cavity.notes, *closed),
+        (*cavity.checks, _check_volume(volume, body, block, cavity)),
+        (tuple((moved * MOVE_DIRECTION).tolist()),),
+    )
+
+
+def _describe_source(body: CadBody) -> ErosionSource:
+    """The triangles of a CAD body, and its distances from points by the kernel."""
+    depth = SkinDepth(body.shape, faces_of(body.shape))
+    return ErosionSource(
+        body.name,
+        body.report.max_tolerance,
+        lambda deviation: join_meshes(mesh_solids(body.shape, deviation, MESH_ANGLE)),
+        depth.distances,
+    )
+
+
+def _check_volume(volume: float, body: CadBody, block: LatticeBlock, cavity: ErodedFieldBody) -> Check:
+    """The check of the volume against a sample of points in the body."""
+    points = sample_solid(body.shape, N_SAMPLE_LINES, POINTS_PER_LINE)
+    solid = (signed_distances_to_nodes(block.patches, points) < 0) | (cavity.field(points) >= 0)
+    fraction, error = estimate_fraction(solid)
+    own = volume / body.volume
+    return Check(
+        "volume",
+        abs(own - fraction),
+        error,
+        f"it fills {own:.3g} of {body.name}, but {fraction:.3g} +- {error:.2g} of a sample",
+    )
+
+
+SKIN_METHODS = Fallbacks(
+    (
+        Fallback("offset faces", fill_within_skin, "one to three seconds, up to a minute by the kernel"),
+        Fallback("the distance from the body's triangles", fill_by_distance, "one to five minutes"),
+    ),
+    retry_on=(KernelError, TrimmingError),
+    final=(InvalidRequest,),
+)
+"""How a body is filled behind a skin."""
