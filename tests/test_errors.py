@@ -11,7 +11,7 @@ from concurrent.futures import ProcessPoolExecutor
 import pytest
 
 import tpmscad
-from tpmscad.errors import KernelError, NotMet, NotQuadric, TpmscadError
+from tpmscad.errors import KernelError, NotMet, NotQuadric, ThinWall, TpmscadError
 
 pytestmark = pytest.mark.kernel
 
@@ -19,6 +19,7 @@ ARGUMENTS: dict[type[TpmscadError], tuple[object, ...]] = {
     KernelError: ("write", "IFSelect_RetFail", object()),
     NotMet: ("the deviation 0.2 exceeds 0.1", {"met": False}),
     NotQuadric: ("the body has 1 free-form face", (3,)),
+    ThinWall: ("the wall is 0.1 thick", 0.1),
 }
 """What the constructors take that need more than a message."""
 
