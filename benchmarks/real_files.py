@@ -1,6 +1,7 @@
 """CAD files, meshes and images of a folder, filled with a gyroid with and without a skin, and judged apart.
 
     python -m benchmarks.real_files FOLDER [--cells 30] [--skin-cells 0.1] [--seconds 120] [--only PART OF A NAME]
+                                        [--points 20000]
 
 Of a CAD file the largest solid is filled, healed if it must be; of an image what is above Otsu's threshold, or all labels, which
 is also made a solid without a lattice. The cell is that of which the volume holds as many as asked for; the wall is a tenth, and
@@ -56,8 +57,8 @@ IMAGES = (".nii", ".nrrd", ".mha", ".map", ".mrc", ".tif", ".npy", ".npz", ".vti
 QUADRICS = (GeomAbs_Plane, GeomAbs_Cylinder, GeomAbs_Cone, GeomAbs_Sphere, GeomAbs_Torus)
 
 WALL_CELLS, TOL_CELLS = 0.1, 0.005
-BATCH, MAX_BATCHES = 20_000, 20
-"""Random points in the body's box that are drawn at a time, until a quarter as many lie in it, and how often at most."""
+MAX_BATCHES = 20
+"""How often random points are drawn in the body's box, until a quarter of a batch lies in it."""
 
 VOXEL_RTOL = 0.1
 """Difference allowed between the volume of an image's solid and that of its samples inside: they are few."""
@@ -93,7 +94,7 @@ def load_cad(path: Path) -> Judged:
     def is_inside(points: Array) -> Array:
         """Far from the triangles by these; near them by the classifier, which takes up to 50 ms for a point."""
         found, distances = locate_in_triangles(vertices, triangles, points)
-        for k in np.flatnonzero(distances < 2.0 * deflection):
+        for k in np.flatnonzero(distances < 1.5 * deflection):
             classifier.Perform(gp_Pnt(*points[k].tolist()), 1e-7)
             found[k] = classifier.State() == TopAbs_IN
         return found
@@ -195,13 +196,13 @@ def find_otsu_threshold(values: Array) -> float:
     return float(edges[1:-1][int(np.argmax(between))])
 
 
-def sample_fraction(body: Judged, cell: float, skin: float | None) -> tuple[float, float]:
+def sample_fraction(body: Judged, cell: float, skin: float | None, batch: int) -> tuple[float, float]:
     """Part of the body that the filling takes by random points, and its standard error; a wall and a skin by distances."""
     low, high = body.vertices.min(axis=0), body.vertices.max(axis=0)
     rng = np.random.default_rng(5)
     batches: list[Array] = []
-    while len(batches) < MAX_BATCHES and sum(map(len, batches)) < BATCH / 4:  # a thin body takes little of its box
-        drawn = low + (high - low) * rng.random((BATCH, 3))
+    while len(batches) < MAX_BATCHES and sum(map(len, batches)) < batch / 4:  # a thin body takes little of its box
+        drawn = low + (high - low) * rng.random((batch, 3))
         batches.append(drawn[body.is_inside(drawn)])
     points = np.concatenate(batches)
     f = NodalFunction(tpmscad.surfaces.find_surface("gyroid").formula, (cell,) * 3, (0, 0, 0))
@@ -213,7 +214,7 @@ def sample_fraction(body: Judged, cell: float, skin: float | None) -> tuple[floa
     return mean, float(np.sqrt(max(mean * (1 - mean), 1e-4) / len(points)))
 
 
-def judge(body: Judged, model: Any, cell: float, skin: float | None, filled: bool) -> list[str]:
+def judge(body: Judged, model: Any, cell: float, skin: float | None, filled: bool, points: int) -> list[str]:
     """What is wrong with the file of a solid, read again."""
     with tempfile.TemporaryDirectory() as folder:
         file = Path(folder) / "filled.step"
@@ -221,14 +222,14 @@ def judge(body: Judged, model: Any, cell: float, skin: float | None, filled: boo
         again: Any = tpmscad.check_step(file)
     faults = [] if again.ok else ["the file read again is not valid"]
     taken = (again.shape.volume + sum(model.certificate.dropped)) / body.volume
-    fraction, error = sample_fraction(body, cell, skin) if filled else (1.0, 0.0)
+    fraction, error = sample_fraction(body, cell, skin, points) if filled else (1.0, 0.0)
     allowed = STANDARD_ERRORS * error + (0.2 * MINIMAL_OFF["gyroid"] * 6 if filled else 0.0) + body.rtol
     if abs(taken - fraction) > allowed:
         faults.append(f"it takes {taken:.4g} of the body, the sample says {fraction:.4g} +- {allowed:.2g}")
     return faults
 
 
-def carry_out(path: Path, task: str, cells: float, skin_cells: float) -> dict[str, Any]:
+def carry_out(path: Path, task: str, cells: float, skin_cells: float, points: int = 20_000) -> dict[str, Any]:
     """Outcome, words, faces and method of one task."""
     try:
         body = LOADERS[kind_of(path)](path)
@@ -257,7 +258,7 @@ def carry_out(path: Path, task: str, cells: float, skin_cells: float) -> dict[st
         return found | {"outcome": "not met", "words": "; ".join(model.certificate.shortfalls)}
     if task == "skin" and not len(body.triangles):
         return found | {"outcome": "met", "words": "the skin was not judged"}
-    faults = judge(body, model, cell, skin, task != "solid")
+    faults = judge(body, model, cell, skin, task != "solid", points)
     return found | {"outcome": "WRONG" if faults else "met", "words": "; ".join(faults)}
 
 
@@ -273,7 +274,7 @@ def kind_of(path: Path) -> str:
 def run_apart(path: Path, task: str, given: argparse.Namespace) -> dict[str, Any]:
     """The result of a task in a process of its own."""
     command = [sys.executable, "-m", "benchmarks.real_files", str(path), "--task", task]
-    command += ["--cells", str(given.cells), "--skin-cells", str(given.skin_cells)]
+    command += ["--cells", str(given.cells), "--skin-cells", str(given.skin_cells), "--points", str(given.points)]
     limit = int(3 * given.seconds)
     command = ["bash", "-c", f'ulimit -S -t {limit}; exec "$@"', "limited", *command]
     done = subprocess.run(command, capture_output=True, text=True, check=False)
@@ -295,10 +296,13 @@ def main(arguments: list[str] | None = None) -> None:
     parser.add_argument("--skin-cells", type=float, default=0.1)
     parser.add_argument("--seconds", type=float, default=120)
     parser.add_argument("--only", default="")
+    parser.add_argument(
+        "--points", type=int, default=20_000, help="random points in the body's box, of which the volume is sampled"
+    )
     parser.add_argument("--task", choices=("describe", "solid", "plain", "skin"), help=argparse.SUPPRESS)
     given = parser.parse_args(arguments)
     if given.task:
-        print(json.dumps(carry_out(given.folder, given.task, given.cells, given.skin_cells)))
+        print(json.dumps(carry_out(given.folder, given.task, given.cells, given.skin_cells, given.points)))
         return
     counts: dict[str, int] = {}
     for path in sorted(p for p in given.folder.rglob("*") if kind_of(p) and given.only in p.name):
