@@ -257,8 +257,24 @@ def _check_volume_by_sampling(volume: float, patches: Brep, body: CadBody) -> No
 
 def sample_lattice_fraction(patches: Brep, body: CadBody) -> tuple[float, float]:
     """Fraction of an even sample of points in the body that lies in the lattice, and the error allowed for it."""
-    points = sample_solid(body.shape, N_SAMPLE_LINES, POINTS_PER_LINE)
+    points = sample_body(body)
     return estimate_fraction(signed_distances_to_nodes(patches, points) < 0)
+
+
+def sample_body(body: CadBody) -> Array:
+    """An even sample (n, 3) of points in a body."""
+    return sample_solid(body.shape, N_SAMPLE_LINES, POINTS_PER_LINE)
+
+
+def compare_with_sample(filled: float, inside: BoolArray, name: str) -> Check:
+    """The check that the part of a body that is filled is that of a sample (n,) of points in the body."""
+    fraction, error = estimate_fraction(inside)
+    return Check(
+        "volume",
+        abs(filled - fraction),
+        error,
+        f"it fills {filled:.3g} of {name}, but {fraction:.3g} +- {error:.2g} of a sample",
+    )
 
 
 def estimate_fraction(inside: BoolArray) -> tuple[float, float]:

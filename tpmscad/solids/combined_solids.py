@@ -54,7 +54,6 @@ from tpmscad.kernel.boolean.sphere_frames import choose_sphere_frame
 from tpmscad.kernel.build.solids import BrepSolids, build_solids
 from tpmscad.kernel.measure.creases import SolidCreases, measure_creases
 from tpmscad.kernel.measure.mass_properties import solid_moments
-from tpmscad.kernel.measure.shape_sampling import sample_solid
 from tpmscad.kernel.measure.validity import is_brep_valid
 from tpmscad.kernel.occt.bounding_boxes import enclosing_box
 from tpmscad.kernel.occt.exploration import faces_of
@@ -62,7 +61,7 @@ from tpmscad.kernel.step.face_labels import label_outer_faces
 from tpmscad.levelset.crossing_operands import Combination, find_struts, list_fields, split_crossing_operands, widen_box
 from tpmscad.levelset.field_solid import find_sample_spacing
 from tpmscad.results.certificate import Check, PatchMeasures
-from tpmscad.solids.boolean_strategies import N_SAMPLE_LINES, POINTS_PER_LINE, estimate_fraction
+from tpmscad.solids.boolean_strategies import compare_with_sample, sample_body
 from tpmscad.solids.field_patches import N_QUADRATURE_LINES, FieldPatches, fit_field_patches
 from tpmscad.solids.patch_measures import FIELD_VOLUME_RTOL, FROM_FIELD, TO_FIELD, check_field_tangent_jump
 from tpmscad.solids.strut_solids import bound_struts, bound_struts_in_box, require_few_strut_sets, require_struts_apart
@@ -371,14 +370,7 @@ def _compare_with_field(
 
 def _compare_with_sample(measures: PatchMeasures, field: Field, body: CadBody, own: float) -> PatchMeasures:
     """The measures with a check of the volume against an even sample of points in the body."""
-    points = sample_solid(body.shape, N_SAMPLE_LINES, POINTS_PER_LINE)
-    expected, error = estimate_fraction(field(points) < 0)
-    check = Check(
-        "volume",
-        abs(own / body.volume - expected),
-        error,
-        f"it fills {own / body.volume:.3g} of {body.name}, but {expected:.3g} +- {error:.2g} of a sample",
-    )
+    check = compare_with_sample(own / body.volume, field(sample_body(body)) < 0, body.name)
     return replace(measures, checks=(*measures.checks, check))
 
 

@@ -19,21 +19,18 @@ from tpmscad.kernel.boolean.boolean_operations import estimate_volume
 from tpmscad.kernel.boolean.cut_faces import SKIN
 from tpmscad.kernel.boolean.hollow_body import count_closed_cavities
 from tpmscad.kernel.export.solid_mesh import mesh_solids
-from tpmscad.kernel.measure.shape_sampling import sample_solid
 from tpmscad.kernel.measure.skin_depth import SkinDepth
 from tpmscad.kernel.occt.exploration import faces_of
-from tpmscad.results.certificate import Check
 from tpmscad.solids.boolean_strategies import (
-    N_SAMPLE_LINES,
-    POINTS_PER_LINE,
     TRIMMED_PATCHES,
     BooleanResult,
-    estimate_fraction,
+    compare_with_sample,
+    sample_body,
     signed_distances_to_nodes,
 )
 from tpmscad.solids.field_bodies import BODY, join_meshes
 from tpmscad.solids.field_body_infill import MOVE_DIRECTION, build_valid_solids, cut_by_lattice, describe_cut
-from tpmscad.solids.field_skin import ErodedFieldBody, ErosionSource, erode_by_distance
+from tpmscad.solids.field_skin import ErosionSource, erode_by_distance
 from tpmscad.solids.hollowing import HOLLOWING_METHODS, VoidsInBody
 from tpmscad.solids.lattice_block import LatticeBlock
 from tpmscad.solids.skin import describe_closed_voids, fill_within_skin
@@ -54,14 +51,16 @@ def fill_by_distance(block: LatticeBlock, body: CadBody, skin: float, open_faces
     brep = replace(found.brep, tags=tuple(SKIN if tag == BODY else tag for tag in found.brep.tags))
     void = BooleanResult(found.built, brep, TRIMMED_PATCHES, ())
     hollowed = HOLLOWING_METHODS.run(VoidsInBody(body, (), (void,), ())).value
-    volume = sum(map(estimate_volume, hollowed.built.solids))
+    filled = sum(map(estimate_volume, hollowed.built.solids)) / body.volume
+    points = sample_body(body)
+    solid = (signed_distances_to_nodes(block.patches, points) < 0) | (cavity.field(points) >= 0)
     closed = describe_closed_voids(hollowed.closed_cavities, count_closed_cavities(body, ()), False)
     return BooleanResult(
         hollowed.built,
         hollowed.brep,
         TRIMMED_PATCHES,
         (*describe_cut(found.report, moved), *cavity.notes, *closed),
-        (*cavity.checks, _check_volume(volume, body, block, cavity)),
+        (*cavity.checks, compare_with_sample(filled, solid, body.name)),
         (tuple((moved * MOVE_DIRECTION).tolist()),),
     )
 
@@ -74,20 +73,6 @@ def _describe_source(body: CadBody) -> ErosionSource:
         body.report.max_tolerance,
         lambda deviation: join_meshes(mesh_solids(body.shape, deviation, MESH_ANGLE)),
         depth.distances,
-    )
-
-
-def _check_volume(volume: float, body: CadBody, block: LatticeBlock, cavity: ErodedFieldBody) -> Check:
-    """The check of the volume against a sample of points in the body."""
-    points = sample_solid(body.shape, N_SAMPLE_LINES, POINTS_PER_LINE)
-    solid = (signed_distances_to_nodes(block.patches, points) < 0) | (cavity.field(points) >= 0)
-    fraction, error = estimate_fraction(solid)
-    own = volume / body.volume
-    return Check(
-        "volume",
-        abs(own - fraction),
-        error,
-        f"it fills {own:.3g} of {body.name}, but {fraction:.3g} +- {error:.2g} of a sample",
     )
 
 

@@ -26,7 +26,7 @@ from tpmscad.kernel.measure.validity import is_brep_valid
 from tpmscad.results.certificate import Check, PatchMeasures, certify_built_solids
 from tpmscad.results.loose_pieces import drop_loose_pieces
 from tpmscad.results.model import Model
-from tpmscad.solids.boolean_strategies import TRIMMED_PATCHES, estimate_fraction, signed_distances_to_nodes
+from tpmscad.solids.boolean_strategies import TRIMMED_PATCHES, compare_with_sample, signed_distances_to_nodes
 from tpmscad.solids.field_bodies import BODY, FieldBody, join_body_measures
 from tpmscad.solids.field_skin import ErodedFieldBody, erode_field_body
 from tpmscad.solids.lattice_block import LatticeBlock
@@ -170,14 +170,7 @@ def _check_volume(volume: float, body: FieldBody, block: LatticeBlock, cavity: E
     solid = signed_distances_to_nodes(block.patches, points) < 0
     if cavity is not None:
         solid |= cavity.field(points) >= 0
-    fraction, error = estimate_fraction(solid)
-    own = volume / body.cad.volume
-    return Check(
-        "volume",
-        abs(own - fraction),
-        error,
-        f"it fills {own:.3g} of {body.name}, but {fraction:.3g} +- {error:.2g} of a sample",
-    )
+    return compare_with_sample(volume / body.cad.volume, solid, body.name)
 
 
 def _sample_cube(count: int) -> Array:

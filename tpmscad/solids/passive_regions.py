@@ -23,17 +23,16 @@ from tpmscad.kernel.boolean.cut_faces import label_cut_solids
 from tpmscad.kernel.boolean.solid_trees import SolidSet, combine_sets, list_solids
 from tpmscad.kernel.build.solids import BrepSolids
 from tpmscad.kernel.measure.shape_report import is_valid
-from tpmscad.kernel.measure.shape_sampling import contains_points, sample_solid
+from tpmscad.kernel.measure.shape_sampling import contains_points
 from tpmscad.kernel.occt.construction import make_compound
 from tpmscad.kernel.occt.exploration import faces_of
 from tpmscad.results.certificate import Check
 from tpmscad.solids.boolean_strategies import (
     MAX_KERNEL_FACES,
-    N_SAMPLE_LINES,
-    POINTS_PER_LINE,
     estimate_fraction,
     numerical_failures,
     read_trimming_body,
+    sample_body,
 )
 from tpmscad.solids.combined_solids import build_valid_solids
 from tpmscad.trimming.network_boolean import Operation, combine_networks
@@ -82,7 +81,7 @@ class PassiveRegions:
             kept = number < len(self.kept)
             outcome = METHODS.run(built, body, "union" if kept else "difference")
             built = outcome.value
-            points = sample_solid(body.shape, N_SAMPLE_LINES, POINTS_PER_LINE)
+            points = sample_body(body)
             inside = is_inside(points)
             for other in self.kept[:number]:
                 inside[~inside] = contains_points(other.shape, points[~inside])
