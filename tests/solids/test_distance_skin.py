@@ -12,6 +12,7 @@ import pytest
 import tpmscad
 from tpmscad.errors import KernelError
 from tpmscad.results.model import Model
+from tpmscad.solids import field_skin
 from tpmscad.solids import skin as offset_skins
 
 pytestmark = [pytest.mark.kernel, pytest.mark.slow]
@@ -39,7 +40,7 @@ def refuse(*_: Any, **__: Any) -> Any:
 def filled() -> Any:
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(offset_skins, "erode_body", refuse)
-        yield tpmscad.infill(block(), **P, skin=SKIN)
+        return tpmscad.infill(block(), **P, skin=SKIN)
 
 
 def test_where_offsets_fail_the_distance_gives_the_skin(filled: Model, tmp_path: Path) -> None:
@@ -80,3 +81,15 @@ def test_a_skin_that_leaves_nothing_is_refused_at_once() -> None:
     with pytest.raises(tpmscad.errors.InvalidRequest, match="nowhere deeper than") as caught:
         tpmscad.infill(block(), **P, skin=7.5)
     assert "also tried" not in str(caught.value)
+
+
+def test_what_lies_between_the_samples_of_the_distance_is_no_reason_to_call_a_skin_too_thick(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """A plate .2 deeper than its skin, with samples that are .3 apart at the least."""
+    monkeypatch.setattr(offset_skins, "erode_body", refuse)
+    monkeypatch.setattr(field_skin, "MAX_SAMPLES", 20_000)
+    with pytest.raises(
+        KernelError, match=r"refused for this test.*skin by the distance: a skin of 0\.5 leaves nothing"
+    ):
+        tpmscad.infill(bd.Box(18, 14, 1.4), **P, skin=0.5)

@@ -44,7 +44,10 @@ def fill_by_distance(block: LatticeBlock, body: CadBody, skin: float, open_faces
     """As `fill_within_skin`, with the skin's inner side on patches of the distance; open faces are refused."""
     if open_faces:
         raise KernelError("skin by the distance", "it cannot leave out open faces")
-    cavity = erode_by_distance(_describe_source(body), skin)
+    try:
+        cavity = erode_by_distance(_describe_source(body), skin)
+    except InvalidRequest as error:  # offset faces found points that are deeper, between these samples
+        raise KernelError("skin by the distance", str(error)) from error
     found, moved = cut_by_lattice(
         block, lambda lattice: combine_networks(cavity.brep, lattice, "difference", build=build_valid_solids)
     )

@@ -170,13 +170,15 @@ CAVITY_FITS: Fallbacks[[ErosionSource, float, Any], ErodedFieldBody] = Fallbacks
 class _SampledDepth:
     """Signed distances at the points of a grid, negative inside, its first point and its spacing, and the body's triangles.
 
-    They are exact near the depth of the skin; elsewhere those from the nearest point of the grid on the other side.
+    They are exact near the depth of the skin; elsewhere those from the nearest point of the grid on the other side. `deepest` is
+    the greatest depth of a point of the grid, before ridges are rounded.
     """
 
     tree: TriangleTree
     values: Array
     origin: tuple[float, float, float]
     spacing: float
+    deepest: float
 
 
 def _sample_depth(body: ErosionSource, skin: float) -> _SampledDepth:
@@ -195,7 +197,7 @@ def _sample_depth(body: ErosionSource, skin: float) -> _SampledDepth:
     near = np.abs(values + skin) < BAND_SPACINGS * spacing
     distance = tree.distances(points[near])
     values[near] = np.where(inside[near], -distance, distance)
-    return _SampledDepth(tree, values, (x[0], y[0], z[0]), spacing)
+    return _SampledDepth(tree, values, (x[0], y[0], z[0]), spacing, -float(values.min()))
 
 
 def _find_excess(depth: _SampledDepth, skin: float) -> float:
@@ -235,10 +237,10 @@ def _fit_cavity(excess: float, body: ErosionSource, skin: float, depth: _Sampled
     """The cavity at (1 + excess) skins; LevelSetError if it cannot be fitted."""
     values, left_out = _fill_small_parts(depth.values + (1 + excess) * skin, depth.spacing)
     if not (values < 0).any():
-        deepest = -float(depth.values.min())
         raise InvalidRequest(
-            f"a skin of {skin:g} leaves nothing of {body.name} that is {LEAST_DEPTH_SPACINGS * depth.spacing:.2g} deeper; it is "
-            f"nowhere deeper than {deepest:.4g}: make it thinner than that, or leave the body solid"
+            f"a skin of {skin:g} leaves nothing of {body.name} that is {LEAST_DEPTH_SPACINGS * depth.spacing:.2g} deeper; "
+            f"samples of it, {depth.spacing:.2g} apart, are nowhere deeper than {depth.deepest:.4g}: make it thinner than "
+            "that, or leave the body solid"
         )
     field = interpolate_samples(values, (depth.spacing,) * 3, depth.origin)
     tol = min(max(LEAST_FIT_TOL * skin, body.tol), GREATEST_FIT_TOL * skin)
