@@ -10,9 +10,9 @@ import numpy as np
 import pytest
 
 import tpmscad
-from tpmscad.errors import KernelError
+from tpmscad.errors import KernelError, LevelSetError
 from tpmscad.results.model import Model
-from tpmscad.solids import field_skin
+from tpmscad.solids import distance_skin, field_skin
 from tpmscad.solids import skin as offset_skins
 
 pytestmark = [pytest.mark.kernel, pytest.mark.slow]
@@ -81,6 +81,16 @@ def test_a_skin_that_leaves_nothing_is_refused_at_once() -> None:
     with pytest.raises(tpmscad.errors.InvalidRequest, match="nowhere deeper than") as caught:
         tpmscad.infill(block(), **P, skin=7.5)
     assert "also tried" not in str(caught.value)
+
+
+def test_a_distance_that_is_not_fitted_leaves_the_reason_of_the_offset_faces(monkeypatch: pytest.MonkeyPatch) -> None:
+    def fail(*_: Any) -> Any:
+        raise LevelSetError("no patches for this test")
+
+    monkeypatch.setattr(offset_skins, "erode_body", refuse)
+    monkeypatch.setattr(distance_skin, "erode_by_distance", fail)
+    with pytest.raises(KernelError, match=r"refused for this test.*no patches for this test"):
+        tpmscad.infill(block(), **P, skin=SKIN)
 
 
 def test_what_lies_between_the_samples_of_the_distance_is_no_reason_to_call_a_skin_too_thick(

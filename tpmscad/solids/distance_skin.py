@@ -12,7 +12,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any
 
-from tpmscad.errors import InvalidRequest, KernelError, TrimmingError
+from tpmscad.errors import InvalidRequest, KernelError, LevelSetError, TrimmingError
 from tpmscad.fallbacks import Fallback, Fallbacks
 from tpmscad.kernel.body_import.cad_body import CadBody
 from tpmscad.kernel.boolean.boolean_operations import estimate_volume
@@ -28,16 +28,13 @@ from tpmscad.solids.boolean_strategies import (
     sample_body,
     signed_distances_to_nodes,
 )
-from tpmscad.solids.field_bodies import BODY, join_meshes
+from tpmscad.solids.field_bodies import BODY, MESH_ANGLE, join_meshes
 from tpmscad.solids.field_body_infill import MOVE_DIRECTION, build_valid_solids, cut_by_lattice, describe_cut
 from tpmscad.solids.field_skin import ErosionSource, erode_by_distance
 from tpmscad.solids.hollowing import HOLLOWING_METHODS, VoidsInBody
 from tpmscad.solids.lattice_block import LatticeBlock
 from tpmscad.solids.skin import describe_closed_voids, fill_within_skin
 from tpmscad.trimming.network_boolean import combine_networks
-
-MESH_ANGLE = 0.5
-"""Radians between facets of the triangles."""
 
 
 def fill_by_distance(block: LatticeBlock, body: CadBody, skin: float, open_faces: Sequence[Any] = ()) -> BooleanResult:
@@ -84,7 +81,7 @@ SKIN_METHODS = Fallbacks(
         Fallback("offset faces", fill_within_skin, "one to three seconds, up to a minute by the kernel"),
         Fallback("the distance from the body's triangles", fill_by_distance, "one to five minutes"),
     ),
-    retry_on=(KernelError, TrimmingError),
+    retry_on=(KernelError, TrimmingError, LevelSetError),
     final=(InvalidRequest,),
 )
 """How a body is filled behind a skin."""
