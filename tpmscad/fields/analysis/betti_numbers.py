@@ -113,7 +113,7 @@ def count_tunnels_near_surface(
     if field.tape.calls_foreign_functions:
         return None
     for lines in FINEST_LINES:
-        cells = np.maximum(8, np.ceil(lines * (hi - lo) / (hi - lo).max())).astype(int)
+        cells = _divide_box(lo, hi, lines)
         found = known[0], known[0] + known[2] - _sum_blocks(field, lo, hi, cells), known[2]
         if confirm(found):
             return found
@@ -158,7 +158,7 @@ def _count_operands(
     """The counts of each field on successive grids, until those that see all necks agree or the grids are too large."""
     counts: list[list[_Count]] = [[] for _ in operands]
     while unsettled := [k for k, history in enumerate(counts) if not _is_settled(history, n_agreeing)]:
-        cells = np.maximum(8, np.ceil(lines * (hi - lo) / (hi - lo).max())).astype(int)
+        cells = _divide_box(lo, hi, lines)
         fields = [operands[k] for k in unsettled]
         if np.prod(cells + 1.0) > min(_limit_nodes(field)[0] for field in fields):
             break
@@ -168,6 +168,11 @@ def _count_operands(
             counts[k].append(_Count((found.b0, found.b1, found.b2), sees_necks))
         lines = REFINEMENT_RATIO * lines
     return counts
+
+
+def _divide_box(lo: Array, hi: Array, lines: float) -> Array:
+    """Numbers of cells (3,) of a grid with so many lines along the longest edge of the box."""
+    return np.asarray(np.maximum(8, np.ceil(lines * (hi - lo) / (hi - lo).max())).astype(int))
 
 
 def _limit_nodes(field: Field) -> tuple[int, int]:
