@@ -62,6 +62,17 @@ def test_the_samples_of_a_large_image_are_bounded() -> None:
     assert find_sample_spacing(image, lo, hi) == pytest.approx(599 / 256)
 
 
+@pytest.mark.slow
+@pytest.mark.filterwarnings("error::RuntimeWarning")
+def test_rounded_edges_of_a_flat_wedge_are_fitted() -> None:
+    """Leaves as flat as the box are split without end along its edges, which are rounded with a hundredth of its width."""
+    planes = ("z - 0.1 * (0.5 - x)", "-z - 0.1 * (0.5 - x)", "y - 1", "-y - 1", "-x - 0.4")
+    wedge = fields.expression(f"0.01 * log({' + '.join(f'exp(({plane}) / 0.01)' for plane in planes)})")
+    found = fit_field_solid(wedge, np.array([-0.55, -1.05, -0.1]), np.array([0.55, 1.05, 0.1]), 1e-3)
+    assert found.deviation.max <= 1e-3
+    assert len(found.brep.faces) < 4000
+
+
 def test_narrow_places_of_a_plate_are_sampled_as_coarsely_as_its_length_allows() -> None:
     ball = fields.sphere((1.0, 1.0, 0.0), 0.5)
     thin = np.array([2.0, 2.0, 1e-4])

@@ -101,8 +101,9 @@ def fit_normals(field: Field, curves: Array, ends: EndShapes, starts: SpokeStart
     length = np.maximum(np.linalg.norm(direction, axis=-1), MIN_DIVISOR)
     direction, change = direction / length[..., None], change / length
 
-    scale = np.linalg.norm(curves[:, -1] - curves[:, 0], axis=-1)[:, None, None]
-    product = (bernstein_product(degree, degree - 1).reshape(-1, degree) @ (tangent / scale)).reshape(
+    chord = np.linalg.norm(curves[:, -1] - curves[:, 0], axis=-1)
+    scale = np.where(chord > 0, chord, 1.0)  # sides without length are split afterwards
+    product = (bernstein_product(degree, degree - 1).reshape(-1, degree) @ (tangent / scale[:, None, None])).reshape(
         len(curves), 2 * degree, degree + 1, 3
     )
     fraction = np.linspace(0.0, 1.0, degree + 1)[:, None]
