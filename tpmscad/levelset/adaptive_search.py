@@ -97,10 +97,10 @@ MIN_LEAVES_PER_AXIS = 2
 
 SHARP_QUANTILE = 0.995
 MAX_LEAF_ASPECT = 2.0
-"""Largest ratio of the edges of a first leaf in a flat box, if the leaf size for this quantile of the curvature is less than its
-shortest edge: splits keep the ratio. On the inside of a wing's skin, 1 x 2 x .15, leaves of 1 : 7 : 13 were split to 58,000 patches
-without an end, since at its rounded edges they are fine in one direction and coarse in another; cubes pass with 6093 patches,
-leaves of this ratio with 5426. Walls across a thin plate keep their long leaves."""
+"""Largest ratio of the edges of a first leaf in a flat box, if the leaf size for this quantile of the curvature is less than the
+box's shortest edge: splits keep the ratio. On the inside of a wing's skin, 1 x 2 x .15, leaves of 1 : 7 : 13 were split to 58,000
+patches without an end, since at its rounded edges they are fine in one direction and coarse in another; cubes pass with 6093
+patches, leaves of this ratio with 5426. Walls across a thin plate keep their long leaves."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
