@@ -9,7 +9,8 @@ the tolerance .005 of it, of images at least a tenth of their spacing, the comma
 kind and faces or samples, and one for each task: outcome, CPU seconds, faces and method. Each task runs in a process of its own.
 
 Outcomes: met; WRONG if the file read again is not valid, or its volume is not that of random points which lie in the body (by the
-kernel's classifier, by winding numbers of the triangles, by the samples) and in the wall by the published formula of the surface;
+kernel's classifier, by winding numbers of the triangles, by the samples), and in the wall by the published formula of the surface
+or within the skin of the body's triangles;
 "not met" and "refused" with the reason; "hang" after three times the CPU seconds given, without the judgement.
 """
 
@@ -25,6 +26,7 @@ import tempfile
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -37,8 +39,8 @@ from OCP.gp import gp_Pnt
 from OCP.TopAbs import TopAbs_IN
 from vtkmodules.util.numpy_support import numpy_to_vtk, numpy_to_vtkIdTypeArray, vtk_to_numpy
 from vtkmodules.vtkCommonCore import vtkDoubleArray, vtkPoints
-from vtkmodules.vtkCommonDataModel import vtkCellArray, vtkPolyData
-from vtkmodules.vtkFiltersCore import vtkImplicitPolyDataDistance
+from vtkmodules.vtkCommonDataModel import vtkCellArray, vtkImageData, vtkPolyData
+from vtkmodules.vtkFiltersCore import vtkFlyingEdges3D, vtkImplicitPolyDataDistance
 from vtkmodules.vtkFiltersModeling import vtkSelectEnclosedPoints
 
 import tpmscad
@@ -60,21 +62,27 @@ WALL_CELLS, TOL_CELLS = 0.1, 0.005
 MAX_BATCHES = 20
 """How often random points are drawn in the body's box, until a quarter of a batch lies in it."""
 
+SAMPLES_PER_SPACING, MAX_SAMPLES = 2.5, 8_000_000
+"""Samples of an image's field to its own spacing, and the most in its box, for triangles of its level set."""
+
 VOXEL_RTOL = 0.1
 """Difference allowed between the volume of an image's solid and that of its samples inside: they are few."""
 
 
 @dataclass(frozen=True)
 class Judged:
-    """A body by means of its own: which points are inside, triangles of its surface, and its volume; `given` is filled.
+    """A body by means of its own: which points are inside, how far they are from its surface, its box and volume.
+
+    `given` is filled.
 
     rtol: of the volume; tol: the least tolerance that what is given deserves.
     """
 
     given: Any
     is_inside: Callable[[Array], Array]
-    vertices: Array
-    triangles: Array
+    distances: Callable[[Array], Array]
+    low: Array
+    high: Array
     volume: float
     what: str
     rtol: float = 0.0
@@ -102,7 +110,9 @@ def load_cad(path: Path) -> Judged:
     faces = faces_of(body)
     free = sum(BRepAdaptor_Surface(face).GetType() not in QUADRICS for face in faces)
     words = f"{len(file.solids)} solids, {len(faces)} faces, {free} free-form, gaps {measure_accuracy([body]):.1e}"
-    return Judged(file, is_inside, vertices, triangles, volume, words + (", healed" if file.healed else ""))
+    distances = partial(measure_distances, vertices, triangles)
+    box = vertices.min(axis=0), vertices.max(axis=0)
+    return Judged(file, is_inside, distances, *box, volume, words + (", healed" if file.healed else ""))
 
 
 def load_mesh(path: Path) -> Judged:
@@ -116,30 +126,40 @@ def load_mesh(path: Path) -> Judged:
             [find_winding(corners, batch) > 0.5 for batch in np.array_split(points, len(points) // 50 + 1)]
         )
 
-    return Judged(path, is_inside, vertices, triangles, float(mesh.volume), f"{len(triangles)} triangles")
+    distances = partial(measure_distances, vertices, triangles)
+    box = vertices.min(axis=0), vertices.max(axis=0)
+    return Judged(path, is_inside, distances, *box, float(mesh.volume), f"{len(triangles)} triangles")
 
 
 def locate_in_triangles(vertices: Array, triangles: Array, points: Array) -> tuple[Array, Array]:
     """Whether each of points (n, 3) lies inside closed triangles, and its distance to them, by VTK."""
-    cells = np.column_stack([np.full(len(triangles), 3), triangles]).astype(np.int64)
-    closed, asked, search = vtkPolyData(), vtkPolyData(), vtkSelectEnclosedPoints()
-    for data, places in ((closed, vertices), (asked, points)):
-        holder = vtkPoints()
-        holder.SetData(numpy_to_vtk(np.ascontiguousarray(places, float), deep=True))
-        data.SetPoints(holder)
-    polygons = vtkCellArray()
-    polygons.ImportLegacyFormat(numpy_to_vtkIdTypeArray(cells.ravel(), deep=True))
-    closed.SetPolys(polygons)
-    search.SetSurfaceData(closed)
-    search.SetInputData(asked)
+    search = vtkSelectEnclosedPoints()
+    search.SetSurfaceData(make_poly_data(vertices, triangles))
+    search.SetInputData(make_poly_data(points))
     search.SetTolerance(0.0)
     search.Update()
-    distance = vtkImplicitPolyDataDistance()
-    distance.SetInput(closed)
-    found = vtkDoubleArray()
-    distance.FunctionValue(asked.GetPoints().GetData(), found)
     inside = vtk_to_numpy(search.GetOutput().GetPointData().GetArray("SelectedPoints")) == 1
-    return np.asarray(inside), np.abs(vtk_to_numpy(found))
+    return np.asarray(inside), measure_distances(vertices, triangles, points)
+
+
+def measure_distances(vertices: Array, triangles: Array, points: Array) -> Array:
+    """Distances (n,) of points (n, 3) to triangles, by VTK."""
+    distance, found = vtkImplicitPolyDataDistance(), vtkDoubleArray()
+    distance.SetInput(make_poly_data(vertices, triangles))
+    distance.FunctionValue(make_poly_data(points).GetPoints().GetData(), found)
+    return np.abs(vtk_to_numpy(found))
+
+
+def make_poly_data(vertices: Array, triangles: Array | None = None) -> vtkPolyData:
+    """Points, and triangles between them, for VTK."""
+    data, holder = vtkPolyData(), vtkPoints()
+    holder.SetData(numpy_to_vtk(np.ascontiguousarray(vertices, float), deep=True))
+    data.SetPoints(holder)
+    if triangles is not None:
+        cells, polygons = np.column_stack([np.full(len(triangles), 3), triangles]).astype(np.int64), vtkCellArray()
+        polygons.ImportLegacyFormat(numpy_to_vtkIdTypeArray(cells.ravel(), deep=True))
+        data.SetPolys(polygons)
+    return data
 
 
 def find_winding(corners: Array, points: Array) -> Array:
@@ -172,17 +192,43 @@ def load_image(path: Path) -> Judged:
     if read is fields.sampled:
         field = read(path, level=find_otsu_threshold(field(points)), **given)
     inside = field(points) < 0
-    nearest = points[inside]
+    vertices, triangles = triangulate_level_set(field, low, high)
+
+    def measure_depths(at: Array) -> Array:
+        """Where a side of the box is nearer than the level set, the body ends there."""
+        to_box = np.minimum(at - low, high - at).min(axis=1)
+        return np.asarray(np.minimum(to_box, measure_distances(vertices, triangles, at)))
+
     return Judged(
         field,
         lambda at: field(at) < 0,
-        nearest,
-        np.zeros((0, 3), int),
+        measure_depths,
+        points[inside].min(axis=0),
+        points[inside].max(axis=0),
         float(inside.mean() * np.prod(high - low)),
         f"{field}"[:60],
         VOXEL_RTOL,
         DEFAULT_TOL_SPACINGS * min(field.spacing),
     )
+
+
+def triangulate_level_set(field: Any, low: Array, high: Array) -> tuple[Array, Array]:
+    """Vertices and triangles of {field = 0} in a box, by VTK's flying edges from samples closer than the field's own."""
+    spacing = max(min(field.spacing) / SAMPLES_PER_SPACING, float((np.prod(high - low) / MAX_SAMPLES) ** (1 / 3)))
+    counts = np.ceil((high - low) / spacing).astype(int) + 1
+    x, y, z = (np.linspace(a, b, n) for a, b, n in zip(low, high, counts, strict=True))
+    values = np.stack([field(np.stack(np.meshgrid([a], y, z, indexing="ij"), axis=-1).reshape(-1, 3)) for a in x])
+    image, edges = vtkImageData(), vtkFlyingEdges3D()
+    image.SetDimensions(*counts.tolist())
+    image.SetOrigin(*low.tolist())
+    image.SetSpacing(*((high - low) / (counts - 1)).tolist())
+    image.GetPointData().SetScalars(numpy_to_vtk(values.reshape(counts).ravel(order="F"), deep=True))
+    edges.SetInputData(image)
+    edges.SetValue(0, 0.0)
+    edges.Update()
+    found = edges.GetOutput()
+    triangles = vtk_to_numpy(found.GetPolys().GetData()).reshape(-1, 4)[:, 1:]
+    return vtk_to_numpy(found.GetPoints().GetData()).astype(float), triangles
 
 
 def find_otsu_threshold(values: Array) -> float:
@@ -198,7 +244,7 @@ def find_otsu_threshold(values: Array) -> float:
 
 def sample_fraction(body: Judged, cell: float, skin: float | None, batch: int) -> tuple[float, float]:
     """Part of the body that the filling takes by random points, and its standard error; a wall and a skin by distances."""
-    low, high = body.vertices.min(axis=0), body.vertices.max(axis=0)
+    low, high = body.low, body.high
     rng = np.random.default_rng(5)
     batches: list[Array] = []
     while len(batches) < MAX_BATCHES and sum(map(len, batches)) < batch / 4:  # a thin body takes little of its box
@@ -209,7 +255,7 @@ def sample_fraction(body: Judged, cell: float, skin: float | None, batch: int) -
     half = WALL_CELLS * cell / 2
     taken = np.abs(signed_distance(f, points, half, cell)) < half
     if skin is not None:
-        taken |= locate_in_triangles(body.vertices, body.triangles, points)[1] < skin
+        taken |= body.distances(points) < skin
     mean = float(taken.mean())
     return mean, float(np.sqrt(max(mean * (1 - mean), 1e-4) / len(points)))
 
@@ -256,8 +302,6 @@ def carry_out(path: Path, task: str, cells: float, skin_cells: float, points: in
     found = {"seconds": seconds, "faces": model.certificate.n_faces, "method": model.trimmed_by, "words": ""}
     if not model.certificate.met:
         return found | {"outcome": "not met", "words": "; ".join(model.certificate.shortfalls)}
-    if task == "skin" and not len(body.triangles):
-        return found | {"outcome": "met", "words": "the skin was not judged"}
     faults = judge(body, model, cell, skin, task != "solid", points)
     return found | {"outcome": "WRONG" if faults else "met", "words": "; ".join(faults)}
 
