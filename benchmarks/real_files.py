@@ -227,7 +227,7 @@ def triangulate_level_set(field: Any, low: Array, high: Array) -> tuple[Array, A
     edges.SetValue(0, 0.0)
     edges.Update()
     found = edges.GetOutput()
-    triangles = vtk_to_numpy(found.GetPolys().GetData()).reshape(-1, 4)[:, 1:]
+    triangles = vtk_to_numpy(found.GetPolys().GetConnectivityArray()).reshape(-1, 3)
     return vtk_to_numpy(found.GetPoints().GetData()).astype(float), triangles
 
 
