@@ -17,7 +17,7 @@ from tpmscad.brep.free_form_surface import FreeFormSurface
 from tpmscad.errors import InvalidRequest, TrimmingError
 from tpmscad.levelset.field_solid import fit_field
 from tpmscad.rigid_motion import Motion
-from tpmscad.splines.bspline import BSplineSurface, line_segment
+from tpmscad.splines.bspline import BSplineCurve, BSplineSurface, line_segment
 from tpmscad.trimming.classify.network_edges import points_in_network
 from tpmscad.trimming.intersect.common_curves import DEGREE, _choose_parameters
 from tpmscad.trimming.intersect.edge_face import intersect_edges_with_faces
@@ -170,6 +170,31 @@ def test_every_crossing_of_a_line_with_a_face_is_found() -> None:
     counted = np.bincount(pairs[hits.pair, 0], minlength=200)
     assert clear.sum() > 150
     assert np.array_equal(counted[clear], crossings[clear])
+
+
+@pytest.mark.parametrize(("length", "crossings"), [(0.05, 1), (0.1, 2)])
+def test_short_edges_of_many_pieces_that_run_along_a_face_pierce_it(length: float, crossings: int) -> None:
+    """Edges far shorter than the faces, at two degrees to them: by the squared distance from the centre, exact on a line."""
+    n, rng = 200, np.random.default_rng(5)
+    normal, other = (v / np.linalg.norm(v, axis=1, keepdims=True) for v in rng.normal(size=(2, n, 3)))
+    tangent = np.cross(normal, other)
+    tangent /= np.linalg.norm(tangent, axis=1, keepdims=True)
+    begin, along = 1.301 * normal, length * (tangent - 0.04 * normal)
+    knots = np.concatenate([[0.0], np.linspace(0.0, 1.0, 25), [1.0]])
+    edges = tuple(
+        BSplineCurve(p + np.linspace(0.0, 1.0, 25)[:, None] * d, knots, 1) for p, d in zip(begin, along, strict=True)
+    )
+    table = tabulate_segments(edges, np.arange(n), Motion.identity(n), np.tile([0.0, 1.0], (n, 1)))
+    faces = tabulate_faces(ball((0.0, 0.0, 0.0), 1.3))
+    pairs = find_overlapping_boxes(table.low, table.high, faces.low, faces.high, 0.0)
+    hits = intersect_edges_with_faces(table, faces, pairs)
+    assert not len(hits.touching)
+    assert np.array_equal(np.bincount(pairs[hits.pair, 0], minlength=n), np.full(n, crossings))
+    a, b, c = ((v * w).sum(axis=1) for v, w in ((along, along), (along, begin), (begin, begin)))
+    root = (-b - np.sqrt(b**2 - a * (c - 1.3**2))) / a
+    first = np.full(n, np.inf)
+    np.minimum.at(first, pairs[hits.pair, 0], hits.t)
+    assert np.abs(first - root).max() * length < 1e-3  # the ball's patches are 2e-5 off, 25 times that along the edge
 
 
 def test_points_are_told_from_the_network_alone() -> None:

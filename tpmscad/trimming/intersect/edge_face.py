@@ -3,7 +3,7 @@
 A piece of the edge and a cell of the face are a box in (t, u, v). With D = C - S, its Jacobian J at the middle of the box and
 a bound e of the remainder of Taylor's formula, the roots lie in -J^-1 D + |rows of J^-1| e. The box is dropped if that leaves
 it; if the derivatives vary so little in it that J^-1 D is injective, it holds one root at most, which Newton's method finds;
-else it is divided. What is left at the smallest size is a contact without a crossing, or one along a length: it is told with
+else it is divided, in t or in (u, v) alone as long as that part of it is much longer. What is left at the smallest size is a contact without a crossing, or one along a length: it is told with
 its place.
 """
 
@@ -27,8 +27,12 @@ from tpmscad.trimming.operands.network_tables import (
 MAX_DIVISIONS = 14
 """Halvings of a box. Curves that come nearer than 2^-28 of a cell's bulge without a crossing count as touching."""
 
-MAX_BOXES = 10_000
+MAX_BOXES = 100_000
 """Boxes of one edge and one face, after which they count as lying in one another."""
+
+LENGTH_RATIO = 4.0
+"""Ratio of the lengths of the two parts of a box above which the longer one alone is divided. An edge of .0065 that pierces a face
+of .15 once, at 4 degrees, and then stays within .0001 of it took 10,600 boxes when all were cubes in (t, u, v)."""
 
 INJECTIVE = 0.7
 """Bound in place of 1 in the test of injectivity."""
@@ -80,14 +84,18 @@ def intersect_edges_with_faces(edges: NetworkEdges, faces: NetworkFaces, pairs: 
 def _find_roots(
     edges: NetworkEdges, faces: NetworkFaces, pairs: IntArray
 ) -> tuple[Array, Array]:  # pragma: no cover - compiled
-    """Rows (pair, t, half of t, u, v, halves of u and v) of roots, and rows (pair, x, y, z) of unresolved contacts."""
+    """Rows (pair, t, half of t, u, v, halves of u and v) of roots, and rows (pair, x, y, z) of unresolved contacts.
+
+    A pair with such a contact is not looked at further.
+    """
     roots, touching = np.empty((64, 7)), np.empty((16, 4))
     n_roots, n_touching = 0, 0
-    stack = np.empty((8 * MAX_DIVISIONS + 8, 4))
+    stack = np.empty((24 * MAX_DIVISIONS + 8, 5))
+    least = 2.0**-MAX_DIVISIONS
     curve, jet, own = np.empty((2, 3)), np.empty((3, 3)), np.empty(7)
     for k in range(len(pairs)):
         e, f = pairs[k, 0], pairs[k, 1]
-        boxes = 0
+        boxes, touches = 0, False
         for piece in range(edges.first_piece[e], edges.first_piece[e + 1]):
             for c in range(faces.cells.first[f], faces.cells.first[f + 1]):
                 apart = 0.0
@@ -96,14 +104,14 @@ def _find_roots(
                 reach = edges.radius[piece] + faces.cells.radius[c]
                 if apart > reach * reach:
                     continue
-                stack[0, 0], stack[0, 1], stack[0, 2], stack[0, 3] = 0.0, 0.0, 0.0, 1.0
+                stack[0, :3], stack[0, 3:] = 0.0, 1.0
                 size = 1
                 while size:
                     size -= 1
-                    w = stack[size, 3]
                     x, y, z = stack[size, 0], stack[size, 1], stack[size, 2]
+                    wt, w = stack[size, 3], stack[size, 4]
                     boxes += 1
-                    state = _examine_box(edges, faces, f, piece, c, x, y, z, w, curve, jet, own)
+                    state = _examine_box(edges, faces, f, piece, c, x, y, z, wt, w, curve, jet, own)
                     if state == 0:
                         continue
                     if state == 1:
@@ -114,29 +122,35 @@ def _find_roots(
                             roots[n_roots, d] = own[d]
                         n_roots += 1
                         continue
-                    if w < 2.0**-MAX_DIVISIONS or boxes > MAX_BOXES:
+                    if max(wt, w) < least or boxes > MAX_BOXES:
                         u = faces.cells.middle[c, 0] + faces.cells.half[c, 0] * y
                         v = faces.cells.middle[c, 1] + faces.cells.half[c, 1] * z
-                        told = n_touching > 0 and touching[n_touching - 1, 0] == k
-                        if not told and (boxes > MAX_BOXES or is_in_region(faces.regions, f, u, v)):
+                        if boxes > MAX_BOXES or is_in_region(faces.regions, f, u, v):
                             if n_touching == len(touching):
                                 touching = grow_rows(touching)
                             touching[n_touching, 0] = k
                             for d in range(3):
                                 touching[n_touching, 1 + d] = curve[0, d]
                             n_touching += 1
-                        if boxes > MAX_BOXES:
-                            size = 0
+                            touches = True
+                            break
                         continue
-                    for i in range(8):
-                        stack[size, 0] = x + 0.5 * w * (2 * (i & 1) - 1)
-                        stack[size, 1] = y + 0.5 * w * (2 * ((i >> 1) & 1) - 1)
-                        stack[size, 2] = z + 0.5 * w * (2 * (i >> 2) - 1)
-                        stack[size, 3] = 0.5 * w
+                    along = wt * edges.radius[piece]
+                    across = w * faces.cells.radius[c]
+                    halve_t = wt > least and (along * LENGTH_RATIO >= across or w <= least)
+                    halve_uv = w > least and (across * LENGTH_RATIO >= along or wt <= least)
+                    dt, d = 0.5 * wt if halve_t else 0.0, 0.5 * w if halve_uv else 0.0
+                    for i in range(8 if halve_uv else 2):
+                        if not halve_t and i & 1:
+                            continue
+                        stack[size, 0] = x + dt * (2 * (i & 1) - 1)
+                        stack[size, 1] = y + d * (2 * ((i >> 1) & 1) - 1)
+                        stack[size, 2] = z + d * (2 * (i >> 2) - 1)
+                        stack[size, 3], stack[size, 4] = wt - dt, w - d
                         size += 1
-                if boxes > MAX_BOXES:
+                if touches:
                     break
-            if boxes > MAX_BOXES:
+            if touches:
                 break
     return roots[:n_roots], touching[:n_touching]
 
@@ -151,12 +165,16 @@ def _examine_box(
     x: float,
     y: float,
     z: float,
+    wt: float,
     w: float,
     curve: Array,
     jet: Array,
     own: Array,
 ) -> int:  # pragma: no cover - compiled
-    """0 if the box of half width w about (x, y, z) has no root, 1 with the root in `own`, 2 if it must be divided."""
+    """0 if the box about (x, y, z) has no root, 1 with the root in `own`, 2 if it must be divided.
+
+    Its half widths are wt in t, and w in u and v.
+    """
     hu, hv = faces.cells.half[cell, 0], faces.cells.half[cell, 1]
     mu, mv = faces.cells.middle[cell, 0], faces.cells.middle[cell, 1]
     tx2, ty2, tz2 = edges.bend[piece, 0], edges.bend[piece, 1], edges.bend[piece, 2]
@@ -170,15 +188,19 @@ def _examine_box(
     dx, dy, dz = curve[0, 0] - jet[0, 0], curve[0, 1] - jet[0, 1], curve[0, 2] - jet[0, 2]
     noise = 1e-14 * (abs(curve[0, 0]) + abs(curve[0, 1]) + abs(curve[0, 2]))
     of_face = w * w * (0.5 * buu + buv + 0.5 * bvv) + noise
-    rest = of_face + 0.5 * w * w * bt
-    side = w * (1.0 + BORDER_MARGIN)
+    rest = of_face + 0.5 * wt * wt * bt
+    along, side = wt * (1.0 + BORDER_MARGIN), w * (1.0 + BORDER_MARGIN)
+    u, v = np.sqrt(ux * ux + uy * uy + uz * uz), np.sqrt(vx * vx + vy * vy + vz * vz)
+    reach = along * np.sqrt(tx * tx + ty * ty + tz * tz) + side * (u + v) + rest
+    if dx * dx + dy * dy + dz * dz > reach * reach:
+        return 0
     nx, ny, nz = uy * vz - uz * vy, uz * vx - ux * vz, ux * vy - uy * vx
     area = np.sqrt(nx * nx + ny * ny + nz * nz)
     rise = tx * nx + ty * ny + tz * nz
     off = (
-        0.5 * w * w * (abs(nx) * tx2 + abs(ny) * ty2 + abs(nz) * tz2) + of_face * area
+        0.5 * wt * wt * (abs(nx) * tx2 + abs(ny) * ty2 + abs(nz) * tz2) + of_face * area
     )  # of planes 0, if the edge is parallel
-    if abs(dx * nx + dy * ny + dz * nz) > side * abs(rise) + off:
+    if abs(dx * nx + dy * ny + dz * nz) > along * abs(rise) + off:
         return 0
     # rows of J^-1 for J = [C', -S_u, -S_v]
     ax, ay, az = nx / rise, ny / rise, nz / rise
@@ -194,15 +216,15 @@ def _examine_box(
     r2 = -(cx * dx + cy * dy + cz * dz)
     if not (a < 1e12):
         return 2
-    if abs(r0) > side + a * rest or abs(r1) > side + b * rest or abs(r2) > side + c * rest:
+    if abs(r0) > along + a * rest or abs(r1) > side + b * rest or abs(r2) > side + c * rest:
         return 0
-    vary = w * (bt + buu + 2.0 * buv + bvv)
+    vary = wt * bt + w * (buu + 2.0 * buv + bvv)
     if max(a, b, c) * vary > INJECTIVE:
         return 2
     p, q, s = x, y, z
     for _ in range(NEWTON_STEPS):
         p, q, s = p + r0, q + r1, s + r2
-        if abs(p - x) > 3.0 * w or abs(q - y) > 3.0 * w or abs(s - z) > 3.0 * w:
+        if abs(p - x) > 3.0 * wt or abs(q - y) > 3.0 * w or abs(s - z) > 3.0 * w:
             return 2
         moved = max(abs(r0), abs(r1), abs(r2))
         evaluate_piece(edges, piece, p, curve)
@@ -218,7 +240,7 @@ def _examine_box(
         r2 = -(dx * (uy * tz - uz * ty) + dy * (uz * tx - ux * tz) + dz * (ux * ty - uy * tx)) / rise
         step = max(abs(r0), abs(r1), abs(r2))
         if step < STEP_TOL or (step >= moved and step < 1e3 * STEP_TOL):
-            if abs(p - x) > side or abs(q - y) > side or abs(s - z) > side:
+            if abs(p - x) > along or abs(q - y) > side or abs(s - z) > side:
                 return 0
             own[1], own[2] = edges.middle[piece] + edges.half[piece] * p, edges.half[piece]
             own[3], own[4] = mu + hu * q, mv + hv * s
