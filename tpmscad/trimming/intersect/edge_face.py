@@ -3,8 +3,8 @@
 A piece of the edge and a cell of the face are a box in (t, u, v). With D = C - S, its Jacobian J at the middle of the box and
 a bound e of the remainder of Taylor's formula, the roots lie in -J^-1 D + |rows of J^-1| e. The box is dropped if that leaves
 it; if the derivatives vary so little in it that J^-1 D is injective, it holds one root at most, which Newton's method finds;
-else it is divided, in t or in (u, v) alone as long as that part of it is much longer. What is left at the smallest size is a contact without a crossing, or one along a length: it is told with
-its place.
+else it is divided, in t or in (u, v) alone as long as that part of it is much longer. What is left at the smallest size is a
+contact without a crossing, or one along a length: it is told with its place.
 """
 
 from __future__ import annotations
@@ -31,8 +31,8 @@ MAX_BOXES = 100_000
 """Boxes of one edge and one face, after which they count as lying in one another."""
 
 LENGTH_RATIO = 4.0
-"""Ratio of the lengths of the two parts of a box above which the longer one alone is divided. An edge of .0065 that pierces a face
-of .15 once, at 4 degrees, and then stays within .0001 of it took 10,600 boxes when all were cubes in (t, u, v)."""
+"""Ratio of the lengths of the two parts of a box above which the longer one alone is divided. An edge of .0065 that pierces a
+face of .15 once, at 4 degrees, and then stays within .0001 of it took 10,600 boxes when all were cubes in (t, u, v)."""
 
 INJECTIVE = 0.7
 """Bound in place of 1 in the test of injectivity."""
