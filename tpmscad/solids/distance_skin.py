@@ -9,14 +9,12 @@ the body stay exact.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
 from typing import Any
 
 from tpmscad.errors import InvalidRequest, KernelError, LevelSetError, TrimmingError
 from tpmscad.fallbacks import Fallback, Fallbacks
 from tpmscad.kernel.body_import.cad_body import CadBody
 from tpmscad.kernel.boolean.boolean_operations import estimate_volume
-from tpmscad.kernel.boolean.cut_faces import SKIN
 from tpmscad.kernel.boolean.hollow_body import count_closed_cavities
 from tpmscad.kernel.export.solid_mesh import mesh_solids
 from tpmscad.kernel.measure.skin_depth import SkinDepth
@@ -28,13 +26,12 @@ from tpmscad.solids.boolean_strategies import (
     sample_body,
     signed_distances_to_nodes,
 )
-from tpmscad.solids.field_bodies import BODY, MESH_ANGLE, join_meshes
-from tpmscad.solids.field_body_infill import MOVE_DIRECTION, build_valid_solids, cut_by_lattice, describe_cut
+from tpmscad.solids.field_bodies import MESH_ANGLE, join_meshes
+from tpmscad.solids.field_body_infill import MOVE_DIRECTION, cut_voids
 from tpmscad.solids.field_skin import ErosionSource, erode_by_distance
 from tpmscad.solids.hollowing import HOLLOWING_METHODS, VoidsInBody
 from tpmscad.solids.lattice_block import LatticeBlock
 from tpmscad.solids.skin import describe_closed_voids, fill_within_skin
-from tpmscad.trimming.network_boolean import combine_networks
 
 
 def fill_by_distance(block: LatticeBlock, body: CadBody, skin: float, open_faces: Sequence[Any] = ()) -> BooleanResult:
@@ -45,11 +42,8 @@ def fill_by_distance(block: LatticeBlock, body: CadBody, skin: float, open_faces
         cavity = erode_by_distance(_describe_source(body), skin)
     except InvalidRequest as error:  # offset faces found points that are deeper, between these samples
         raise KernelError("skin by the distance", str(error)) from error
-    found, moved = cut_by_lattice(
-        block, lambda lattice: combine_networks(cavity.brep, lattice, "difference", build=build_valid_solids)
-    )
-    brep = replace(found.brep, tags=tuple(SKIN if tag == BODY else tag for tag in found.brep.tags))
-    void = BooleanResult(found.built, brep, TRIMMED_PATCHES, ())
+    voids = cut_voids(block, cavity)
+    void = BooleanResult(voids.built, voids.brep, TRIMMED_PATCHES, ())
     hollowed = HOLLOWING_METHODS.run(VoidsInBody(body, (), (void,), ())).value
     filled = sum(map(estimate_volume, hollowed.built.solids)) / body.volume
     points = sample_body(body)
@@ -59,9 +53,9 @@ def fill_by_distance(block: LatticeBlock, body: CadBody, skin: float, open_faces
         hollowed.built,
         hollowed.brep,
         TRIMMED_PATCHES,
-        (*describe_cut(found.report, moved), *cavity.notes, *closed),
-        (*cavity.checks, compare_with_sample(filled, solid, body.name)),
-        (tuple((moved * MOVE_DIRECTION).tolist()),),
+        (*voids.notes, *closed),
+        (*voids.checks, compare_with_sample(filled, solid, body.name)),
+        (tuple((voids.moved * MOVE_DIRECTION).tolist()),),
     )
 
 

@@ -47,8 +47,8 @@ MOVE_DIRECTION = np.array([-0.53, 0.81, 0.25])
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class FilledBody:
-    """Solids of a body and a lattice, their boundary representation, and how they were made."""
+class CutSolids:
+    """Solids of two networks that cut each other, their boundary representation, and how they were made."""
 
     brep: Brep
     built: BrepSolids
@@ -97,29 +97,34 @@ def infill_field_body(
     )
 
 
-def _intersect(body: FieldBody, block: LatticeBlock) -> FilledBody:
+def _intersect(body: FieldBody, block: LatticeBlock) -> CutSolids:
     """The intersection of body and lattice."""
     found, moved = cut_by_lattice(
         block, lambda lattice: combine_networks(body.built.brep, lattice, "intersection", build=build_valid_solids)
     )
-    return FilledBody(found.brep, found.built, moved, (), describe_cut(found.report, moved))
+    return CutSolids(found.brep, found.built, moved, (), describe_cut(found.report, moved))
 
 
-def _fill_within_skin(body: FieldBody, block: LatticeBlock, cavity: ErodedFieldBody) -> FilledBody:
+def _fill_within_skin(body: FieldBody, block: LatticeBlock, cavity: ErodedFieldBody) -> CutSolids:
     """The body without what the lattice leaves of the cavity."""
-    found, moved = cut_by_lattice(
-        block, lambda lattice: combine_networks(cavity.brep, lattice, "difference", build=build_valid_solids)
-    )
-    voids = replace(found.brep, tags=tuple(SKIN if tag == BODY else tag for tag in found.brep.tags))
-    brep = join_breps([body.built.brep, reverse_faces(voids)])
+    voids = cut_voids(block, cavity)
+    brep = join_breps([body.built.brep, reverse_faces(voids.brep)])
     built = build_valid_solids(brep)
     count = len(built.nesting.volume) - built.n_solids - (len(body.built.nesting.volume) - body.built.n_solids)
     closed = (
         f"the skin closes off {'a channel' if count == 1 else f'{count} channels'}: bore through the skin to let powder or "
         "fluid out"
     )
-    notes = (*describe_cut(found.report, moved), *cavity.notes, closed)
-    return FilledBody(brep, built, moved, cavity.checks, notes)
+    return replace(voids, brep=brep, built=built, notes=(*voids.notes, closed))
+
+
+def cut_voids(block: LatticeBlock, cavity: ErodedFieldBody) -> CutSolids:
+    """What the lattice leaves of the cavity within a skin."""
+    found, moved = cut_by_lattice(
+        block, lambda lattice: combine_networks(cavity.brep, lattice, "difference", build=build_valid_solids)
+    )
+    brep = replace(found.brep, tags=tuple(SKIN if tag == BODY else tag for tag in found.brep.tags))
+    return CutSolids(brep, found.built, moved, cavity.checks, (*describe_cut(found.report, moved), *cavity.notes))
 
 
 def build_valid_solids(brep: Brep) -> BrepSolids:
