@@ -141,8 +141,22 @@ def erode_by_distance(body: ErosionSource, skin: float) -> ErodedFieldBody:
 
 def _fit_rounded_cavity(width: float, body: ErosionSource, skin: float, depth: _SampledDepth) -> ErodedFieldBody:
     """The cavity of the distance after opening and a Gaussian of a width in skins."""
-    depth = replace(depth, values=_round_ridges(depth.values, width * skin / depth.spacing))
-    return _fit_cavity(_find_excess(depth, skin), body, skin, depth)
+    rounded = replace(depth, values=_round_ridges(depth.values, width * skin / depth.spacing))
+    cavity = _fit_cavity(_find_excess(rounded, skin), body, skin, rounded)
+    return replace(cavity, notes=(*cavity.notes, _compare_with_depth(cavity.field, depth, skin)))
+
+
+def _compare_with_depth(cavity: Field, depth: _SampledDepth, skin: float) -> str:
+    """A note on how much smaller a cavity is than what is deeper than the skin, by the samples of the depth."""
+    x, y, z = (a + depth.spacing * np.arange(n) for a, n in zip(depth.origin, depth.values.shape, strict=True))
+    hollow, whole = (
+        depth.spacing**3 * float(np.clip(0.5 - values / depth.spacing, 0.0, 1.0).sum())  # part of the cell of a sample
+        for values in (cavity.on_grid(x, y, z), depth.values + skin)
+    )
+    return (
+        f"the cavity is {whole - hollow:.3g} mm3 smaller than all that is deeper than the skin, {whole:.4g} mm3: its edges are "
+        "rounded, and what is narrow is left solid"
+    )
 
 
 def _round_ridges(values: Array, width: float) -> Array:
