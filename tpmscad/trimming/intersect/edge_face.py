@@ -91,7 +91,7 @@ def _find_roots(
     roots, touching = np.empty((64, 7)), np.empty((16, 4))
     n_roots, n_touching = 0, 0
     stack = np.empty((24 * MAX_DIVISIONS + 8, 5))
-    least = 2.0**-MAX_DIVISIONS
+    least = 0.5 ** (MAX_DIVISIONS + 1)
     curve, jet, own = np.empty((2, 3)), np.empty((3, 3)), np.empty(7)
     for k in range(len(pairs)):
         e, f = pairs[k, 0], pairs[k, 1]
@@ -122,7 +122,7 @@ def _find_roots(
                             roots[n_roots, d] = own[d]
                         n_roots += 1
                         continue
-                    if max(wt, w) < least or boxes > MAX_BOXES:
+                    if max(wt, w) <= least or boxes > MAX_BOXES:
                         u = faces.cells.middle[c, 0] + faces.cells.half[c, 0] * y
                         v = faces.cells.middle[c, 1] + faces.cells.half[c, 1] * z
                         if boxes > MAX_BOXES or is_in_region(faces.regions, f, u, v):
@@ -139,14 +139,14 @@ def _find_roots(
                     across = w * faces.cells.radius[c]
                     halve_t = wt > least and (along * LENGTH_RATIO >= across or w <= least)
                     halve_uv = w > least and (across * LENGTH_RATIO >= along or wt <= least)
-                    dt, d = 0.5 * wt if halve_t else 0.0, 0.5 * w if halve_uv else 0.0
+                    dt, duv = 0.5 * wt if halve_t else 0.0, 0.5 * w if halve_uv else 0.0
                     for i in range(8 if halve_uv else 2):
                         if not halve_t and i & 1:
                             continue
                         stack[size, 0] = x + dt * (2 * (i & 1) - 1)
-                        stack[size, 1] = y + d * (2 * ((i >> 1) & 1) - 1)
-                        stack[size, 2] = z + d * (2 * (i >> 2) - 1)
-                        stack[size, 3], stack[size, 4] = wt - dt, w - d
+                        stack[size, 1] = y + duv * (2 * ((i >> 1) & 1) - 1)
+                        stack[size, 2] = z + duv * (2 * (i >> 2) - 1)
+                        stack[size, 3], stack[size, 4] = wt - dt, w - duv
                         size += 1
                 if touches:
                     break
