@@ -51,8 +51,9 @@ BAND_SPACINGS = 8.0
 """In spacings: within this of the skin's depth, distances are exact. Opening and smoothing hand an error beyond it on over three
 spacings, and a cubic spline .27 of it from sample to sample: 1e-3 of a spacing at the depth."""
 
-MAX_SAMPLES = 3_000_000
-"""Samples of the grid; a thinner skin has fewer spacings, which the thickness measured tells."""
+MAX_SAMPLES = 60_000_000
+"""Samples of the grid; 50 million take 4.4 GB and, before the fit, 110 s. A thinner skin has fewer spacings, which the thickness
+measured tells."""
 
 TRIANGLE_DEVIATION = 0.005
 """In skins: deviation of the triangles from the body's patches. Of a ship of 5300 patches with a skin of a sixtieth of its height
@@ -68,8 +69,10 @@ SMOOTHING_WIDTHS = (0.23, 0.46)
 bad; opened as well it has 11,300 that pass and 5,300 after simplification, in 84 s. An opening that is limited to a fourth of the
 skin leaves ridges that take thrice as many."""
 
-SHARPENINGS = 2
-"""Corrections of the smoothed distance where it makes the skin thinner: below concave edges, where the distance is curved."""
+SHARPENINGS = 4
+"""Corrections of the smoothed distance where it makes the skin thinner: below concave edges, where the distance is curved. Of a
+housing with a skin of a fourth of its greatest depth none leaves it .945 skins thick at the least, two .989, four .992 and eight
+.994."""
 
 LEAST_DEPTH_SPACINGS = 0.75
 """How much deeper than the skin a part of the cavity must be, in spacings."""
@@ -142,21 +145,14 @@ def erode_by_distance(body: ErosionSource, skin: float) -> ErodedFieldBody:
 def _fit_rounded_cavity(width: float, body: ErosionSource, skin: float, depth: _SampledDepth) -> ErodedFieldBody:
     """The cavity of the distance after opening and a Gaussian of a width in skins."""
     rounded = replace(depth, values=_round_ridges(depth.values, width * skin / depth.spacing))
-    cavity = _fit_cavity(_find_excess(rounded, skin), body, skin, rounded)
-    return replace(cavity, notes=(*cavity.notes, _compare_with_depth(cavity.field, depth, skin)))
+    return _fit_cavity(
+        _find_excess(rounded, skin), body, skin, rounded, _measure_volume(depth.values + skin, depth.spacing)
+    )
 
 
-def _compare_with_depth(cavity: Field, depth: _SampledDepth, skin: float) -> str:
-    """A note on how much smaller a cavity is than what is deeper than the skin, by the samples of the depth."""
-    x, y, z = (a + depth.spacing * np.arange(n) for a, n in zip(depth.origin, depth.values.shape, strict=True))
-    hollow, whole = (
-        depth.spacing**3 * float(np.clip(0.5 - values / depth.spacing, 0.0, 1.0).sum())  # part of the cell of a sample
-        for values in (cavity.on_grid(x, y, z), depth.values + skin)
-    )
-    return (
-        f"the cavity is {whole - hollow:.3g} mm3 smaller than all that is deeper than the skin, {whole:.4g} mm3: its edges are "
-        "rounded, and what is narrow is left solid"
-    )
+def _measure_volume(values: Array, spacing: float) -> float:
+    """The volume where samples of a distance are negative, each with its part of a cell."""
+    return spacing**3 * float(np.clip(0.5 - values / spacing, 0.0, 1.0).sum())
 
 
 def _round_ridges(values: Array, width: float) -> Array:
@@ -204,12 +200,11 @@ def _sample_depth(body: ErosionSource, skin: float) -> _SampledDepth:
     first = low - (MARGIN_SPACINGS + SKEW) * spacing
     counts = np.ceil((high - first) / spacing + MARGIN_SPACINGS).astype(int) + 1
     x, y, z = (a + spacing * np.arange(n) for a, n in zip(first.tolist(), counts.tolist(), strict=True))
-    points = np.stack(np.meshgrid(x, y, z, indexing="ij"), axis=-1)
     tree = build_triangle_tree(made.points, made.triangles)
     inside = grid_winding_numbers(made.points, made.triangles, x, y, z) > 0
     values = spacing * (distance_transform_edt(~inside) - distance_transform_edt(inside))
     near = np.abs(values + skin) < BAND_SPACINGS * spacing
-    distance = tree.distances(points[near])
+    distance = tree.distances(np.argwhere(near) * spacing + [x[0], y[0], z[0]])
     values[near] = np.where(inside[near], -distance, distance)
     return _SampledDepth(tree, values, (x[0], y[0], z[0]), spacing, -float(values.min()))
 
@@ -247,8 +242,13 @@ def _find_level_points(spline: Field, depth: _SampledDepth, skin: float) -> Arra
     return points[np.abs(spline(points) + skin) < 1e-3 * skin]
 
 
-def _fit_cavity(excess: float, body: ErosionSource, skin: float, depth: _SampledDepth) -> ErodedFieldBody:
-    """The cavity at (1 + excess) skins; LevelSetError if it cannot be fitted."""
+def _fit_cavity(
+    excess: float, body: ErosionSource, skin: float, depth: _SampledDepth, deeper: float
+) -> ErodedFieldBody:
+    """The cavity at (1 + excess) skins; LevelSetError if it cannot be fitted.
+
+    deeper: volume of all that is deeper than the skin, which a note compares with that of the cavity.
+    """
     values, left_out = _fill_small_parts(depth.values + (1 + excess) * skin, depth.spacing)
     if not (values < 0).any():
         raise InvalidRequest(
@@ -282,6 +282,8 @@ def _fit_cavity(excess: float, body: ErosionSource, skin: float, depth: _Sampled
     notes = (
         f"skin of {skin:g} by the distance from the body's patches, sampled every {depth.spacing:.3g}: {least:.4g} to "
         f"{greatest:.4g} thick, {median:.4g} in the median, measured at {len(thickness)} points of the cavity's patches",
+        f"the cavity is {deeper - _measure_volume(values, depth.spacing):.3g} mm3 smaller than all that is deeper than the skin, "
+        f"{deeper:.4g} mm3: its edges are rounded, and what is narrow is left solid",
         *left_out,
     )
     return ErodedFieldBody(brep, field, checks, notes)
