@@ -96,6 +96,29 @@ def test_a_fit_stays_where_nothing_simplified_passes(monkeypatch: pytest.MonkeyP
 
 
 @pytest.mark.slow
+@pytest.mark.parametrize(("part", "fits"), [(0.3, 2), (0.5, 1)])
+def test_a_simplification_of_which_many_patches_fail_is_given_up(
+    part: float, fits: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    whole, _samples = full_fit()
+    many = replace(
+        whole,
+        failing=np.arange(len(whole.failing)) < part * len(whole.failing),
+        bad_leaves=np.unique(whole.mesh.leaf)[:3],
+    )
+    tried = []
+
+    def fit_first_badly(*args: object) -> LevelSetFit:
+        tried.append(args)
+        return whole if len(tried) > 1 else many
+
+    monkeypatch.setattr(fit_simplification, "fit_level_set", fit_first_badly)
+    found = fit_simplification._simplify_once(whole, 1.0)
+    assert found is (None if fits == 1 else whole)
+    assert len(tried) == fits
+
+
+@pytest.mark.slow
 def test_polygons_come_back_where_patches_fail_and_stay_merged_elsewhere(monkeypatch: pytest.MonkeyPatch) -> None:
     whole, _samples = full_fit()
     at = int(np.argmax(whole.mesh.vertices[:, 0]))

@@ -44,6 +44,11 @@ MAX_SIDE_DISTANCE_TOLS = 16.0
 """Greatest distance of the cubic sides of merged polygons from the level set, in tolerances: of those farther off one in twenty
 fails, and takes thirty others with it."""
 
+MAX_FAILING_FRACTION = 1.0 / 3.0
+"""Fraction of the patches of a simplified mesh above which, if they fail, it is given up. Where the level set has details between
+the sides of the polygons, as that of a segmentation has, half of them do; the edits are then undone down to nearly the mesh that
+there was (4029 to 3866 patches, 1881 to 1842), and take a third to a half of the time of the solid."""
+
 MAX_BAD_LEAVES = 16
 """Largest number of bad leaves for which polygons are merged."""
 
@@ -76,7 +81,7 @@ def _simplify_once(fit: LevelSetFit, max_distortion: float) -> LevelSetFit | Non
     history = _simplify_mesh(fit.request, fit.tree, fit.mesh, max_distortion)
     if not history.edits:
         return fit
-    refit = _fit_history(fit.request, fit.tree, history, MAX_REFITS, fit)
+    refit = _fit_history(fit.request, fit.tree, history, MAX_REFITS, fit, MAX_FAILING_FRACTION)
     return None if len(refit.bad_leaves) else refit
 
 
@@ -93,12 +98,22 @@ def _simplify_mesh(request: FitRequest, tree: Octree, mesh: QuadMesh, max_distor
 
 
 def _fit_history(
-    request: FitRequest, tree: Octree, history: EditHistory, max_refits: int, previous: LevelSetFit | None = None
+    request: FitRequest,
+    tree: Octree,
+    history: EditHistory,
+    max_refits: int,
+    previous: LevelSetFit | None = None,
+    max_failing: float = 1.0,
 ) -> LevelSetFit:
-    """The last fit of a simplified mesh, of which edits are undone until all patches pass."""
+    """The last fit of a simplified mesh, of which edits are undone until all patches pass.
+
+    The first one if more than a part `max_failing` of its patches fail.
+    """
     times_bad = np.zeros(len(tree.size), np.int64)
     mesh, numbers = history.mesh()
     refit = fit_level_set(request, tree, mesh, previous)
+    if refit.failing.mean() > max_failing:
+        return refit
     for _ in range(max_refits - 1):
         if not len(refit.bad_leaves) or not _undo_near(history, mesh, numbers, tree, refit.bad_leaves, times_bad):
             break
