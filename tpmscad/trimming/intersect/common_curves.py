@@ -16,7 +16,8 @@ from tpmscad._typing import Array, BoolArray, IntArray
 from tpmscad.errors import UntracedCurve, format_point
 from tpmscad.index_ranges import repeat_rows
 from tpmscad.splines.bspline import BSplineCurve
-from tpmscad.trimming.intersect.face_face import Work, correct_point, find_tangent, make_work, trace_curves
+from tpmscad.trimming.intersect.common_points import Work, correct_point, find_tangent, make_work
+from tpmscad.trimming.intersect.face_face import trace_curves
 from tpmscad.trimming.intersect.network_hits import CurveEnds, Network, evaluate_faces
 from tpmscad.trimming.operands.network_tables import PatchPolynomials, join_faces
 
