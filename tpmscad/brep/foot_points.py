@@ -28,7 +28,17 @@ import numpy as np
 from tpmscad._compiled_loops import njit_cached
 from tpmscad._typing import Array, BoolArray, IntArray
 from tpmscad.brep.foot_cells import WINDOWS, FootCells
-from tpmscad.brep.foot_surface import FootSurface, SpanPolynomials
+from tpmscad.brep.foot_poles import (
+    POLE_CHART,
+    SAFE_DETERMINANT,
+    SAFE_DIAGONAL,
+    STEP_TOL,
+    find_pole,
+    settle_at_pole,
+    turn_at_pole,
+    write_pole_hessian,
+)
+from tpmscad.brep.foot_surface import FootSurface, SpanPolynomials, evaluate_spans
 
 CHUNK = 32
 """Points for which cells are selected together."""
@@ -39,17 +49,11 @@ GRID_BITS = 6
 MAX_STEPS = 80
 """Newton steps of a run; more than 30 were seen only next to centres of curvature."""
 
-STEP_TOL = 3e-15
-"""In sizes of the surface: the length of a step at which a run has converged."""
-
 NOISE_STEP = 1e-11
 """In sizes: steps below it that no longer shrink are round-off, which grows next to centres of curvature."""
 
 SMALL_STEP = 1e-6
 """In sizes: below it Newton's steps are not tested by their distance, which no longer changes by more than its round-off."""
-
-SAFE_DIAGONAL, SAFE_DETERMINANT = 1e-3, 1e-4
-"""Least ratios of H_ii to S_i . S_i, and of det H to their product, with which H is used as it is."""
 
 CONVEX = 0.9
 """Bound in place of 1 in the test that leaves cells out."""
@@ -60,15 +64,8 @@ CHORD = 1.15
 FORCED_TANGENT = 1e-10
 """In sizes: tangential part of p - S above which a foot on the border is forced."""
 
-POLE_TURNS = 24
-"""Directions about a pole among which a run that has come to it chooses the one to go on in."""
-
-POLE_CHART = 3e-6
-"""In sizes: nearer to a smooth pole the foot is that on the paraboloid of the pole, and errors are of third order."""
-
 NEAR_POLE = 1e-4
 """Of the greatest |S_u|: nearer to a smooth pole the Hessian is that of the pole, for S_u . S_u has too few digits."""
-
 
 SINGULAR_AREA = 1e-12
 """Of the product of the greatest |S_u| and |S_v|: a foot with a smaller |S_u x S_v| is at a pole without a tangent plane."""
@@ -319,42 +316,6 @@ def _leave_out(
 
 
 @njit_cached
-def _evaluate(
-    spans: SpanPolynomials, u: float, v: float, span: IntArray, jet: Array
-) -> None:  # pragma: no cover - compiled
-    """Fill in S, S_u, S_v, S_uu, S_uv, S_vv (18,) by Horner's rule; `span` is where the search for the span begins and ends."""
-    breaks_u, breaks_v, monomials = spans.breaks_u, spans.breaks_v, spans.monomials
-    a, b = span[0], span[1]
-    while a > 0 and u < breaks_u[a]:
-        a -= 1
-    while a < len(breaks_u) - 2 and u >= breaks_u[a + 1]:
-        a += 1
-    while b > 0 and v < breaks_v[b]:
-        b -= 1
-    while b < len(breaks_v) - 2 and v >= breaks_v[b + 1]:
-        b += 1
-    span[0], span[1] = a, b
-    by_u, by_v = 2.0 / (breaks_u[a + 1] - breaks_u[a]), 2.0 / (breaks_v[b + 1] - breaks_v[b])
-    s, t = (u - breaks_u[a]) * by_u - 1.0, (v - breaks_v[b]) * by_v - 1.0
-    for c in range(3):
-        w, wu, wv, wuu, wuv, wvv = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
-        for i in range(monomials.shape[2] - 1, -1, -1):
-            x, xv, xvv = 0.0, 0.0, 0.0
-            for j in range(monomials.shape[3] - 1, -1, -1):
-                xvv = xvv * t + xv
-                xv = xv * t + x
-                x = x * t + monomials[a, b, i, j, c]
-            wuu = wuu * s + wu
-            wu = wu * s + w
-            w = w * s + x
-            wuv = wuv * s + wv
-            wv = wv * s + xv
-            wvv = wvv * s + xvv
-        jet[c], jet[3 + c], jet[6 + c] = w, wu * by_u, wv * by_v
-        jet[9 + c], jet[12 + c], jet[15 + c] = 2.0 * wuu * by_u * by_u, wuv * by_u * by_v, 2.0 * wvv * by_v * by_v
-
-
-@njit_cached
 def _descend(
     spans: SpanPolynomials, px: float, py: float, pz: float, place: Array, span: IntArray, jet: Array
 ) -> int:  # pragma: no cover - compiled
@@ -366,7 +327,7 @@ def _descend(
         u = min(max(u, box[0, 0]), box[0, 1])
     if period[1] == 0.0:
         v = min(max(v, box[1, 0]), box[1, 1])
-    _evaluate(spans, u, v, span, jet)
+    evaluate_spans(spans, u, v, span, jet)
     x, y, z = jet[0] - px, jet[1] - py, jet[2] - pz
     square = x * x + y * y + z * z
     last, turns = np.inf, 0
@@ -394,18 +355,18 @@ def _descend(
         at_u = period[0] == 0.0 and ((u <= box[0, 0] and gu >= 0.0) or (u >= box[0, 1] and gu <= 0.0))
         at_v = period[1] == 0.0 and ((v <= box[1, 0] and gv >= 0.0) or (v >= box[1, 1] and gv <= 0.0))
         if turns < 2 and (e < NEAR_POLE**2 * spans.speed[0] ** 2 or g < NEAR_POLE**2 * spans.speed[1] ** 2):
-            side = _find_pole(spans, u, v)
+            side = find_pole(spans, u, v)
             if side >= 0:
-                if _settle_at_pole(spans, side, px, py, pz, place, span, jet):
+                if settle_at_pole(spans, side, px, py, pz, place, span, jet):
                     return step
                 if at_v if side % 2 == 0 else at_u:
                     turns += 1
-                    if _turn_at_pole(spans, side, px, py, pz, place, span, jet):
+                    if turn_at_pole(spans, side, px, py, pz, place, span, jet):
                         u, v = place[0], place[1]
                         x, y, z = jet[0] - px, jet[1] - py, jet[2] - pz
                         square = x * x + y * y + z * z
                         continue
-                _evaluate(spans, u, v, span, jet)
+                evaluate_spans(spans, u, v, span, jet)
         # at a pole one parameter moves nothing, and its derivatives are round-off
         at_u, at_v = at_u or e <= 1e6 * damping_u, at_v or g <= 1e6 * damping_v
         du, dv = 0.0, 0.0
@@ -444,7 +405,7 @@ def _descend(
                 to_v -= period[1] * np.floor(to_v / period[1])
             else:
                 to_v = min(max(to_v, box[1, 0]), box[1, 1])
-            _evaluate(spans, to_u, to_v, span, jet)
+            evaluate_spans(spans, to_u, to_v, span, jet)
             x, y, z = jet[0] - px, jet[1] - py, jet[2] - pz
             square = x * x + y * y + z * z
             if square <= before or length <= SMALL_STEP * size:
@@ -453,120 +414,11 @@ def _descend(
             du, dv, length = 0.4 * du, 0.4 * dv, 0.4 * length
         if not accepted:
             place[0], place[1] = u, v
-            _evaluate(spans, u, v, span, jet)
+            evaluate_spans(spans, u, v, span, jet)
             return -step
         u, v = to_u, to_v
     place[0], place[1] = u, v
     return -MAX_STEPS
-
-
-@njit_cached
-def _find_pole(spans: SpanPolynomials, u: float, v: float) -> int:  # pragma: no cover - compiled
-    """The side that is a point next to which the parameters are, or -1."""
-    box = spans.box
-    near_v = 0 if v - box[1, 0] < box[1, 1] - v else 2
-    near_u = 3 if u - box[0, 0] < box[0, 1] - u else 1
-    if spans.pole[near_v] != 0 and min(v - box[1, 0], box[1, 1] - v) < 1e-3 * (box[1, 1] - box[1, 0]):
-        return near_v
-    if spans.pole[near_u] != 0 and min(u - box[0, 0], box[0, 1] - u) < 1e-3 * (box[0, 1] - box[0, 0]):
-        return near_u
-    return -1
-
-
-@njit_cached
-def _settle_at_pole(
-    spans: SpanPolynomials, side: int, px: float, py: float, pz: float, place: Array, span: IntArray, jet: Array
-) -> bool:  # pragma: no cover - compiled
-    """Move `place` to the foot of p, with its jet, if it is within POLE_CHART of a smooth pole; returns whether it is.
-
-    With the height h and the tangential part t of p over the pole, the foot is at w = (1 - h K)^-1 t in the tangent plane.
-    """
-    if spans.pole[side] != 1:
-        return False
-    normal, curvature = spans.pole_normal[side], spans.pole_curvature[side]
-    along, first = (0, 6) if side % 2 == 0 else (1, 3)
-    near = side == 0 or side == 3
-    low, high = spans.box[along, 0], spans.box[along, 1]
-    pole = spans.box[1 - along, 0] if near else spans.box[1 - along, 1]
-    place[along], place[1 - along] = low, pole
-    _evaluate(spans, place[0], place[1], span, jet)
-    x, y, z = px - jet[0], py - jet[1], pz - jet[2]
-    h = x * normal[0] + y * normal[1] + z * normal[2]
-    x, y, z = x - h * normal[0], y - h * normal[1], z - h * normal[2]
-    trace, norm = 0.0, 0.0
-    for r in range(3):
-        trace += curvature[r, r]
-        for c in range(3):
-            norm += curvature[r, c] ** 2
-    determinant = 1.0 - h * trace + 0.5 * h * h * (trace * trace - norm)
-    if not (determinant > SAFE_DETERMINANT and 2.0 - h * trace > SAFE_DIAGONAL):
-        return False
-    # (1 - h K)^-1 = (1 - h (trace K - K)) / det(1 - h K) in the tangent plane
-    kx = curvature[0, 0] * x + curvature[0, 1] * y + curvature[0, 2] * z
-    ky = curvature[1, 0] * x + curvature[1, 1] * y + curvature[1, 2] * z
-    kz = curvature[2, 0] * x + curvature[2, 1] * y + curvature[2, 2] * z
-    wx = (x - h * (trace * x - kx)) / determinant
-    wy = (y - h * (trace * y - ky)) / determinant
-    wz = (z - h * (trace * z - kz)) / determinant
-    length = np.sqrt(wx * wx + wy * wy + wz * wz)
-    if length > POLE_CHART * spans.size:
-        return False
-    # the direction of w among those of the lines through the pole: sampled, then between the neighbours
-    best, least = low, np.inf
-    inwards = -1.0 if near else 1.0
-    for k in range(POLE_TURNS + 1):
-        place[along] = low + (high - low) * k / POLE_TURNS
-        _evaluate(spans, place[0], place[1], span, jet)
-        x, y, z = jet[first], jet[first + 1], jet[first + 2]
-        slope = inwards * (wx * x + wy * y + wz * z) / (np.sqrt(x * x + y * y + z * z) + 1e-300)
-        if slope < least:
-            best, least = place[along], slope
-    step = (high - low) / POLE_TURNS
-    start, end, period = best - step, best + step, spans.period[along]
-    if period == 0.0:
-        start, end = max(start, low), min(end, high)
-    sx, sy, sz = normal[1] * wz - normal[2] * wy, normal[2] * wx - normal[0] * wz, normal[0] * wy - normal[1] * wx
-    place[along] = start + period if start < low else start
-    _evaluate(spans, place[0], place[1], span, jet)
-    before = sx * jet[first] + sy * jet[first + 1] + sz * jet[first + 2]
-    for _ in range(40):
-        half = 0.5 * (start + end)
-        place[along] = half + period if half < low else half - period if half > high else half
-        _evaluate(spans, place[0], place[1], span, jet)
-        middle = sx * jet[first] + sy * jet[first + 1] + sz * jet[first + 2]
-        if (middle > 0.0) == (before > 0.0):
-            start = half
-        else:
-            end = half
-    slope = np.sqrt(jet[first] ** 2 + jet[first + 1] ** 2 + jet[first + 2] ** 2)
-    if least > -0.9 * length:  # none of the lines of a part of a surface about the pole goes there
-        length = 0.0
-    place[1 - along] = pole - inwards * length / max(slope, 1e-300)
-    _evaluate(spans, place[0], place[1], span, jet)
-    return True
-
-
-@njit_cached
-def _turn_at_pole(
-    spans: SpanPolynomials, side: int, px: float, py: float, pz: float, place: Array, span: IntArray, jet: Array
-) -> bool:  # pragma: no cover - compiled
-    """Move `place` about the pole to where the distance falls the fastest, with its jet; returns whether it falls at all."""
-    along, first = (0, 6) if side % 2 == 0 else (1, 3)
-    sign = 1.0 if side == 0 or side == 3 else -1.0
-    low, high = spans.box[along, 0], spans.box[along, 1]
-    place[1 - along] = spans.box[1 - along, 0] if sign > 0.0 else spans.box[1 - along, 1]
-    best, least = low, 0.0
-    for k in range(POLE_TURNS + 1):
-        place[along] = low + (high - low) * k / POLE_TURNS
-        _evaluate(spans, place[0], place[1], span, jet)
-        x, y, z = jet[first], jet[first + 1], jet[first + 2]
-        slope = sign * ((jet[0] - px) * x + (jet[1] - py) * y + (jet[2] - pz) * z)
-        slope /= np.sqrt(x * x + y * y + z * z) + 1e-300
-        if slope < least:
-            best, least = place[along], slope
-    place[along] = best
-    _evaluate(spans, place[0], place[1], span, jet)
-    return least < -STEP_TOL * spans.size
 
 
 @njit_cached
@@ -631,7 +483,7 @@ def _write_jet(
                 hessian[i, r, c] = 0.0
         return
     if side >= 0:
-        _write_pole_hessian(spans.pole_curvature[side], d, gradient[i], hessian[i])
+        write_pole_hessian(spans.pole_curvature[side], d, gradient[i], hessian[i])
         return
     p = jet[9] * nx + jet[10] * ny + jet[11] * nz
     q = jet[12] * nx + jet[13] * ny + jet[14] * nz
@@ -651,35 +503,3 @@ def _write_jet(
             value += h12 * (jet[3 + r] * jet[6 + k] + jet[6 + r] * jet[3 + k])
             hessian[i, r, k] = value
             hessian[i, k, r] = value
-
-
-@njit_cached
-def _write_pole_hessian(
-    curvature: Array, d: float, normal: Array, hessian: Array
-) -> None:  # pragma: no cover - compiled
-    """Fill in -K (1 - d K)^-1 (3, 3) for the curvature K of a pole, of rank two, projected on the tangent plane of the foot."""
-    trace, norm = 0.0, 0.0
-    for r in range(3):
-        trace += curvature[r, r]
-        for c in range(3):
-            norm += curvature[r, c] ** 2
-    gauss = 0.5 * (trace * trace - norm)
-    # in the tangent plane K (1 - d K)^-1 = (K - d det K) / det(1 - d K), and det K = trace K K - K^2 there
-    by = 1.0 - d * trace + d * d * gauss
-    for r in range(3):
-        for c in range(3):
-            product = 0.0
-            for k in range(3):
-                product += curvature[r, k] * curvature[k, c]
-            hessian[r, c] = -(curvature[r, c] - d * (trace * curvature[r, c] - product)) / by
-    across = 0.0
-    for r in range(3):
-        for c in range(3):
-            across += normal[r] * hessian[r, c] * normal[c]
-    x = hessian[0, 0] * normal[0] + hessian[0, 1] * normal[1] + hessian[0, 2] * normal[2]
-    y = hessian[1, 0] * normal[0] + hessian[1, 1] * normal[1] + hessian[1, 2] * normal[2]
-    z = hessian[2, 0] * normal[0] + hessian[2, 1] * normal[1] + hessian[2, 2] * normal[2]
-    for r in range(3):
-        for c in range(3):
-            left, right = (x, y, z)[r], (x, y, z)[c]
-            hessian[r, c] += across * normal[r] * normal[c] - left * normal[c] - normal[r] * right

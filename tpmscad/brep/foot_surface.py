@@ -14,6 +14,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from tpmscad._compiled_loops import njit_cached
 from tpmscad._typing import Array, BoolArray, IntArray
 from tpmscad.brep.foot_cells import SINGULAR_RATIO, FootCells, fine_lines, make_cells, subdivide, unit
 from tpmscad.splines.basis import design_matrices
@@ -206,3 +207,39 @@ def _describe_poles(
         frame = np.stack([tangent[0], e])
         pole[side], normal[side], curvature[side] = 1, n, frame.T @ np.array([[a, b], [b, c]]) @ frame
     return pole, normal, curvature
+
+
+@njit_cached
+def evaluate_spans(
+    spans: SpanPolynomials, u: float, v: float, span: IntArray, jet: Array
+) -> None:  # pragma: no cover - compiled
+    """Fill in S, S_u, S_v, S_uu, S_uv, S_vv (18,) by Horner's rule; `span` is where the search for the span begins and ends."""
+    breaks_u, breaks_v, monomials = spans.breaks_u, spans.breaks_v, spans.monomials
+    a, b = span[0], span[1]
+    while a > 0 and u < breaks_u[a]:
+        a -= 1
+    while a < len(breaks_u) - 2 and u >= breaks_u[a + 1]:
+        a += 1
+    while b > 0 and v < breaks_v[b]:
+        b -= 1
+    while b < len(breaks_v) - 2 and v >= breaks_v[b + 1]:
+        b += 1
+    span[0], span[1] = a, b
+    by_u, by_v = 2.0 / (breaks_u[a + 1] - breaks_u[a]), 2.0 / (breaks_v[b + 1] - breaks_v[b])
+    s, t = (u - breaks_u[a]) * by_u - 1.0, (v - breaks_v[b]) * by_v - 1.0
+    for c in range(3):
+        w, wu, wv, wuu, wuv, wvv = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
+        for i in range(monomials.shape[2] - 1, -1, -1):
+            x, xv, xvv = 0.0, 0.0, 0.0
+            for j in range(monomials.shape[3] - 1, -1, -1):
+                xvv = xvv * t + xv
+                xv = xv * t + x
+                x = x * t + monomials[a, b, i, j, c]
+            wuu = wuu * s + wu
+            wu = wu * s + w
+            w = w * s + x
+            wuv = wuv * s + wv
+            wv = wv * s + xv
+            wvv = wvv * s + xvv
+        jet[c], jet[3 + c], jet[6 + c] = w, wu * by_u, wv * by_v
+        jet[9 + c], jet[12 + c], jet[15 + c] = 2.0 * wuu * by_u * by_u, wuv * by_u * by_v, 2.0 * wvv * by_v * by_v

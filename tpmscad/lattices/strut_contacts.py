@@ -12,8 +12,8 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from tpmscad._typing import Array, IntArray
-from tpmscad.lattices.strut_brep import make_strut_ends
 from tpmscad.lattices.strut_ends import greatest_sum
+from tpmscad.lattices.strut_facets import make_strut_ends
 
 PAIRS_AT_A_TIME = 200_000
 """Pairs of struts whose distance is found together."""
