@@ -208,6 +208,7 @@ class SolidsRequest:
 WRITERS: Fallbacks[[SolidsRequest], None] = Fallbacks(
     (
         Fallback("with names, labels and colours", SolidsRequest.write, "a second for 1000 faces"),
+        Fallback("for programs that heal what they read", partial(SolidsRequest.write, healed=True), "as much"),
         Fallback(
             "by the kernel's writer, without labels and colours of faces", SolidsRequest.write_with_kernel, "as much"
         ),
@@ -217,8 +218,8 @@ WRITERS: Fallbacks[[SolidsRequest], None] = Fallbacks(
             )
             for p in HEALING_PRECISIONS
         ),
-        Fallback("for programs that heal what they read", partial(SolidsRequest.write, healed=True)),
     ),
     retry_on=(KernelError,),
 )
-"""How kernel solids are written as STEP: a file that misses its check is followed by the next one."""
+"""How kernel solids are written as STEP: a file that misses its check is followed by the next one. CAD programs heal what they
+read, and the second way keeps names and geometry, which the others do not."""

@@ -23,7 +23,7 @@ from tpmscad.brep.carriers import (
     ToroidalSurface,
 )
 from tpmscad.brep.curve_recognition import recognise_line_or_circle
-from tpmscad.kernel.occt.convert import axis_frame
+from tpmscad.kernel.occt.convert import axis_frame, turn_seam_aside
 from tpmscad.kernel.recognise.edge_curves import UnsupportedFace
 
 EXACT_REL_TOL = 1e-10
@@ -34,19 +34,20 @@ CHECK_SAMPLES = 9
 
 
 def recognise_carrier(face: TopoDS_Face, size: float) -> Plane | Quadric:
-    """Plane or quadric that underlies the face. Raises UnsupportedFace if there is none."""
+    """Plane or quadric that underlies the face, which its seam does not cross. Raises UnsupportedFace if there is none."""
     adaptor = BRepAdaptor_Surface(face, False)
     kind = adaptor.GetType()
+    around = BRepTools.UVBounds_s(face)[:2]
     if kind == GeomAbs_Plane:
         return Plane(*axis_frame(adaptor.Plane()))
     if kind == GeomAbs_Cylinder:
-        return _carrier_of_radius(CylindricalSurface, adaptor.Cylinder())
+        return _carrier_of_radius(CylindricalSurface, turn_seam_aside(adaptor.Cylinder(), *around))
     if kind == GeomAbs_Cone:
-        return _cone(adaptor.Cone(), evaluate_mid_face(face)[1])
+        return _cone(turn_seam_aside(adaptor.Cone(), *around), evaluate_mid_face(face)[1])
     if kind == GeomAbs_Sphere:
         return _carrier_of_radius(SphericalSurface, adaptor.Sphere())
     if kind == GeomAbs_Torus:
-        torus = adaptor.Torus()
+        torus = turn_seam_aside(adaptor.Torus(), *around)
         if torus.MajorRadius() <= torus.MinorRadius():
             raise UnsupportedFace("is a torus that intersects itself")
         return ToroidalSurface(*axis_frame(torus), torus.MajorRadius(), torus.MinorRadius())

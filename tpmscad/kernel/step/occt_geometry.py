@@ -40,7 +40,7 @@ from OCP.TopoDS import TopoDS_Edge, TopoDS_Face
 
 from tpmscad._typing import Array, IntArray
 from tpmscad.errors import KernelError
-from tpmscad.kernel.occt.convert import CONFUSION_TOLERANCE, axis_frame
+from tpmscad.kernel.occt.convert import CONFUSION_TOLERANCE, axis_frame, turn_seam_aside
 from tpmscad.kernel.step.geometry_entities import find_knot_scale, format_placed, write_directions, write_point
 from tpmscad.kernel.step.part21 import DataSection, format_real, format_reals, format_references
 
@@ -77,6 +77,8 @@ def _read_surface(geometry: Any, bounds: tuple[float, float, float, float]) -> F
     if isinstance(geometry, Geom_Plane):
         return FaceSurface(geometry, np.zeros((0, 3)))
     if isinstance(geometry, QUADRICS):
+        if not isinstance(geometry, Geom_SphericalSurface):
+            geometry = turn_seam_aside(geometry, *bounds[:2])
         return FaceSurface(geometry, np.zeros((0, 3)), not geometry.Position().Direct())
     if isinstance(geometry, Geom_OffsetSurface):
         basis = _read_surface(geometry.BasisSurface(), bounds)
