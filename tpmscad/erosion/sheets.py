@@ -289,7 +289,10 @@ def _make_tube_carrier(
         one, two = inward(s)[:, :, None, :]
         angle = np.arccos(np.clip((one * two).sum(axis=2), -1.0, 1.0))[..., None]
         w = w[:, None]
-        between = (np.sin((1 - w) * angle) * one + np.sin(w * angle) * two) / np.sin(angle)
+        first, second = np.sin((1 - w) * angle), np.sin(w * angle)
+        sine = np.sin(angle)
+        is_flat = sine == 0.0  # at an end at which the faces are tangent both normals are one
+        between = (np.where(is_flat, 1.0, first) * one + second * two) / np.where(is_flat, 1.0, sine)
         return np.asarray(curve(s)[:, None] + skin * between)
 
     box = np.array([span, (0.0, 1.0)])
@@ -303,7 +306,7 @@ def _make_tube_carrier(
             smooth = np.clip(curve.degree - count[kept] - 1, 0, CHART_DEGREE - 1)
         spaces.append(find_space(sample, axis, box, breaks, smooth, tol))
     fitted, error = fit_in_spaces(sample, spaces, [True, True], tol)
-    if error > 10 * tol:
+    if not error <= 10 * tol:
         raise TrimmingError(f"the tube round a concave edge is fitted to {error:.2g} only")
     return fitted, np.array(span), np.array([0.0, 1.0]), True
 
