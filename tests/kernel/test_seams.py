@@ -18,7 +18,7 @@ from OCP.gp import gp_Ax3, gp_Cone, gp_Cylinder, gp_Dir, gp_Pnt, gp_Torus
 from tpmscad.brep.carriers import CylindricalSurface
 from tpmscad.kernel.export.shape_file import write_shape
 from tpmscad.kernel.measure.shape_report import check_shape, check_step
-from tpmscad.kernel.occt.convert import turn_seam_aside
+from tpmscad.kernel.occt.seams import turn_seam_aside
 from tpmscad.kernel.recognise.face_carriers import recognise_carrier
 
 

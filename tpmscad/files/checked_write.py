@@ -222,4 +222,4 @@ WRITERS: Fallbacks[[SolidsRequest], None] = Fallbacks(
     retry_on=(KernelError,),
 )
 """How kernel solids are written as STEP: a file that misses its check is followed by the next one. CAD programs heal what they
-read, and the second way keeps names and geometry, which the others do not."""
+read; the second way keeps names and geometry, of which each later one gives something up."""

@@ -45,7 +45,7 @@ MAX_SIDE_DISTANCE_TOLS = 16.0
 fails, and takes thirty others with it."""
 
 MAX_FAILING_FRACTION = 1.0 / 3.0
-"""Fraction of the patches of a simplified mesh above which, if they fail, it is given up. Where the level set has details between
+"""Fraction of failing patches above which a simplification is given up. Where the level set has details between
 the sides of the polygons, as that of a segmentation has, half of them do; the edits are then undone down to nearly the mesh that
 there was (4029 to 3866 patches, 1881 to 1842), and take a third to a half of the time of the solid."""
 

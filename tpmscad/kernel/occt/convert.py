@@ -32,7 +32,7 @@ from OCP.Geom import (
     Geom_ToroidalSurface,
 )
 from OCP.Geom2d import Geom2d_BSplineCurve, Geom2d_Curve, Geom2d_Line
-from OCP.gp import gp_Ax1, gp_Ax2, gp_Ax3, gp_Dir, gp_Dir2d, gp_Pnt, gp_Pnt2d, gp_Trsf
+from OCP.gp import gp_Ax2, gp_Ax3, gp_Dir, gp_Dir2d, gp_Pnt, gp_Pnt2d, gp_Trsf
 from OCP.TCollection import TCollection_AsciiString
 from OCP.TopoDS import TopoDS, TopoDS_Shape
 
@@ -85,9 +85,6 @@ string_sequence, label_sequence, shape_map = StringSequence, LabelSequence, Shap
 
 CONFUSION_TOLERANCE = 1e-7
 """OCCT's smallest useful tolerance (Precision::Confusion), given to every vertex, edge and face unless measured worse."""
-
-SEAM_TOL = 1e-6
-"""Radians by which a face may reach beyond the seam of its surface without crossing it."""
 
 OCCT_VERSION: tuple[int, ...] = tuple(int(part) for part in OCP.__version__.split(".")[:3])
 """Version of the OCCT library in use, e.g. (7, 9, 3)."""
@@ -251,22 +248,6 @@ def axis_frame(value: Any) -> tuple[Array, Array, Array]:
     frame = value.Position()
     origin, x_axis, axis = (np.array(c.Coord()) for c in (frame.Location(), frame.XDirection(), frame.Direction()))
     return origin, x_axis, axis
-
-
-def turn_seam_aside(value: Any, low: float, high: float) -> Any:
-    """A cylinder, cone or torus, turned about its axis where its seam crosses a face from u = `low` to `high`: to its back.
-
-    Without pcurves the kernel's STEP reader places each loop of a face by itself. Of a face across the seam it may put a hole and
-    the outer loop into different turns, and its check then finds the hole outside. A face all round keeps its seam.
-    """
-    turn = 2.0 * np.pi
-    seam = turn * (np.floor((low + SEAM_TOL) / turn) + 1.0)
-    if high <= seam + SEAM_TOL or high - low >= turn - SEAM_TOL:
-        return value
-    position = value.Position()
-    angle = float(0.5 * (low + high) - np.pi)
-    axis = gp_Ax1(position.Location(), position.Direction())
-    return value.Rotated(axis, angle if position.Direct() else -angle)
 
 
 def matrix_from_occt(motion: gp_Trsf) -> Array:

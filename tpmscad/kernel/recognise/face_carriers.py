@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from typing import Any
 
 import numpy as np
 from OCP.BRepAdaptor import BRepAdaptor_Surface
@@ -23,7 +24,8 @@ from tpmscad.brep.carriers import (
     ToroidalSurface,
 )
 from tpmscad.brep.curve_recognition import recognise_line_or_circle
-from tpmscad.kernel.occt.convert import axis_frame, turn_seam_aside
+from tpmscad.kernel.occt.convert import axis_frame
+from tpmscad.kernel.occt.seams import turn_seam_aside
 from tpmscad.kernel.recognise.edge_curves import UnsupportedFace
 
 EXACT_REL_TOL = 1e-10
@@ -37,17 +39,16 @@ def recognise_carrier(face: TopoDS_Face, size: float) -> Plane | Quadric:
     """Plane or quadric that underlies the face, which its seam does not cross. Raises UnsupportedFace if there is none."""
     adaptor = BRepAdaptor_Surface(face, False)
     kind = adaptor.GetType()
-    around = BRepTools.UVBounds_s(face)[:2]
     if kind == GeomAbs_Plane:
         return Plane(*axis_frame(adaptor.Plane()))
     if kind == GeomAbs_Cylinder:
-        return _carrier_of_radius(CylindricalSurface, turn_seam_aside(adaptor.Cylinder(), *around))
+        return _carrier_of_radius(CylindricalSurface, _with_clear_seam(adaptor.Cylinder(), face))
     if kind == GeomAbs_Cone:
-        return _cone(turn_seam_aside(adaptor.Cone(), *around), evaluate_mid_face(face)[1])
+        return _cone(_with_clear_seam(adaptor.Cone(), face), evaluate_mid_face(face)[1])
     if kind == GeomAbs_Sphere:
         return _carrier_of_radius(SphericalSurface, adaptor.Sphere())
     if kind == GeomAbs_Torus:
-        torus = turn_seam_aside(adaptor.Torus(), *around)
+        torus = _with_clear_seam(adaptor.Torus(), face)
         if torus.MajorRadius() <= torus.MinorRadius():
             raise UnsupportedFace("is a torus that intersects itself")
         return ToroidalSurface(*axis_frame(torus), torus.MajorRadius(), torus.MinorRadius())
@@ -55,6 +56,12 @@ def recognise_carrier(face: TopoDS_Face, size: float) -> Plane | Quadric:
     if found is None:
         raise UnsupportedFace(f"is free-form ({str(kind).split('_')[-1]}), neither plane nor quadric")
     return found
+
+
+def _with_clear_seam(value: Any, face: TopoDS_Face) -> Any:
+    """The cylinder, cone or torus of a face, with its seam beside the face."""
+    low, high, *_ = BRepTools.UVBounds_s(face)
+    return turn_seam_aside(value, low, high)
 
 
 def _recognise_spline(face: TopoDS_Face, size: float) -> Plane | Quadric | None:

@@ -40,7 +40,8 @@ from OCP.TopoDS import TopoDS_Edge, TopoDS_Face
 
 from tpmscad._typing import Array, IntArray
 from tpmscad.errors import KernelError
-from tpmscad.kernel.occt.convert import CONFUSION_TOLERANCE, axis_frame, turn_seam_aside
+from tpmscad.kernel.occt.convert import CONFUSION_TOLERANCE, axis_frame
+from tpmscad.kernel.occt.seams import turn_seam_aside
 from tpmscad.kernel.step.geometry_entities import find_knot_scale, format_placed, write_directions, write_point
 from tpmscad.kernel.step.part21 import DataSection, format_real, format_reals, format_references
 

@@ -14,7 +14,7 @@ import numpy as np
 from tpmscad._compiled_loops import njit_cached, njit_inner
 from tpmscad._typing import Array, IntArray
 from tpmscad.errors import TrimmingError, format_point
-from tpmscad.trimming.intersect.closed_curve_seeds import FOUND, find_seed
+from tpmscad.trimming.intersect.closed_curve_seeds import NONE, UNRESOLVED, find_seed
 from tpmscad.trimming.intersect.common_points import (
     MIN_SINE,
     Work,
@@ -140,9 +140,9 @@ def _trace_closed_curves(
         bounds = np.concatenate([[0], np.cumsum([len(curve.points) for curve in ordered])]).astype(np.int64)
         of_pair = np.searchsorted([curve.pair for curve in ordered], np.arange(len(pairs) + 1)).astype(np.int64)
         outcome, k = find_seed(joined, pairs, k, of_pair, bounds, points, seed, match_tol, work)
-        if k == len(pairs):
+        if outcome == NONE:
             return closed
-        if outcome != FOUND:
+        if outcome == UNRESOLVED:
             _check_outcome(TOUCHING, work.jet_f[0])
         f, g = pairs[k].tolist()
         inside = [
