@@ -96,11 +96,13 @@ def test_a_fit_stays_where_nothing_simplified_passes(monkeypatch: pytest.MonkeyP
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("part", "fits"), [(0.3, 2), (0.5, 1)])
-def test_a_simplification_of_which_many_patches_fail_is_given_up(
-    part: float, fits: int, monkeypatch: pytest.MonkeyPatch
+@pytest.mark.parametrize(("part", "is_large", "fits"), [(0.3, True, 2), (0.5, True, 1), (0.5, False, 2)])
+def test_a_simplification_of_which_many_patches_fail_is_given_up_in_large_fits(
+    part: float, is_large: bool, fits: int, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     whole, _samples = full_fit()
+    if is_large:
+        monkeypatch.setattr(fit_simplification, "MIN_GAIN_PATCHES", len(whole.fit.patches) - 1)
     many = replace(
         whole,
         failing=np.arange(len(whole.failing)) < part * len(whole.failing),

@@ -47,7 +47,8 @@ fails, and takes thirty others with it."""
 MAX_FAILING_FRACTION = 1.0 / 3.0
 """Fraction of failing patches above which a simplification is given up. Where the level set has details between
 the sides of the polygons, as that of a segmentation has, half of them do; the edits are then undone down to nearly the mesh that
-there was (4029 to 3866 patches, 1881 to 1842), and take a third to a half of the time of the solid."""
+there was (4029 to 3866 patches, 1881 to 1842), and take a third to a half of the time of the solid. A fit of at most
+`MIN_GAIN_PATCHES` is simplified in any case, in about a second."""
 
 MAX_BAD_LEAVES = 16
 """Largest number of bad leaves for which polygons are merged."""
@@ -81,7 +82,8 @@ def _simplify_once(fit: LevelSetFit, max_distortion: float) -> LevelSetFit | Non
     history = _simplify_mesh(fit.request, fit.tree, fit.mesh, max_distortion)
     if not history.edits:
         return fit
-    refit = _fit_history(fit.request, fit.tree, history, MAX_REFITS, fit, MAX_FAILING_FRACTION)
+    max_failing = MAX_FAILING_FRACTION if len(fit.network.curve) > MIN_GAIN_PATCHES else 1.0
+    refit = _fit_history(fit.request, fit.tree, history, MAX_REFITS, fit, max_failing)
     return None if len(refit.bad_leaves) else refit
 
 

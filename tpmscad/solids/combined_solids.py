@@ -60,10 +60,10 @@ from tpmscad.kernel.occt.exploration import faces_of
 from tpmscad.kernel.step.face_labels import label_outer_faces
 from tpmscad.levelset.crossing_operands import Combination, find_struts, list_fields, split_crossing_operands, widen_box
 from tpmscad.levelset.field_solid import find_sample_spacing
-from tpmscad.results.certificate import Check, PatchMeasures
+from tpmscad.results.certificate import PatchMeasures
 from tpmscad.solids.boolean_strategies import compare_with_sample, sample_body
 from tpmscad.solids.field_patches import N_QUADRATURE_LINES, FieldPatches, fit_field_patches
-from tpmscad.solids.patch_measures import FIELD_VOLUME_RTOL, FROM_FIELD, TO_FIELD, check_field_tangent_jump
+from tpmscad.solids.patch_measures import FROM_FIELD, TO_FIELD, check_field_tangent_jump, check_volume
 from tpmscad.solids.strut_solids import bound_struts, bound_struts_in_box, require_few_strut_sets, require_struts_apart
 from tpmscad.stage_timer import StageTimer
 from tpmscad.trimming.network_boolean import Operation, combine_networks
@@ -353,12 +353,7 @@ def _compare_with_field(
         spacing = float((hi - lo).max()) / N_QUADRATURE_LINES
         volume, error = volume_quadrature.integrate_volume(field, lo, hi, spacing)
         counted = compute_betti_numbers(field, lo, hi, confirm=own_betti.__eq__, crossing=True)
-    check = Check(
-        "volume",
-        abs(volume - own),
-        FIELD_VOLUME_RTOL * volume + error,
-        f"volume {own:.6g} differs from the field's, {volume:.6g} within {error:.2g}",
-    )
+    check = check_volume(own, volume, error)
     if counted != own_betti:
         words = (
             "do not settle on grids" if counted is None else f"are {counted} on grids, which acute wedges fall apart on"

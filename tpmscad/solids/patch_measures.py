@@ -124,6 +124,16 @@ def check_field_tangent_jump(jump_deg: float) -> Check:
     )
 
 
+def check_volume(own: float, of_field: float, error: float) -> Check:
+    """The check of a solid's volume against the field's, which is known within an error."""
+    return Check(
+        "volume",
+        abs(of_field - own),
+        FIELD_VOLUME_RTOL * of_field + error,
+        f"volume {own:.6g} differs from the field's, {of_field:.6g} within {error:.2g}: use a finer `tol`",
+    )
+
+
 def measure_field_patches(found: FieldPatches) -> PatchMeasures:
     """The measures of the patches of a field's solid in a box, checked against its Betti numbers and its volume too."""
     fitted, properties = found.fitted, found.properties
@@ -135,12 +145,7 @@ def measure_field_patches(found: FieldPatches) -> PatchMeasures:
             f"Betti numbers {properties.betti} differ from the field's, {found.field_betti}: use a finer `tol`; "
             "of a blend, subgrid_check=True removes isolated parts that lie between its samples",
         ),
-        Check(
-            "volume",
-            abs(volume - properties.volume),
-            FIELD_VOLUME_RTOL * volume + volume_error,
-            f"volume {properties.volume:.6g} differs from the field's, {volume:.6g} within {volume_error:.2g}",
-        ),
+        check_volume(properties.volume, volume, volume_error),
     ]
     notes = fitted.notes
     if found.field_betti is None:
