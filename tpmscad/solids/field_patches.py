@@ -154,7 +154,10 @@ def _compute_betti_numbers_of(fit: FieldFit) -> tuple[Betti | None, bool]:
     # two grids can miss the same neck; a finer one is believed where the patches, counted otherwise, confirm it
     finer = compute_betti_numbers(fit.field, fit.lo, fit.hi, FINER_LINES, 1, confirm)
     if finer is None or not confirm(finer):
-        finer = count_tunnels_near_surface(fit.field, fit.lo, fit.hi, finer or betti, confirm)
+        known = finer or betti
+        if connectivity.label_shells(fit.brep)[0] != known[0] + known[2]:  # which no number of tunnels mends
+            return betti, False
+        finer = count_tunnels_near_surface(fit.field, fit.lo, fit.hi, known, confirm)
     return (betti, False) if finer is None else (finer, True)
 
 
