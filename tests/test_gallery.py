@@ -29,6 +29,15 @@ def gallery_pages(monkeypatch: pytest.MonkeyPatch) -> Iterator[Any]:
     sys.modules.pop("gallery_pages")
 
 
+def test_examples_that_the_continuous_integration_leaves_out_are_run_by_tests_at_a_small_size() -> None:
+    left_out = re.search(r"^small='(.+)'$", (ROOT / ".ci" / "run").read_text(), re.MULTILINE)
+    assert left_out is not None
+    tests = (ROOT / "tests" / "studies" / "test_application_examples.py").read_text()
+    for name in left_out[1].split("|"):
+        assert name in EXAMPLES
+        assert f'load("{name}")' in tests
+
+
 def test_every_example_has_one_place_in_the_gallery(gallery_pages: Any) -> None:
     listed = [name for group in (*gallery_pages.GROUPS.values(), gallery_pages.SHARED) for name in group]
     assert sorted(listed) == EXAMPLES
