@@ -381,10 +381,10 @@ def test_an_infill_takes_the_solid_that_is_chosen_and_tells_it(assembly: Path) -
 
 
 def test_all_solids_are_filled_each_by_itself_under_its_name(assembly: Path, tmp_path: Path) -> None:
-    wanted = {"cell": 5, "thickness": 1.0, "tol": 0.1, "progress": False}
+    wanted = {"cell": 40 / 6, "thickness": 1.0, "tol": 0.1, "progress": False}
     every = tpmscad.infill(assembly, "schwarz_p", solid="all", **wanted)
     parts = [tpmscad.infill(assembly, "schwarz_p", solid=number, **wanted) for number in (1, 2)]
-    parts.append(parts[0])  # the right nut lies eight cells from the left one
+    parts.append(parts[0])  # the right nut lies six cells from the left one
     assert every.piece_names[0] == "plate"
     assert {of.name for of in every.named_solids()} == {"left nut", "plate", "right nut"}
     assert every.certificate.met
