@@ -75,5 +75,5 @@ def test_the_command_prints_and_reports_the_permeability_of_a_channel(
     assert 0.0 < found["error"] < 0.1
     assert "gyroid skeletal, a channel of porosity 0.34" in out
     assert "mm2; mean of the axes 0.05" in out
-    assert run(f"{line} --size 0.3 --quiet") == 0
+    assert run(f"{line} --size 0.6 --quiet") == 0
     assert capsys.readouterr().out == ""
