@@ -45,10 +45,10 @@ MAX_SIDE_DISTANCE_TOLS = 16.0
 fails, and takes thirty others with it."""
 
 MAX_FAILING_FRACTION = 1.0 / 3.0
-"""Fraction of failing patches above which a simplification is given up. Where the level set has details between
-the sides of the polygons, as that of a segmentation has, half of them do; the edits are then undone down to nearly the mesh that
-there was (4029 to 3866 patches, 1881 to 1842), and take a third to a half of the time of the solid. A fit of at most
-`MIN_GAIN_PATCHES` is simplified in any case, in about a second."""
+"""Fraction of failing patches above which the simplification of a fit of more than `MIN_GAIN_PATCHES` is given up. Where the
+level set has details between the sides of the polygons, as that of a segmentation has, half of them do; the edits are then undone
+down to nearly the mesh that there was (4029 to 3866 patches, 1881 to 1842), and take a third to a half of the time of the solid.
+Smaller fits take about a second."""
 
 MAX_BAD_LEAVES = 16
 """Largest number of bad leaves for which polygons are merged."""
