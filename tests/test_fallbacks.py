@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import pytest
 
 from tpmscad.errors import InvalidRequest, KernelError, LevelSetError, MissingDomain, TpmscadError, TrimmingError
 from tpmscad.fallbacks import Fallback, Fallbacks
+from tpmscad.stage_timer import StageTimer
 
 
 def make_fallbacks(*steps: str | TpmscadError) -> tuple[Fallbacks[[int], str], list[int]]:
@@ -37,6 +40,23 @@ def test_an_error_that_no_other_method_avoids_is_raised_at_once(error: TpmscadEr
     with pytest.raises(type(error), match=str(error)):
         methods.run(7)
     assert calls == [7]
+
+
+def test_where_all_methods_fail_the_error_ends_in_the_remedy_unless_the_request_is_refused() -> None:
+    methods = replace(make_fallbacks(TrimmingError("open"), InvalidRequest("free-form"))[0], remedy="change `tol`")
+    with pytest.raises(TrimmingError, match=r"^open \(way 0; also tried: way 1: free-form\); change `tol`$"):
+        methods.run(0)
+    refused = replace(make_fallbacks(InvalidRequest("free-form"))[0], remedy="change `tol`")
+    with pytest.raises(InvalidRequest, match=r"^free-form$"):
+        refused.run(0)
+
+
+def test_the_progress_tells_what_failed_before_another_method_starts() -> None:
+    told: list[str] = []
+    methods, _ = make_fallbacks(TrimmingError("open at (1, 2, 3)"), "second")
+    with StageTimer(lambda name, done: told.append(name))("trim"):
+        methods.run(0)
+    assert told == ["trim", "way 1, after open at (1, 2, 3)", "trim", "trim"]
 
 
 def test_the_reason_of_the_first_method_that_applies_comes_first_and_each_other_one_once() -> None:

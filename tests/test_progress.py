@@ -14,7 +14,7 @@ import rich.progress  # noqa: F401 - its first import takes longer than the stag
 
 import tpmscad._compiled_loops  # noqa: F401 - reports what is compiled
 from tpmscad import progress_display
-from tpmscad.stage_timer import COMPILING, StageTimer, show_compiling
+from tpmscad.stage_timer import COMPILING, StageTimer, show_activity
 
 
 class Terminal(io.StringIO):
@@ -117,7 +117,7 @@ def test_a_stage_says_when_functions_are_being_compiled_and_goes_on_under_its_na
     assert reports == [("fit", 0.0), ("fit", 0.5), (COMPILING, 0.0), ("fit", 0.5), ("fit", 1.0)]
     with StageTimer(None)("grow"):
         time.sleep(0.2)
-        show_compiling(True)
+        show_activity(COMPILING)
         time.sleep(0.2)
-        show_compiling(False)
+        show_activity(None)
     assert COMPILING in terminal.getvalue()

@@ -24,7 +24,6 @@ from tpmscad.errors import (
     NotMet,
     OutOfMemory,
     TpmscadError,
-    UnexpectedError,
     UserFunctionError,
 )
 from tpmscad.memory_limit import format_bytes, physical_memory, require_memory
@@ -109,7 +108,7 @@ def test_a_given_function_in_which_a_function_of_the_package_fails_is_named() ->
 
     with pytest.raises(UserFunctionError, match=r"outline raised .*half failed .* unsupported operand") as caught:
         fields.from_function(outline)
-    assert isinstance(caught.value.__cause__, UnexpectedError)
+    assert isinstance(caught.value.__cause__, TypeError)
 
 
 def test_many_fields_join_by_union_where_a_chain_is_refused() -> None:

@@ -11,7 +11,7 @@ from pathlib import Path
 import numba
 from numba.core import event
 
-from tpmscad.stage_timer import show_compiling
+from tpmscad.stage_timer import COMPILING, show_activity
 
 
 def keep_in_temporary_folder() -> Path:
@@ -67,12 +67,12 @@ class _CompilationListener(event.Listener):  # type: ignore[misc]  # numba has n
     def on_start(self, _: event.Event) -> None:
         self._depth += 1
         if self._depth == 1:
-            show_compiling(True)
+            show_activity(COMPILING)
 
     def on_end(self, _: event.Event) -> None:
         self._depth -= 1
         if self._depth == 0:
-            show_compiling(False)
+            show_activity(None)
 
 
 event.register("numba:compile", _CompilationListener())

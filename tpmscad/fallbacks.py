@@ -3,7 +3,7 @@
 A trimming on exact parameters is fast but may meet a configuration that it cannot resolve with certainty; then a slower and more
 robust method follows. A `Fallbacks` states as data what is tried, after which failures the next method follows, and what each
 costs. Its method `run` runs them in order and keeps the reasons of the failures, for the notes of the certificate or for the
-message of the last error.
+message of the last error. What failed, and what follows, is shown in the progress before it starts.
 """
 
 from __future__ import annotations
@@ -13,6 +13,7 @@ from dataclasses import dataclass
 from typing import Generic, ParamSpec, TypeVar
 
 from tpmscad.errors import InvalidRequest, KernelError, MissingDomain, TrimmingError
+from tpmscad.stage_timer import show_activity
 
 P = ParamSpec("P")
 T = TypeVar("T")
@@ -53,11 +54,15 @@ class Outcome(Generic[T]):
 
 @dataclass(frozen=True, slots=True)
 class Fallbacks(Generic[P, T]):
-    """Methods for one task in the order in which they are tried, the next one after errors of `retry_on` but not of `final`."""
+    """Methods for one task in the order in which they are tried, the next one after errors of `retry_on` but not of `final`.
+
+    remedy: what a user may change where all methods fail; an InvalidRequest has a remedy of its own.
+    """
 
     methods: tuple[Fallback[P, T], ...]
     retry_on: tuple[type[Exception], ...] = RETRYABLE
     final: tuple[type[Exception], ...] = FINAL
+    remedy: str = ""
 
     def run(self, *args: P.args, **kwargs: P.kwargs) -> Outcome[T]:
         """The outcome of the first method that succeeds.
@@ -69,12 +74,18 @@ class Fallbacks(Generic[P, T]):
         """
         failures: list[Exception] = []
         for method in self.methods:
+            if failures:
+                show_activity(f"{method.name}, after {failures[-1]}")
+            is_next = bool(failures)
             try:
                 return Outcome(method.run(*args, **kwargs), method.name, tuple(failures))
             except self.final:
                 raise
             except self.retry_on as error:
                 failures.append(error)
+            finally:
+                if is_next:
+                    show_activity(None)
         reason = next((f for f in failures if not isinstance(f, InvalidRequest)), failures[-1])
         raise self._with_history(reason, failures) from None
 
@@ -82,7 +93,11 @@ class Fallbacks(Generic[P, T]):
         """The error with a message that ends in the other methods and their reasons, each reason once."""
         names = {str(failure): method.name for method, failure in reversed([*zip(self.methods, failures, strict=True)])}
         name = names.pop(str(reason))
+        message = str(reason)
         if names:
-            history = "; ".join(f"{other}: {message}" for message, other in reversed(names.items()))
-            reason.args = (f"{reason} ({name}; also tried: {history})", *reason.args[1:])
+            history = "; ".join(f"{other}: {why}" for why, other in reversed(names.items()))
+            message = f"{reason} ({name}; also tried: {history})"
+        if self.remedy and not isinstance(reason, InvalidRequest):
+            message = f"{message}; {self.remedy}"
+        reason.args = (message, *reason.args[1:])
         return reason

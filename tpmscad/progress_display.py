@@ -7,6 +7,7 @@ take minutes between two reports; the display disappears at the end of its stage
 from __future__ import annotations
 
 import sys
+import textwrap
 import threading
 import time
 from collections.abc import Callable, Iterator
@@ -20,6 +21,9 @@ DELAY_SECONDS = 2.0
 
 NOTEBOOK_SECONDS = 0.2
 """Least time between two updates of a notebook's line."""
+
+TERMINAL_CHARACTERS = 100
+"""Longest name before a bar; what is beyond, as of a long reason why another method follows, is left out."""
 
 
 class Display(Protocol):
@@ -109,7 +113,10 @@ class TerminalBar:
 
     def rename(self, stage: str) -> None:
         """Show another name before the bar."""
-        self._bar.update(self._task, description=stage)
+        from rich.markup import escape
+
+        shown = textwrap.shorten(stage, TERMINAL_CHARACTERS, placeholder=" ...")
+        self._bar.update(self._task, description=escape(shown))
 
     def close(self) -> None:
         """Remove the bar."""

@@ -14,14 +14,14 @@ from tpmscad.progress_display import show_stage
 COMPILING = "compiling, once"
 """Name that is shown while functions are compiled, which are then kept on disk."""
 
-_open_stages: list[Callable[[bool], None]] = []
-"""What shows in the stages that are open that functions are being compiled, and that they are no more."""
+_open_stages: list[Callable[[str | None], None]] = []
+"""What shows another name in each of the stages that are open, or its own name again."""
 
 
-def show_compiling(is_compiling: bool) -> None:
-    """Show in the innermost open stage that functions are being compiled, or its own name again."""
+def show_activity(name: str | None) -> None:
+    """Show in the innermost open stage what is going on in it, such as `COMPILING`, or with None its own name again."""
     if _open_stages:
-        _open_stages[-1](is_compiling)
+        _open_stages[-1](name)
 
 
 @dataclass(slots=True)
@@ -56,8 +56,8 @@ class StageTimer:
             report(1.0)
 
     @contextmanager
-    def _open_report(self, stage: str) -> Iterator[tuple[FractionProgress, Callable[[bool], None]]]:
-        """The function that reports the fraction of the stage that is done, and one that shows that functions are compiled."""
+    def _open_report(self, stage: str) -> Iterator[tuple[FractionProgress, Callable[[str | None], None]]]:
+        """The function that reports the fraction of the stage that is done, and one that shows another name in its place."""
         call = self.progress
         if callable(call):
             done = [0.0]
@@ -68,10 +68,10 @@ class StageTimer:
 
             yield (
                 report,
-                lambda on: call_user_function("progress", call, *((COMPILING, 0.0) if on else (stage, done[0]))),
+                lambda name: call_user_function("progress", call, *((name, 0.0) if name else (stage, done[0]))),
             )
         elif call is False:
-            yield lambda fraction: None, lambda on: None
+            yield lambda fraction: None, lambda name: None
         else:
             with show_stage(stage, self.begun) as (show_fraction, rename):
-                yield show_fraction, lambda on: rename(COMPILING if on else stage)
+                yield show_fraction, lambda name: rename(name or stage)

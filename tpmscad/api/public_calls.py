@@ -125,8 +125,8 @@ def _validate(
                     bound.arguments[key] = _read_argument(arguments[key], value)
             return target(*bound.args, **bound.kwargs)
         except InvalidRequest as error:
-            # Its message says what to change; frames inside the package say nothing to the caller. Its cause is kept.
-            raise error.with_traceback(None) from error.__cause__
+            # Its message says what to change; frames inside the package say nothing to the caller.
+            raise error.with_traceback(None) from find_foreign_cause(error)
 
     plain = [
         p.replace(annotation=arguments[p.name].type) if p.name in arguments else p for p in shown.parameters.values()
@@ -168,8 +168,9 @@ def translate_errors(function: Callable[P, R]) -> Callable[P, R]:
         try:
             return function(*args, **kwargs)
         except InvalidRequest as error:
-            raise error.with_traceback(None) from error.__cause__
-        except TpmscadError:
+            raise error.with_traceback(None) from find_foreign_cause(error)
+        except TpmscadError as error:
+            error.__cause__ = find_foreign_cause(error)
             raise
         except Exception as error:
             name = function.__qualname__.removesuffix(".__init__")
@@ -178,6 +179,12 @@ def translate_errors(function: Callable[P, R]) -> Callable[P, R]:
             raise translate_error(name, error) from error
 
     return call
+
+
+def find_foreign_cause(error: BaseException) -> BaseException | None:
+    """The first cause of an error that is none of the package; what the package's own say is in the message."""
+    cause = error.__cause__
+    return find_foreign_cause(cause) if isinstance(cause, TpmscadError) else cause
 
 
 def translate_error(name: str, error: Exception) -> TpmscadError:
@@ -197,8 +204,8 @@ def translate_error(name: str, error: Exception) -> TpmscadError:
             f"{name} cannot use the file{where}: {error.strerror or error}; check the path and its permissions"
         )
     return UnexpectedError(
-        f"{name} failed for a reason that it does not know: {type(error).__name__}: {error}. Please report the call: it should "
-        "have worked, or have been refused with the reason"
+        f"{name} failed by a fault of its own ({type(error).__name__}: {error}): please report the call, which should have "
+        "worked, or have been refused with the reason"
     )
 
 

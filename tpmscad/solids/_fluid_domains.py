@@ -36,6 +36,7 @@ from tpmscad.results.certificate import Certificate, Check, describe_piece, requ
 from tpmscad.results.domain_results import MINUS, PLUS, WALL, FaceContact, FluidDomains
 from tpmscad.results.model import Model
 from tpmscad.solids.boolean_strategies import (
+    CUT_REMEDY,
     KERNEL_BOOLEAN,
     TRIMMED_PATCHES,
     certify_cut_solids,
@@ -187,7 +188,7 @@ def _divide_field_body(body: FieldBody, block: LatticeBlock) -> dict[str, Domain
     found = {}
     for name in (WALL, PLUS, MINUS):
         if not len(parts[name].brep.faces):
-            raise _missing_domain(body.cad, name)
+            raise _missing_domain(body.cad, name, block)
         found[name] = DomainSolids(parts[name], parts[name].brep, body_areas(parts[name].brep, body), notes, moved)
     return found
 
@@ -204,7 +205,7 @@ def _compute_domains(block: LatticeBlock, body: CadBody) -> dict[str, DomainSoli
 def _trim_domains(block: LatticeBlock, body: CadBody) -> dict[str, DomainSolids]:
     """The three domains rebuilt from one arrangement of the patches and the body."""
     read, patches = read_trimming_body(body), block.patches
-    with numerical_failures(read.free_form):
+    with numerical_failures():
         return _trim_domains_by(read, patches, block, body)
 
 
@@ -215,6 +216,9 @@ def _trim_domains_by(read: FreeFormBody, patches: Brep, block: LatticeBlock, bod
         PLUS: LatticeDomain(patches.faces_with_tag("offset+"), -1),
         MINUS: LatticeDomain(patches.faces_with_tag("offset-"), -1),
     }
+    for name, bound in bounds.items():
+        if not len(bound.faces):  # the closings leave nothing of a channel
+            raise _missing_domain(body, name, block)
     trimmed, report = trim_domains(
         patches,
         read.brep,
@@ -225,7 +229,7 @@ def _trim_domains_by(read: FreeFormBody, patches: Brep, block: LatticeBlock, bod
     )
     for name, domain in zip(bounds, trimmed.breps, strict=True):
         if not len(domain.faces):
-            raise _missing_domain(body, name)
+            raise _missing_domain(body, name, block)
     first, n_faces = len(patches.tags), len(read.brep.tags)
     trimmed, absorbed = absorb_dead_ends(trimmed, first) if block.closes_channels else (trimmed, ())
     openings = (*patches.tags, *[OPENING] * n_faces)
@@ -249,7 +253,7 @@ def _split_domains(block: LatticeBlock, body: CadBody) -> dict[str, DomainSolids
     for name in (WALL, PLUS, MINUS):
         own = [c for c in cells if classify_cell(c) == name]
         if not own:
-            raise _missing_domain(body, name)
+            raise _missing_domain(body, name, block)
         areas = {face: sum(c.areas.get(face, 0.0) for c in own) for c in own for face in c.areas}
         result[name] = DomainSolids(_label_solids(name, own, block, body), None, areas, ())
     return result
@@ -280,7 +284,8 @@ DOMAIN_METHODS = Fallbacks(
         Fallback(
             "splitting by the kernel", _split_domains, "about ten times as long; for free-form faces that leave gaps"
         ),
-    )
+    ),
+    remedy=CUT_REMEDY,
 )
 """How a body is divided into the domains."""
 
@@ -375,6 +380,7 @@ def _check_openings(
     return checks
 
 
-def _missing_domain(body: CadBody, name: str) -> MissingDomain:
-    """The error for a body that contains no part of the domain `name`."""
-    return MissingDomain(f"{body.name} holds no {name}: shift the lattice by `phase`, or use a smaller `cell`")
+def _missing_domain(body: CadBody, name: str, block: LatticeBlock) -> MissingDomain:
+    """The error for a body that contains no part of the domain `name` of a block."""
+    closed = ", or a shorter `transition`: the closings fill the channel" if block.closes_channels else ""
+    return MissingDomain(f"{body.name} holds no {name}: shift the lattice by `phase`, or use a smaller `cell`{closed}")

@@ -10,6 +10,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
+from traceback import extract_tb
 from typing import Any
 
 import numpy as np
@@ -147,7 +148,7 @@ def trim_on_parameters(patches: Brep, body: CadBody, max_shift: float) -> Boolea
     InvalidRequest or TrimmingError if that is impossible, KernelError if the volume of the result is wrong.
     """
     read = read_trimming_body(body)
-    with numerical_failures(read.free_form):
+    with numerical_failures():
         return _trim_by_brep(patches, body, read, max_shift)
 
 
@@ -156,24 +157,25 @@ def read_trimming_body(body: CadBody) -> FreeFormBody:
     try:
         return FreeFormBody(brep_from_shape(body.shape, body.face_labels), {})
     except NotQuadric:
-        with numerical_failures(True):
+        with numerical_failures():
             return read_free_form_body(body.shape, body.face_labels)
 
 
 @contextmanager
-def numerical_failures(free_form: object) -> Iterator[None]:
-    """Exceptions of the kernel and of singular systems, as TrimmingError if there are free-form faces.
+def numerical_failures() -> Iterator[None]:
+    """Exceptions of the kernel and of singular systems as a TrimmingError that names the step, so that the next method follows.
 
-    OCCT's exceptions have no common base class.
+    OCCT's exceptions have no common base class. The exception stays the cause.
     """
     try:
         yield
     except TpmscadError:
         raise
     except Exception as error:
-        if not free_form:
-            raise
-        raise TrimmingError(f"the cut by free-form faces failed: {error}") from error
+        step = next(
+            (f.name for f in reversed(extract_tb(error.__traceback__)) if "tpmscad" in f.filename), "the kernel"
+        )
+        raise TrimmingError(f"the cut met a singular case ({type(error).__name__} in {step})") from error
 
 
 def _trim_by_brep(patches: Brep, body: CadBody, read: FreeFormBody, max_shift: float) -> BooleanResult:
@@ -210,6 +212,9 @@ def _build_valid_solids(brep: Brep) -> BrepSolids | None:
     return built
 
 
+CUT_REMEDY = "shift the lattice by `phase`, or change `cell` or `tol` a little"
+"""What may be changed where a cut fails: the lattice meets the body in other places then."""
+
 MAX_KERNEL_FACES = 20_000
 """Patches that the kernel's boolean is given; with 35,000 it took 14 GiB, and had not ended after four minutes."""
 
@@ -218,7 +223,8 @@ def intersect_in_kernel(patches: Brep, body: CadBody, kernel_boolean: KernelBool
     """The kernel's boolean of the two solids; KernelError if that fails, or makes what the kernel's own check rejects."""
     if len(patches.faces) > MAX_KERNEL_FACES:
         raise KernelError(
-            "trim", f"the kernel's boolean is not tried with {len(patches.faces)} patches, over {MAX_KERNEL_FACES}"
+            "trim",
+            f"the lattice has {len(patches.faces)} patches, more than the {MAX_KERNEL_FACES} that its boolean is given",
         )
     built = OcctSolids(kernel_boolean())
     if built.solids and not is_valid(make_compound(built.solids)):
@@ -239,7 +245,8 @@ BOOLEAN_METHODS: Fallbacks[[Brep, CadBody, float, KernelBoolean], BooleanResult]
             lambda patches, body, _, kernel_boolean: intersect_in_kernel(patches, body, kernel_boolean),
             "ten times as long for a few cells, and more than in proportion for many",
         ),
-    )
+    ),
+    remedy=CUT_REMEDY,
 )
 """How the part of a lattice inside a body is made, or the part of the body outside the lattice."""
 

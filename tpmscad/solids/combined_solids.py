@@ -280,12 +280,14 @@ METHODS: Fallbacks[[_Request], BrepSolids | OcctSolids] = Fallbacks(
     (
         Fallback("on the parameters of their patches", _combine_networks_of, "a second for a thousand patches"),
         Fallback("by the kernel's boolean", _combine_in_kernel, "10 ms for each patch that is cut"),
-    )
+    ),
+    remedy="move or resize one of the fields, or the box, a little, so that no surfaces touch, or change `tol`",
 )
 """How the operands are combined."""
 
 STRUT_METHODS: Fallbacks[[_Request], BrepSolids | OcctSolids] = Fallbacks(
-    (Fallback("node by node", _close_struts_in_box, "a hundredth of a second for each strut"), *METHODS.methods)
+    (Fallback("node by node", _close_struts_in_box, "a hundredth of a second for each strut"), *METHODS.methods),
+    remedy=METHODS.remedy,
 )
 """How struts alone are cut by a box."""
 

@@ -77,5 +77,6 @@ SKIN_METHODS = Fallbacks(
     ),
     retry_on=(KernelError, TrimmingError, LevelSetError),
     final=(InvalidRequest,),
+    remedy="change `skin` a little, shift the lattice by `phase`, or give a larger `tol`",
 )
 """How a body is filled behind a skin."""

@@ -64,7 +64,7 @@ def hollow_in_arrays(request: VoidsInBody) -> HollowedBody:
             voids.append(replace(result.brep, tags=tags))
     read = read_trimming_body(request.body)
     is_open = np.array([any(f.IsSame(o) for o in request.open_faces) for f in faces_of(request.body.shape)])
-    with numerical_failures(read.free_form):
+    with numerical_failures():
         brep = hollow_body(read.brep, voids, is_open[read.brep.faces.tag])
         built = build_solids(brep)
         if not is_brep_valid(brep, built.known_faces):

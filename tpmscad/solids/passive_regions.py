@@ -150,7 +150,7 @@ def _combine_networks(built: Solids, body: CadBody, operation: Operation) -> Sol
     if not isinstance(built, BrepSolids):
         raise TrimmingError("the kernel made the solid, which has no patches of its own")
     read = read_trimming_body(body)
-    with numerical_failures(read.free_form):
+    with numerical_failures():
         result = combine_networks(built.brep, read.brep, operation, build=build_valid_solids, may_move=False)
     combined: BrepSolids = result.built
     return combined
@@ -161,7 +161,7 @@ def _combine_in_kernel(built: Solids, body: CadBody, operation: Operation) -> So
     count = sum(len(faces_of(solid)) for solid in built.solids)
     if count > MAX_KERNEL_FACES:
         raise KernelError(
-            "passive region", f"the kernel's boolean is not tried with {count} faces, over {MAX_KERNEL_FACES}"
+            "passive region", f"the solid has {count} faces, more than the {MAX_KERNEL_FACES} that its boolean is given"
         )
     both = SolidSet(built.shape), SolidSet(body.shape, complement=operation == "difference")
     solids = list_solids(merge_faces(combine_sets(-1 if operation == "union" else 1, both).shape))
@@ -174,6 +174,7 @@ METHODS: Fallbacks[[Solids, CadBody, Operation], Solids] = Fallbacks(
     (
         Fallback("on the parameters of the patches", _combine_networks, "a second for a few thousand patches"),
         Fallback("by the kernel's boolean", _combine_in_kernel, "10 ms for each patch"),
-    )
+    ),
+    remedy="move or resize the body a little, so that none of its faces touches the solid's, or change `tol`",
 )
 """How a body is united with a solid, or subtracted from it."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -23,6 +24,9 @@ from tpmscad.kernel.occt.exploration import ShapeKey, count_subshape_uses, faces
 
 VOLUME_RTOL = 1e-9
 """Relative difference allowed between the volumes of the shape and of what the file holds: numbers are written with 15 digits."""
+
+HEADER = b"DBRep_DrawableShape\n"
+"""First line of a BREP file, before the text of its shape."""
 
 
 def write_brep_file(shape: Any, path: Path, volume: float) -> None:
@@ -60,16 +64,15 @@ def count_distinct_faces(shape: TopoDS_Shape) -> int:
 
 
 def write_plain_brep(solids: Sequence[Any], path: Path) -> None:
-    """Write solids as one compound with the faces that they share; the file is for another program.
-
-    Raises KernelError if OCCT cannot write it.
-    """
+    """Write solids as one compound with the faces that they share; the file is for another program."""
     _write_shape(make_compound(solids), path)
 
 
 def _write_shape(shape: TopoDS_Shape, path: Path) -> None:
-    if not BRepTools.Write_s(shape, encode_file_name(path)):
-        raise KernelError("write BREP", f"OCCT cannot write {path}", shape)
+    """Write a shape to a new file; OSError with the system's reason, which OCCT's own writing of files does not tell."""
+    text = io.BytesIO()
+    BRepTools.Write_s(shape, text)
+    path.write_bytes(HEADER + text.getvalue())
 
 
 def number_distinct_faces(solids: Sequence[Any]) -> tuple[list[IntArray], Array]:

@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from tpmscad._typing import Array, IntArray
-from tpmscad.errors import UntracedCurve
+from tpmscad.errors import UntracedCurve, format_point
 from tpmscad.splines.basis import design_matrices
 from tpmscad.splines.bspline import BSplineSurface
 from tpmscad.trimming.operands.quadric_table import CONE, MIN_DIVISOR_LENGTH, QuadricTable
@@ -180,8 +180,12 @@ class PatchSurfacePairs:
         if lost.any():  # too few points for turning: arc length alone until there are more
             s[lost] = np.linspace(0.0, 1.0, s.shape[1])
             density[lost] = 1.0 / np.maximum(x[lost, -1:], MIN_DIVISOR_LENGTH)
-            if not (np.diff(x, axis=1) > 0).all():
-                raise UntracedCurve("the points of an intersection curve are not in ascending order")
+            stuck = ~(np.diff(x, axis=1) > 0).all(axis=1)
+            if stuck.any():
+                place = self.points(uv)[np.argmax(stuck), 0]
+                raise UntracedCurve(
+                    f"an intersection curve is lost near {format_point(place)}, where patch and face are nearly tangent"
+                )
         secant = np.diff(s, axis=1) / np.diff(x, axis=1)
         # Fritsch and Carlson's slope limit keeps x(s) monotone where the points are sparse
         rate = 1.0 / np.maximum(density, np.maximum(_pad_intervals(secant, 0), _pad_intervals(secant, 1)) / 3.0)
