@@ -18,7 +18,7 @@ ROOT = Path(__file__).resolve().parents[1]
 PAGES = sorted((ROOT / "docs" / "guide").glob("*.md"))
 SCRIPT = re.compile(r"^```python\n(.*?)^```$", re.MULTILINE | re.DOTALL)
 QUICK = ("conventions", "first_solid", "sweeps")
-"""Pages whose scripts take about a second; the others are marked slow."""
+"""Pages whose scripts take about a second; those of the others run with the documentation."""
 
 GENERATORS = sorted(path.stem for path in (ROOT / "docs").glob("*_pages.py"))
 SCRIPTS = [(page.stem, number, text) for page in PAGES for number, text in enumerate(SCRIPT.findall(page.read_text()))]
@@ -28,7 +28,7 @@ def marks_of(page: str, script: str) -> list[pytest.MarkDecorator]:
     """The marks of a script by what it imports and how long it takes."""
     marks = [pytest.mark.kernel]
     if page not in QUICK or "properties=True" in script:
-        marks.append(pytest.mark.slow)
+        marks.append(pytest.mark.documentation)
     if "cadquery" in script:
         marks.append(pytest.mark.frontend)
     return marks

@@ -32,7 +32,7 @@ def check_run(name: str, front_end: str, folder: Path) -> None:
     assert not missing
 
 
-@pytest.mark.slow
+@pytest.mark.documentation
 @pytest.mark.filterwarnings("ignore::DeprecationWarning")
 @pytest.mark.parametrize("name", PAGES)
 def test_a_tutorial_runs_from_an_empty_folder(name: str, tmp_path: Path) -> None:

@@ -13,7 +13,7 @@ from scipy import ndimage
 from tpmscad import fields, topology
 from tpmscad.kernel.measure.shape_report import check_step
 
-pytestmark = [pytest.mark.kernel, pytest.mark.slow]
+pytestmark = [pytest.mark.kernel, pytest.mark.documentation]
 
 FOLDER = Path(__file__).parents[2] / "examples"
 
