@@ -1,10 +1,12 @@
-"""Single-point mutants of a room: the changes of one expression or statement that its tests do not notice.
+"""Single-point mutants of the package: changes of one expression or statement that its tests do not notice.
 
-    python scripts/mutants.py splines --count 10 --seed 1
+    python -m pytest -n auto --cov --cov-context=test --cov-report=     # once: which test runs which line, into .coverage
+    python scripts/mutants.py --count 40 --seed 1 [ROOM ...]
 
-Each mutant is one change in one module of the room (a comparison, an operator, a constant, a condition, two swapped arguments, a
-dropped statement) in a copy of the tree; the tests of the room stop at the first failure. Survivors are named with line and
-difference. Not every survivor is a hole: a mutant may do the same in another way.
+Each mutant is one change in one module (a comparison, an operator, a constant, a condition, two swapped arguments, a dropped
+statement) in a copy of the tree. The tests that run its line are tried, those first that run the fewest lines, until one fails;
+of compiled loops, whose lines are not recorded, those that run the module, or one that imports it. Survivors are named with line
+and difference. Not every survivor is a hole: a mutant may do the same in another way.
 """
 
 from __future__ import annotations
@@ -12,48 +14,19 @@ from __future__ import annotations
 import argparse
 import ast
 import difflib
+import json
+import os
 import random
 import shutil
+import sqlite3
 import subprocess
 import time
+from collections import Counter
 from collections.abc import Iterator
 from pathlib import Path
+from typing import NamedTuple
 
 from tree_copy import ROOT, copied_tree, pytest_call
-
-TESTS = {
-    "splines": ["tests/splines", "tests/lattices/test_cpia_nets.py"],
-    "topology": ["tests/topology", "tests/refusals/test_refused_fields.py"],
-    "fields": ["tests/fields", "tests/refusals/test_refused_fields.py", "tests/recipe/test_data_fields.py"],
-    "surfaces": ["tests/surfaces", "tests/refusals/test_refused_fields.py"],
-    "brep": [
-        "tests/brep",
-        "tests/trimming/test_boxes.py",
-        "tests/levelset/test_field_brep.py",
-        "tests/lattices/test_copies.py",
-    ],
-    "lattices": ["tests/lattices", "tests/solids/test_lattices.py"],
-    "levelset": ["tests/levelset", "tests/solids/test_second_look.py"],
-    "trimming": ["tests/trimming", "tests/solids/test_infill.py"],
-    "blending": ["tests/blending", "tests/refusals/test_refused_recipes.py"],
-    "kernel": [
-        "tests/kernel",
-        "tests/part21",
-        "tests/refusals/test_refused_solids.py",
-        "tests/studies/test_metrics.py",
-    ],
-    "solids": ["tests/solids", "tests/requests", "tests/results", "tests/refusals/test_refused_solids.py"],
-    "recipe": ["tests/recipe", "tests/refusals/test_refused_recipes.py"],
-    "cli": ["tests/cli"],
-    "meshing": ["tests/meshing", "tests/studies/test_hexahedra_of_models.py", "tests/studies/test_meshing.py"],
-    "simulation": [
-        "tests/simulation",
-        "tests/studies/test_homogenization.py",
-        "tests/studies/test_permeability.py",
-    ],
-    "sweeps": ["tests/sweeps"],
-}
-"""The tests of each room, those first that fail soonest."""
 
 COMPARISONS: dict[type[ast.cmpop], type[ast.cmpop]] = {
     ast.Lt: ast.LtE, ast.LtE: ast.Lt, ast.Gt: ast.GtE, ast.GtE: ast.Gt, ast.Eq: ast.NotEq, ast.NotEq: ast.Eq,
@@ -124,11 +97,30 @@ def apply_mutation(node: ast.AST, way: str) -> None:
         node.value = ast.Constant(None)
 
 
-def draw_mutants(room: str, count: int, seed: int) -> Iterator[tuple[Path, int, str, str, str]]:
-    """Random mutants: file, line, way, the text as it was (normalised) and as it is changed."""
-    rng = random.Random(f"{room} {seed}")
-    files = sorted((ROOT / "tpmscad" / room).rglob("*.py"))
-    files = [f for f in files if f.name != "__init__.py"]
+class Mutant(NamedTuple):
+    """One change: the file, the line, the way, and the text (normalised) as it was and as it is changed."""
+
+    file: Path
+    line: int
+    way: str
+    before: str
+    after: str
+
+    @property
+    def place(self) -> str:
+        """Where it is, in words."""
+        return f"{self.file.relative_to(ROOT)}:{self.line} ({self.way})"
+
+
+def list_modules(rooms: list[str]) -> list[Path]:
+    """The modules of the rooms, or of the whole package."""
+    folders = [ROOT / "tpmscad" / room for room in rooms] or [ROOT / "tpmscad"]
+    return sorted(f for folder in folders for f in folder.rglob("*.py") if f.name != "__init__.py")
+
+
+def draw_mutants(files: list[Path], count: int, seed: int) -> Iterator[Mutant]:
+    """Random mutants of modules, of which longer ones have more; equal modules have equal ones."""
+    rng = random.Random(seed)
     sizes = [f.stat().st_size for f in files]
     seen: set[tuple[Path, int]] = set()
     while len(seen) < count:
@@ -143,17 +135,62 @@ def draw_mutants(room: str, count: int, seed: int) -> Iterator[tuple[Path, int, 
             continue
         seen.add((file, index))
         node, way = places[index]
+        line = getattr(node, "lineno", 0)
         apply_mutation(node, way)
-        yield file, getattr(node, "lineno", 0), way, before, ast.unparse(ast.fix_missing_locations(tree))
+        yield Mutant(file, line, way, before, ast.unparse(ast.fix_missing_locations(tree)))
 
 
-def run_tests(tree: Path, tests: list[str], seconds: float, marks: str) -> str:
-    """What the tests say of the tree as it is: "noticed", "survived" or "too long"."""
-    command, environment = pytest_call(tree, ["-x", "-p", "no:xdist", "-m", marks, *tests])
+class LineRecord:
+    """Which test runs which line, of a database of coverage.py with a context for each test."""
+
+    def __init__(self, database: Path) -> None:
+        self.tables = sqlite3.connect(database)
+        names = self.tables.execute("select id, context from context where context != ''").fetchall()
+        self.test = {number: context.rpartition("|")[0] or context for number, context in names}
+        self.lines_run: Counter[str] = Counter()
+        self.of_file: dict[str, list[tuple[str, bytes]]] = {}
+        rows = self.tables.execute("select path, context_id, numbits from line_bits join file on file.id = file_id")
+        for path, context, bits in rows:
+            if context in self.test:
+                name = path[path.rindex("tpmscad/") :] if "tpmscad/" in path else path
+                self.of_file.setdefault(name, []).append((self.test[context], bits))
+                self.lines_run[self.test[context]] += sum(byte.bit_count() for byte in bits)
+
+    def find_tests(self, mutant: Mutant) -> list[str]:
+        """The tests that run the line of a mutant, those first that run the fewest lines in all."""
+        name = mutant.file.relative_to(ROOT).as_posix()
+        rows, (place, bit) = self.of_file.get(name, []), divmod(mutant.line, 8)
+        found = {test for test, bits in rows if place < len(bits) and bits[place] >> bit & 1}
+        if not found and "njit" in mutant.before:
+            found = {test for test, _ in rows} or self._find_callers(name)
+        return sorted(found, key=lambda test: (self.lines_run[test], test))
+
+    def _find_callers(self, name: str) -> set[str]:
+        """The tests that run a module which imports the module `name`."""
+        dotted = name.removesuffix(".py").replace("/", ".")
+        return {
+            test
+            for file, rows in self.of_file.items()
+            if (ROOT / file).exists() and dotted in (ROOT / file).read_text(encoding="utf-8")
+            for test, _ in rows
+        }
+
+
+def try_mutant(tree: Path, mutant: Mutant, tests: list[str], seconds: float) -> str:
+    """What the tests say: "noticed", "survived", or "too long"."""
+    if not tests:
+        return "not run"
+    inside = tree / mutant.file.relative_to(ROOT)
+    inside.write_text(mutant.after, encoding="utf-8")
+    os.utime(inside, (time.time() + 10, time.time() + 10))  # never the stamp of bytecode that was kept
+    command, environment = pytest_call(tree, ["-x", "-p", "no:xdist", "-m", "", *tests])
     try:
         ended = subprocess.run(command, cwd=tree, env=environment, capture_output=True, timeout=seconds, check=False)
     except subprocess.TimeoutExpired:
         return "too long"
+    finally:
+        shutil.copy(mutant.file, inside)
+        os.utime(inside)
     if ended.returncode > 3:  # below zero: ended by a signal, as compiled code may be
         raise SystemExit(f"pytest ended with {ended.returncode}:\n{ended.stdout.decode()[-2000:]}")
     return "noticed" if ended.returncode else "survived"
@@ -162,30 +199,36 @@ def run_tests(tree: Path, tests: list[str], seconds: float, marks: str) -> str:
 def main() -> int:
     """Print what became of every mutant, and the survivors' differences; 1 if any survived."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("room", choices=sorted(TESTS))
+    parser.add_argument("rooms", nargs="*", help="rooms of the package; all of it by default")
+    parser.add_argument("--modules", type=Path, help="a text with the modules, one a line, in place of rooms")
     parser.add_argument("--count", type=int, default=10)
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument(
-        "--seconds", type=float, default=300.0, help="time limit of the tests of one mutant, 300 by default"
+        "--coverage", type=Path, default=ROOT / ".coverage", help="the database of the run of the tests"
     )
-    parser.add_argument("--marks", default="not slow and not frontend", help="which tests run, as for pytest -m")
+    parser.add_argument("--tests", type=int, default=40, help="tests that are tried of a mutant, 40 by default")
+    parser.add_argument("--seconds", type=float, default=300.0, help="time limit of the tests of one mutant")
+    parser.add_argument(
+        "--report", type=Path, help="a JSON file of places and verdicts, to be compared with another run"
+    )
     given = parser.parse_args()
-    survivors: list[str] = []
+    record, verdicts, survivors = LineRecord(given.coverage), dict[str, str](), list[str]()
+    files = [ROOT / name for name in given.modules.read_text().split()] if given.modules else list_modules(given.rooms)
     with copied_tree() as tree:
-        for number, (file, line, way, before, after) in enumerate(draw_mutants(given.room, given.count, given.seed), 1):
-            inside = tree / file.relative_to(ROOT)
-            inside.write_text(after, encoding="utf-8")
+        for number, mutant in enumerate(draw_mutants(files, given.count, given.seed), 1):
             begun = time.perf_counter()
-            verdict = run_tests(tree, TESTS[given.room], given.seconds, given.marks)
-            shutil.copy(file, inside)
-            place = f"{file.relative_to(ROOT)}:{line} ({way})"
-            print(f"{number:3d} {verdict:9} {place}  {time.perf_counter() - begun:.0f} s", flush=True)
-            if verdict == "survived":
-                difference = difflib.unified_diff(before.splitlines(), after.splitlines(), lineterm="", n=1)
-                survivors.append(
-                    "\n".join([place, *[f"    {d}" for d in difference if not d.startswith(("---", "+++", "@@"))]])
-                )
-    print(f"\n{given.room}: {given.count - len(survivors)} of {given.count} noticed")
+            verdict = try_mutant(tree, mutant, record.find_tests(mutant)[: given.tests], given.seconds)
+            verdicts[f"{number} {mutant.place}"] = verdict
+            print(f"{number:3d} {verdict:9} {mutant.place}  {time.perf_counter() - begun:.0f} s", flush=True)
+            if verdict in ("survived", "not run"):
+                lines = mutant.before.splitlines(), mutant.after.splitlines()
+                difference = [
+                    d for d in difflib.unified_diff(*lines, lineterm="", n=1) if d[:3] not in ("---", "+++", "@@ ")
+                ]
+                survivors.append("\n".join([mutant.place, *(f"    {d}" for d in difference)]))
+    if given.report:
+        given.report.write_text(json.dumps(verdicts, indent=1))
+    print(f"\n{Counter(verdicts.values())['noticed']} of {given.count} noticed: {dict(Counter(verdicts.values()))}")
     print(*survivors, sep="\n\n")
     return 1 if survivors else 0
 

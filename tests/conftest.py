@@ -16,6 +16,10 @@ from hypothesis import settings
 for variable in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
     os.environ.setdefault(variable, "1")
 
+# A hundred child processes import the package: without bytecode each compiles it for two seconds.
+sys.dont_write_bytecode = False
+os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
+
 # No deadline: the first example of a compiled or cached function pays for all the others.
 settings.register_profile("tpmscad", deadline=None, print_blob=True)
 settings.load_profile("tpmscad")

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import itertools
+
 import numpy as np
 import pytest
 
@@ -34,10 +36,14 @@ def place(body: bd.Shape, angles: tuple[float, float, float]) -> bd.Shape:
     return bd.Pos(*(np.array([5.0, 5.0, 5.0]) - np.array(tuple(turned.bounding_box().center())))) * turned
 
 
+SURFACES = dict(zip(FREE_FORM_BODIES, itertools.cycle(("P", "gyroid"))))
+"""The surface of the lattice that each body is filled with."""
+
+
 @pytest.fixture(scope="module", params=FREE_FORM_BODIES)
-def case(request: pytest.FixtureRequest) -> tuple[bd.Shape, FreeFormBody]:
+def case(request: pytest.FixtureRequest) -> tuple[bd.Shape, FreeFormBody, str]:
     body = place(FREE_FORM_BODIES[request.param](), (20.0, 35.0, 50.0))
-    return body, read_free_form_body(body)
+    return body, read_free_form_body(body), SURFACES[request.param]
 
 
 def volume(brep: Brep) -> float:
@@ -45,7 +51,7 @@ def volume(brep: Brep) -> float:
 
 
 def test_a_body_is_read_closed_with_its_volume_and_tight_edges(case) -> None:
-    body, read = case
+    body, read, _ = case
     assert len(connectivity.find_unmatched_edges(read.brep)) == 0
     assert volume(read.brep) == pytest.approx(face_moments(faces_of(unwrap(body)))[:, 1].sum(), rel=1e-6)
     assert read.brep.edges.deviation.max() < 5e-8
@@ -58,9 +64,8 @@ def test_a_body_is_read_closed_with_its_volume_and_tight_edges(case) -> None:
         brep_from_shape(body)
 
 
-@pytest.mark.parametrize("name", ["P", "gyroid"])
-def test_what_is_inside_the_lattice_and_what_is_outside_make_up_the_body(case, cover: Cover, name: str) -> None:
-    _, read = case
+def test_what_is_inside_the_lattice_and_what_is_outside_make_up_the_body(case, cover: Cover) -> None:
+    _, read, name = case
     lattice = cover(name, (1, 1, 1), (0.07, 0.11, 0.19), (-0.04, 0.04))
     parts = [trim(half, read.brep, free_form=read.free_form) for half in (lattice, reverse_faces(lattice))]
     whole, (wall, rest) = volume(read.brep), (volume(part.brep) for part in parts)
@@ -74,7 +79,7 @@ def test_what_is_inside_the_lattice_and_what_is_outside_make_up_the_body(case, c
 
 
 def test_it_is_what_the_kernel_cuts(case, cover: Cover) -> None:
-    body, read = case
+    body, read, _ = case
     lattice = cover("P", (1, 1, 1), (0.07, 0.11, 0.19), (-0.04, 0.04))
     own = volume(trim(lattice, read.brep, free_form=read.free_form).brep)
     box = brep_from_shape(unwrap(bd.Pos(5, 5, 5) * bd.Box(9.9, 9.9, 9.9)))

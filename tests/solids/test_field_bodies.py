@@ -156,10 +156,10 @@ def test_the_bounds_of_a_body_stay_in_the_box_that_ends_it() -> None:
 
 def test_noisy_data_are_followed_to_a_tenth_of_their_spacing_unless_a_tolerance_is_asked_for() -> None:
     """The tolerance of a lattice of small cells is far below what samples say of their surface."""
-    x, y, z = np.meshgrid(*[np.arange(-6, 6.1, 0.5)] * 3, indexing="ij")
+    x, y, z = np.meshgrid(*[np.arange(-3.5, 3.6, 0.5)] * 3, indexing="ij")
     noise = np.random.default_rng(2).normal(0, 0.02, x.shape)
-    data = fields.sampled(np.sqrt(x**2 + y**2 + z**2) - 4 + noise, 0.5, (-6, -6, -6))
-    for field in (data, fields.smooth_intersection(data, fields.sphere((0, 0, 0), 7), width=0.1)):
+    data = fields.sampled(np.sqrt(x**2 + y**2 + z**2) - 2.2 + noise, 0.5, (-3.5, -3.5, -3.5))
+    for field in (data, fields.smooth_intersection(data, fields.sphere((0, 0, 0), 4), width=0.1)):
         body = fit_field_body(field, data.domain, 1e-3, StageTimer(None), is_default=True)
         assert isinstance(body, FieldBody)
         assert body.measures.tol == pytest.approx(0.05)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from typing import Any
 
 import build123d as bd
@@ -43,24 +42,13 @@ def loft() -> bd.Solid:
     return bd.loft([bd.Ellipse(9, 6).face(), bd.Pos(0, 0, 12) * bd.RectangleRounded(10, 10, 2).face()]).solid()
 
 
-BODIES: dict[str, Callable[[], bd.Shape]] = {"prism": prism, "flask": flask, "loft": loft}
-
-
-@pytest.mark.parametrize("name", ["prism", "flask"])
-def test_faces_without_a_pole_are_cut_on_the_patches_parameters(name: str) -> None:
-    model = tpmscad.infill(BODIES[name](), **P)
-    assert model.certificate.met
-    assert "trimmed on the patches' parameters" in model.certificate.notes
-
-
 def tags_of_faces(part: tpmscad.Model) -> list[str]:
     """The tag of each face of the part's boundary representation."""
     return [part.patches.tags[tag] for tag in part.patches.faces.tag.tolist()]
 
 
-@pytest.mark.parametrize("name", ["prism", "flask"])
-def test_fluid_domains_of_free_form_bodies_share_their_faces(name: str) -> None:
-    body = BODIES[name]()
+def test_fluid_domains_of_a_free_form_body_share_their_faces() -> None:
+    body = flask()
     found = tpmscad.fluid_domains(body, **P)
     wall, plus, minus = (set(map(ShapeKey, faces_of(part.wrapped))) for part in (found.wall, found.plus, found.minus))
     assert {part.trimmed_by for part in (found.wall, found.plus, found.minus)} == {"patches"}
@@ -76,15 +64,15 @@ def refuse_to_trim(*_: Any, **__: Any) -> None:
     raise TrimmingError("not today")
 
 
-@pytest.mark.parametrize("name", ["prism", "loft"])
-def test_it_is_the_plain_boolean(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    body = BODIES[name]()
+def test_it_is_the_plain_boolean(monkeypatch: pytest.MonkeyPatch) -> None:
+    body = loft()
     monkeypatch.setattr(
         "tpmscad.solids.boolean_strategies.corner_clearance", lambda _: 0.0
     )  # else the lattice is moved
     quick = tpmscad.infill(body, **P)
     assert quick.certificate.met
     assert quick.trimmed_by == "patches"
+    assert "trimmed on the patches' parameters" in quick.certificate.notes
     monkeypatch.setattr("tpmscad.solids.boolean_strategies.trim", refuse_to_trim)
     slow = tpmscad.infill(body, **P)
     assert any("boolean: not today" in note for note in slow.certificate.notes)

@@ -28,7 +28,6 @@ PHI = fields.tpms("gyroid", 10.0)
 RAMP = fields.ramp("x", (0, 10), (0.15, 0.55))
 FIELDS = {
     "gyroid rod": fields.rod(PHI, -0.2),
-    "I-WP sheet": fields.sheet(fields.tpms("iwp", 10.0), -0.5, 0.5),
     "graded gyroid": fields.sheet(PHI, -RAMP, RAMP),
 }
 
@@ -88,13 +87,6 @@ def filleted_block() -> bd.Part:
     return bd.Pos(1, 2, 3) * (block - holes)
 
 
-def bracket() -> bd.Part:
-    outline = bd.Polyline((0, 0), (14, 0), (14, 5), (5, 5), (5, 12), (0, 12), (0, 0))
-    plate = bd.extrude(bd.make_face(outline), 8)
-    inner = plate.edges().filter_by(bd.Axis.Z).sort_by_distance((5, 5, 4))[0]
-    return bd.fillet(inner, 2.5) - bd.Pos(10.5, 2.5, 4) * bd.Rot(90, 0, 0) * bd.Cylinder(1.6, 10)
-
-
 def flask() -> bd.Part:
     profile = bd.Polyline((0, 0), (7, 0), (7, 8), (3, 13), (3, 17), (0, 17), (0, 0))
     return bd.revolve(bd.Plane.XZ * bd.make_face(profile), bd.Axis.Z)
@@ -107,13 +99,6 @@ def in_filleted_block(x: np.ndarray) -> np.ndarray:
     return (beyond < 1.5) & ~bored
 
 
-def in_bracket(x: np.ndarray) -> np.ndarray:
-    u, v, w = np.moveaxis(x, -1, 0)
-    legs = ((u < 14) & (v < 5)) | ((u < 5) & (v < 12))
-    web = (u < 7.5) & (v < 7.5) & (np.hypot(u - 7.5, v - 7.5) > 2.5)
-    return (x > 0).all(axis=-1) & (w < 8) & (legs | web) & (np.hypot(u - 10.5, w - 4.0) > 1.6)
-
-
 def in_flask(x: np.ndarray) -> np.ndarray:
     z = x[..., 2]
     radius = np.interp(z, [0.0, 8.0, 13.0, 17.0], [7.0, 7.0, 3.0, 3.0])
@@ -122,7 +107,6 @@ def in_flask(x: np.ndarray) -> np.ndarray:
 
 BODIES: dict[str, tuple[Callable[[], bd.Part], Inside, Field]] = {
     "filleted block": (filleted_block, in_filleted_block, fields.sheet(fields.tpms("gyroid", 12.0), -0.35, 0.35)),
-    "bracket": (bracket, in_bracket, fields.sheet(fields.tpms("schwarz_p", 10.0), -0.3, 0.3)),
     "flask": (flask, in_flask, fields.rod(fields.tpms("gyroid", 13.0), -0.2)),
 }
 

@@ -58,12 +58,10 @@ def body(name: str) -> object:
         solid = bd.Box(9, 8, 2) + wall - bd.Pos(2, 0, 0) * bd.Cylinder(1.4, 9)
         inner = [e for e in solid.edges() if abs(e.center().X + 2.5) < 0.01 and abs(e.center().Z - 1) < 0.01]
         return place(bd.fillet(inner, 1.5))
-    return place(
-        {"cylinder": bd.Cylinder(4, 8), "cone": bd.Cone(4, 2, 7), "sphere": bd.Sphere(5), "torus": bd.Torus(4, 2)}[name]
-    )
+    return place({"cone": bd.Cone(4, 2, 7), "torus": bd.Torus(4, 2)}[name])
 
 
-@pytest.mark.parametrize("name", ["rounded box", "cylinder", "cone", "sphere", "torus", "bracket"])
+@pytest.mark.parametrize("name", ["rounded box", "cone", "torus", "bracket"])
 def test_a_lattice_cut_by_a_body_is_what_the_kernels_boolean_makes_of_it(name: str, cover: Callable[..., Brep]) -> None:
     from tpmscad.kernel.body_import.body_brep import brep_from_shape
     from tpmscad.kernel.boolean import boolean_operations
