@@ -123,11 +123,11 @@ def test_values_with_the_gradient_are_those_without(field: fields.Field) -> None
     assert (field.value_and_gradient(POINTS)[0] == field(POINTS)).all()
 
 
-@pytest.mark.parametrize("shape", [(3,), (0, 3), (1, 3), (2, 4, 3), (2, 1, 0, 3)])
-def test_shapes_are_those_of_the_points(field: fields.Field, shape: tuple[int, ...]) -> None:
-    points = np.zeros(shape) + 0.3
-    assert field(points).shape == shape[:-1]
-    assert field.gradient(points).shape == shape
+def test_shapes_are_those_of_the_points(field: fields.Field) -> None:
+    for shape in ((3,), (0, 3), (1, 3), (2, 4, 3), (2, 1, 0, 3)):
+        points = np.zeros(shape) + 0.3
+        assert field(points).shape == shape[:-1]
+        assert field.gradient(points).shape == shape
 
 
 def test_stated_periods_leave_the_field_unchanged(field: fields.Field) -> None:

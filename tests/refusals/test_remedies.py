@@ -157,7 +157,7 @@ REMEDIES: dict[str, tuple[Request, str, Remedy]] = {
     "unequal cells of a surface whose mirrors they bend": (
         lambda: lattice("neovius", cell=(8, 8, 9.6)),
         "whose periods may be unequal",
-        lambda _: solidify(fields.sheet(fields.tpms("neovius", (8, 8, 9.6)), -0.6, 0.6)),
+        lambda _: solidify(fields.sheet(fields.tpms("neovius", (8, 8, 9.6)), -0.6, 0.6), tol=0.1),
     ),
     "a map of a surface of fitted patches": (
         lambda: lattice("fischer_koch_s", map=maps.stretching((1, 1, 1.2))),

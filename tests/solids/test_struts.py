@@ -44,18 +44,9 @@ def test_struts_are_cut_by_a_body() -> None:
     assert abs(model.volume / 1000 - share) < 4 * np.sqrt(share / 400_000)
 
 
-def test_a_cell_is_checked_meshed_and_homogenised() -> None:
-    pytest.importorskip("gmsh")
-    pytest.importorskip("skfem")
-    model = tpmscad.struts("bcc", cell=10, diameter=2)
-    wall = model.check_print().findings[0]
+def test_the_smallest_wall_of_a_cell_is_the_diameter() -> None:
+    wall = tpmscad.struts("bcc", cell=10, diameter=2).check_print().findings[0]
     assert wall.value == pytest.approx(2, rel=0.02)
-    found = tpmscad.homogenize(model, size=1.8, progress=False)
-    c = found.stiffness
-    assert c[1, 1] == pytest.approx(c[0, 0], rel=0.02)
-    assert c[4, 4] == pytest.approx(c[3, 3], rel=0.02)
-    # struts along the diagonals alone: C11 = C12 = C44 = E vf / 9, and a little more from bending
-    assert model.volume / 1000 / 9 * 0.9 < c[0, 0] < model.volume / 1000 / 9 * 2.5
 
 
 def test_gmsh_reads_the_step_file(tmp_path: Path) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Callable
 from dataclasses import replace
 
@@ -63,11 +64,14 @@ BODIES = {
         ("sphere", "schwarz_p", (None, 0.0)),
         ("pierced block", "gyroid", (None, 0.0)),
         slowly("flask", "gyroid", (None, 0.0)),
-        *[
+        *(
             slowly(body, name, layers)
-            for body in BODIES
-            for name, layers in (("gyroid", (-0.05, 0.05)), ("diamond", (None, 0.0)), ("schwarz_p", (None, 0.05)))
-        ],
+            for body, (name, layers) in zip(
+                BODIES,
+                itertools.cycle((("gyroid", (-0.05, 0.05)), ("diamond", (None, 0.0)), ("schwarz_p", (None, 0.05)))),
+                strict=False,
+            )
+        ),
     ],
 )
 def test_solid_and_void_share_the_body_between_them(
