@@ -23,7 +23,7 @@ kernel's tolerance."""
 
 
 def count_whole(lo: Array, hi: Array, lengths: Array) -> IntArray:
-    """How many lengths (3,) the sides of the box [lo, hi] hold, but for round-off; 0 where that is no whole number, or no length."""
+    """How many lengths (3,) the sides of the box [lo, hi] hold, but for round-off; 0 for no whole number, and for no length."""
     divisor = np.where(lengths > 0, lengths, np.inf)
     number = np.rint((hi - lo) / divisor)
     off = np.abs(number * np.where(lengths > 0, lengths, 0.0) - (hi - lo))

@@ -15,7 +15,7 @@ from scipy.spatial import cKDTree
 
 from tpmscad._typing import Array, BoolArray
 from tpmscad.errors import CrossingSurfaces, LevelSetError, ThinWall, format_point
-from tpmscad.fields.analysis.quadric_leaves import find_quadric
+from tpmscad.fields.analysis.exact_leaves import find_quadric
 from tpmscad.fields.analysis.saddles import find_narrow_points, spread_directions
 from tpmscad.fields.data.sample_grid import SampleGrid
 from tpmscad.fields.field import Field

@@ -140,7 +140,7 @@ def find_translated_copies(
 
 
 def _return_to_sides(vertices: Array, ends: IntArray, plane: IntArray, tree: Octree) -> Array:
-    """The vertices (V, 3), those of curves (C,) in faces of the box, 2 * axis + upper, exactly in these: periods add round-off."""
+    """Vertices (V, 3), those of curves (C,) in faces of the box, 2 * axis + upper, exactly in these: periods add round-off."""
     result, corners = vertices.copy(), np.stack([tree.lo, tree.hi])
     in_face = np.flatnonzero(plane >= 0)
     axis, upper = np.divmod(plane[in_face], 2)
