@@ -41,7 +41,7 @@ from tpmscad.fields.field import Field
 from tpmscad.fields.kinds.linear_extension import extend_level_sets_linearly
 from tpmscad.kernel.body_import.body_brep import brep_from_shape
 from tpmscad.kernel.body_import.cad_body import CadBody
-from tpmscad.kernel.boolean.boolean_operations import OcctSolids, betti_numbers
+from tpmscad.kernel.boolean.boolean_operations import OcctSolids
 from tpmscad.kernel.boolean.solid_trees import (
     SolidSet,
     combine_sets,
@@ -53,6 +53,7 @@ from tpmscad.kernel.boolean.sphere_frames import choose_sphere_frame
 from tpmscad.kernel.build.solids import BrepSolids, build_solids
 from tpmscad.kernel.measure.creases import SolidCreases, measure_creases
 from tpmscad.kernel.measure.mass_properties import solid_moments
+from tpmscad.kernel.measure.solid_topology import measure_topology
 from tpmscad.kernel.measure.validity import is_brep_valid
 from tpmscad.kernel.occt.bounding_boxes import enclosing_box
 from tpmscad.kernel.occt.exploration import faces_of
@@ -294,7 +295,7 @@ def _measure_built(built: BrepSolids | OcctSolids) -> tuple[Betti, float]:
     if isinstance(built, BrepSolids):
         properties = measure_solid(built.brep, built.nesting.moments)
         return properties.betti or (0, 0, 0), properties.volume
-    return betti_numbers(built.solids), sum(float(solid_moments(solid)[1]) for solid in built.solids)
+    return measure_topology(built.solids).betti, sum(float(solid_moments(solid)[1]) for solid in built.solids)
 
 
 def _fit_operand(field: Field, lo: Array, hi: Array, tol: float, stages: StageTimer, number: int) -> FieldPatches:
