@@ -24,7 +24,7 @@ class SolidPiece:
 
 
 @dataclass(frozen=True, slots=True)
-class Contact:
+class TouchingPlace:
     """Where the boundary of a solid touches itself, or two pieces touch: in a point, or along an edge near the point."""
 
     kind: str
@@ -45,7 +45,7 @@ class SolidProperties:
     betti: tuple[int, int, int] | None
     pieces: tuple[SolidPiece, ...]
     euler: tuple[int, ...] = ()
-    contacts: tuple[Contact, ...] = ()
+    contacts: tuple[TouchingPlace, ...] = ()
 
 
 def measure_solid(brep: Brep, moments: integral_properties.FaceMoments | None = None) -> SolidProperties:
@@ -78,6 +78,7 @@ def measure_solid(brep: Brep, moments: integral_properties.FaceMoments | None = 
         ),
         euler=tuple(euler.tolist()),
         contacts=tuple(
-            Contact("point", (x, y, z)) for x, y, z in brep.vertices[connectivity.find_touching_vertices(brep)].tolist()
+            TouchingPlace("point", (x, y, z))
+            for x, y, z in brep.vertices[connectivity.find_touching_vertices(brep)].tolist()
         ),
     )

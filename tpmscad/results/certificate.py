@@ -18,7 +18,7 @@ from tpmscad.brep.boundary_representation import Brep
 from tpmscad.brep.deviation import Deviation
 from tpmscad.brep.edge_continuity import EdgeContinuity
 from tpmscad.brep.restricted_surfaces import whole_surfaces
-from tpmscad.brep.solid_properties import Contact, SolidPiece, SolidProperties, measure_solid
+from tpmscad.brep.solid_properties import SolidPiece, SolidProperties, TouchingPlace, measure_solid
 from tpmscad.errors import format_point
 from tpmscad.kernel.build.solids import BrepSolids
 from tpmscad.kernel.measure.shape_extents import shape_bounds
@@ -396,7 +396,7 @@ def _check_possible(properties: SolidProperties, measures: PatchMeasures) -> tup
     return tuple(checks)
 
 
-def _note_contacts(contacts: tuple[Contact, ...]) -> tuple[str, ...]:
+def _note_contacts(contacts: tuple[TouchingPlace, ...]) -> tuple[str, ...]:
     """A note on the places where the solid touches itself or pieces touch."""
     if not contacts:
         return ()

@@ -17,7 +17,7 @@ from OCP.TopAbs import TopAbs_EDGE, TopAbs_FACE, TopAbs_SHELL, TopAbs_VERTEX, To
 from OCP.TopoDS import TopoDS_Shape, TopoDS_Solid
 
 from tpmscad.brep.linked_items import label_sharing
-from tpmscad.brep.solid_properties import Contact
+from tpmscad.brep.solid_properties import TouchingPlace
 from tpmscad.kernel.occt import convert
 from tpmscad.kernel.occt.construction import make_compound
 from tpmscad.kernel.occt.exploration import (
@@ -36,7 +36,7 @@ class SolidTopology:
 
     betti: tuple[int, int, int]
     euler: tuple[int, ...]
-    contacts: tuple[Contact, ...]
+    contacts: tuple[TouchingPlace, ...]
 
 
 def measure_topology(solids: Sequence[TopoDS_Solid]) -> SolidTopology:
@@ -74,7 +74,7 @@ def _count_shell(shell: TopoDS_Shape) -> tuple[int, list[ShapeKey]]:
     return euler, [vertices[k] for k in first.tolist()]
 
 
-def _find_contacts(solids: Sequence[TopoDS_Solid], fans: dict[ShapeKey, int]) -> tuple[Contact, ...]:
+def _find_contacts(solids: Sequence[TopoDS_Solid], fans: dict[ShapeKey, int]) -> tuple[TouchingPlace, ...]:
     """Edges of more than two faces, and vertices elsewhere with several fans, or in the middle of several faces."""
     whole = make_compound(solids)
     contacts, on_edges, sides = [], set(), Counter[ShapeKey]()
@@ -83,11 +83,11 @@ def _find_contacts(solids: Sequence[TopoDS_Solid], fans: dict[ShapeKey, int]) ->
             sides[ShapeKey(edge)] += 1 if bounds_face(edge) else 2
     for shared in (edge.shape for edge, number in sides.items() if number > 2):
         on_edges |= {ShapeKey(vertex) for vertex in list_subshapes(shared, TopAbs_VERTEX)}
-        contacts.append(Contact("edge", _middle(shared)))
+        contacts.append(TouchingPlace("edge", _middle(shared)))
     in_faces = {ShapeKey(vertex): uses for vertex, uses in count_subshape_uses(whole, TopAbs_VERTEX, TopAbs_FACE)}
     for vertex, uses in in_faces.items():
         if vertex not in on_edges and (fans[vertex] > 1 if vertex in fans else uses > 1):
-            contacts.append(Contact("point", _point_of(vertex.shape)))
+            contacts.append(TouchingPlace("point", _point_of(vertex.shape)))
     return tuple(contacts)
 
 
