@@ -249,7 +249,7 @@ BODIES: dict[str, Row] = {
         "no surface",
     ),
     "walls that touch": (
-        lambda: tpmscad.solidify(fields.union(torus(0), torus(6)), ((-4, -4, -2), (10, 4, 2)), tol=0.1),
+        lambda: tpmscad.solidify(fields.union(torus(0), torus(6)), ((-3.5, -3.5, -1.5), (9.5, 3.5, 1.5)), tol=0.05),
         r"two surfaces touch near \(3, 0, 0\): .* make them overlap",
     ),
     "table too fine": (lambda: tpmscad.body_field(BOX, spacing=1e-4), "needs .* samples, more than"),
