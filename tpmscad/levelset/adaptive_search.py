@@ -367,7 +367,7 @@ def _find_crease(fit: LevelSetFit) -> tuple[Array, float] | None:
     ends = near[[first, pair[first, k]]]
     least = max(MIN_CREASE_DEG, CREASE_ANGLE_FRACTION * _measure_turn(field, ends))
     for _ in range(CREASE_HALVINGS):
-        step = np.linalg.norm(ends[1] - ends[0], keepdims=True)
+        step = np.array([np.linalg.norm(ends[1] - ends[0])])
         middle = project_to_level_set(field, ends.mean(axis=0)[None], np.zeros((1, 3), bool), step)
         a, m, b = normalize(field.gradient(np.concatenate([ends[:1], middle, ends[1:]])))
         ends = np.concatenate([ends[:1], middle] if a @ m < m @ b else [middle, ends[1:]])

@@ -402,7 +402,10 @@ def compare_creases(measures: PatchMeasures, own: SolidCreases, expected: Crease
         )
     if len(expected.unresolved.lo):
         at = format_point(0.5 * (expected.unresolved.lo[0] + expected.unresolved.hi[0]), 5)
-        notes = (*notes, f"surfaces touch or coincide near {at}: the creases of the field are not resolved there")
+        notes = (
+            *notes,
+            f"surfaces touch or coincide near {at}, or are rough: the creases of the field are not resolved there",
+        )
     return replace(measures, notes=notes, figures=figures)
 
 

@@ -89,6 +89,9 @@ class StrutLeaf(ExactLeaf):
         return replace(self, struts=moved, slope=self.slope * factor)
 
 
+Exact = QuadricLeaf | StrutLeaf
+
+
 def find_quadric(field: Field) -> QuadricLeaf | None:
     """The plane, sphere or cylinder of a field, None if it is something else."""
     found = find_exact(field)
@@ -102,46 +105,46 @@ def find_struts(field: Field) -> StrutLeaf | None:
 
 
 @singledispatch
-def find_exact(field: Field) -> ExactLeaf | None:
+def find_exact(field: Field) -> Exact | None:
     """The exact solid of a field, None if it is no signed distance of one times a factor."""
     return None
 
 
 @find_exact.register
-def _(field: HalfSpaceRegion) -> ExactLeaf | None:
+def _(field: HalfSpaceRegion) -> Exact | None:
     return QuadricLeaf("plane", np.array(field.point), np.array(field.normal), 0.0)
 
 
 @find_exact.register
-def _(field: SphereRegion) -> ExactLeaf | None:
+def _(field: SphereRegion) -> Exact | None:
     return QuadricLeaf("sphere", np.array(field.center), np.zeros(3), field.radius)
 
 
 @find_exact.register
-def _(field: CylinderRegion) -> ExactLeaf | None:
+def _(field: CylinderRegion) -> Exact | None:
     if field.height is not None:
         return None
     return QuadricLeaf("cylinder", np.array(field.center), np.array(field.axis), field.radius)
 
 
 @find_exact.register
-def _(field: StrutsField) -> ExactLeaf | None:
+def _(field: StrutsField) -> Exact | None:
     return StrutLeaf(field) if field.radii.min() == field.radii.max() else None
 
 
 @find_exact.register
-def _(field: ScaledField) -> ExactLeaf | None:
+def _(field: ScaledField) -> Exact | None:
     found = find_exact(field.field)
     return None if found is None or field.factor == 0 else found.scale_values(field.factor)
 
 
 @find_exact.register
-def _(field: LinearExtension) -> ExactLeaf | None:
+def _(field: LinearExtension) -> Exact | None:
     return find_exact(field.field)  # the same within the box
 
 
 @find_exact.register
-def _(field: SumField) -> ExactLeaf | None:
+def _(field: SumField) -> Exact | None:
     for part, other in ((field.first, field.second), (field.second, field.first)):
         found = find_exact(part)
         if found is not None and isinstance(other, ConstantField):
@@ -150,7 +153,7 @@ def _(field: SumField) -> ExactLeaf | None:
 
 
 @find_exact.register
-def _(field: AffineTransformedField) -> ExactLeaf | None:
+def _(field: AffineTransformedField) -> Exact | None:
     found, matrix = find_exact(field.field), np.array(field.matrix)
     factor = float(np.cbrt(abs(np.linalg.det(matrix))))
     if found is None or factor == 0 or field.factor == 0:
