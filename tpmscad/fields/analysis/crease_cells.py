@@ -42,8 +42,8 @@ BEYOND = 1.02
 
 
 MAX_CELLS = 500_000
-"""Cells of a search, some 20 s: rough surfaces, of noisy images, leave their cells undecided from level to level. Creases are only
-a witness of a solid; those of formulas take a tenth."""
+"""Cells of a search, some 20 s: rough surfaces, of noisy images, leave their cells undecided from level to level. Creases are a
+witness of a solid only; those of formulas take a tenth."""
 
 
 @dataclass(slots=True, eq=False)
