@@ -89,6 +89,10 @@ class NotMet(TpmscadError):
         self.certificate = certificate
 
 
+class OutsideSpan(InvalidRequest):
+    """A field leaves the range that it was given for, at a place that the message names."""
+
+
 class NoFoot(TpmscadError):
     """A point is too far from a level set for its orthogonal projection to be found."""
 

@@ -12,7 +12,7 @@ from scipy.special import ellipe
 from benchmarks.hidden_creases import LENGTH_RTOL, draw_hidden_ball, measure_hidden
 from tpmscad import fields
 from tpmscad._typing import Array
-from tpmscad.fields.analysis import crease_network
+from tpmscad.fields.analysis import crease_cells, crease_network
 from tpmscad.fields.analysis.crease_network import BOX, CORNER, UNRESOLVED, CreaseNetwork, count_curves, trace_creases
 from tpmscad.fields.analysis.outermost_extremes import expose_extremes, list_leaves
 from tpmscad.fields.field import Field
@@ -147,6 +147,14 @@ def test_creases_of_functions_without_bounds_are_not_claimed() -> None:
     assert not network.is_proved
     assert not network.is_enclosed
     assert len(network.unresolved.lo)
+
+
+def test_a_search_without_end_is_given_up_and_says_so(monkeypatch: pytest.MonkeyPatch) -> None:
+    field = fields.sphere((0, 0, 0), 1.0) & fields.sphere((1, 0, 0), 1.0)
+    monkeypatch.setattr(crease_cells, "MAX_CELLS", 600)
+    found = trace_creases(field, np.full(3, -2.0), np.full(3, 2.0))
+    assert not found.is_proved
+    assert 600 < found.cells_tested < 5000
 
 
 def test_surfaces_that_coincide_are_told() -> None:

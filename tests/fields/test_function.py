@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from typing import Any
 
 import numpy as np
 import pytest
@@ -58,6 +59,53 @@ def test_functions_of_points_and_of_coordinates_are_told_apart(f: object) -> Non
 def test_gradients_given_are_used(f: object, gradient: object) -> None:
     field = fields.from_function(f, gradient)
     np.testing.assert_array_equal(field.gradient(POINTS), np.stack([2 * X * Y, X**2, 0 * Z], axis=-1))
+
+
+def norm(p: np.ndarray) -> np.ndarray:
+    return np.linalg.norm(p, axis=1)
+
+
+NOISE = np.random.default_rng(8).normal(size=10_000)
+
+
+@pytest.mark.parametrize(
+    ("f", "gradient"),
+    [
+        (norm, lambda p: p / norm(p)[:, None]),
+        (norm, lambda p: 1.1 * p / norm(p)[:, None]),
+        (lambda p: np.abs(p).max(axis=1), lambda p: (np.abs(p) == np.abs(p).max(axis=1)[:, None]) * np.sign(p)),
+        (lambda p: norm(p) + 1e-3 * NOISE[(1e6 * p[:, 0]).astype(int) % 10_000], lambda p: p / norm(p)[:, None]),
+        (lambda p: np.floor(4 * p[:, 0]), lambda p: np.tile([4.0, 0, 0], (len(p), 1))),
+        (lambda p: 0 * p[:, 0], lambda p: 0 * p),
+    ],
+    ids=["exact", "nearly", "kinked", "noisy", "stepped", "flat"],
+)
+def test_gradients_that_may_be_right_are_used(f: Any, gradient: Any) -> None:
+    field, points = fields.from_function(f, gradient=gradient), np.random.default_rng(1).normal(size=(1000, 3))
+    for _ in range(4):
+        np.testing.assert_array_equal(field.gradient(points), gradient(points))
+
+
+@pytest.mark.parametrize(
+    ("gradient", "message"),
+    [
+        (lambda p: -p / norm(p)[:, None], "the gradient of the function norm is wrong at .* Turn its sign"),
+        (lambda p: 2 * p, "Correct it"),
+        (lambda p: p[:, ::-1] / norm(p)[:, None], "Correct it, or leave it out"),
+        (lambda p: 0 * p, "it is \\(0, 0, 0\\), differences over 0.001 give"),
+    ],
+    ids=["reversed", "of the square", "of swapped axes", "zero"],
+)
+def test_gradients_of_something_else_are_refused_at_once(gradient: Any, message: str) -> None:
+    field = fields.sheet(fields.from_function(norm, gradient=gradient), 0.5, 0.7)
+    with pytest.raises(InvalidRequest, match=message):
+        field.gradient(np.random.default_rng(1).normal(size=(1000, 3)))
+
+
+def test_a_jacobian_of_another_map_is_refused() -> None:
+    field = fields.warp(fields.tpms("gyroid"), lambda p: p**2, lambda p: -2 * p[:, None] * np.eye(3))
+    with pytest.raises(InvalidRequest, match=r"the Jacobian of the map is wrong at 16 of 16 points: .* Turn its sign"):
+        field.gradient(np.random.default_rng(1).normal(size=(1000, 3)))
 
 
 @pytest.mark.parametrize("length", [10.0, 1.0])

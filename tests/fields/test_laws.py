@@ -45,6 +45,7 @@ KINDS = {
     "corner": fields.box((-np.inf, -np.inf, -np.inf), (2, 1, np.inf)),
     "halfspace": fields.halfspace((1, 0, 0.5), (1, 2, 3)),
     "sphere": BALL,
+    "clip": fields.clip(GYROID, -0.4, 0.9),
     "cylinder": fields.cylinder((0.1, 0.2, 0.3), 0.8, (1, 1, 0.3)),
     "short cylinder": fields.cylinder((0.1, 0.2, 0.3), 0.8, "y", 1.4),
     "struts": fields.struts([[0, 0, 0], [2, 1, 0], [-1, 2, 1], [0, 1, 3]], [[0, 1], [0, 2], [2, 3]], 0.5),

@@ -10,6 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from tpmscad import fields
+from tpmscad.fields.analysis.exact_leaves import StrutLeaf, find_exact, find_quadric
 from tpmscad.fields.analysis.outermost_extremes import (
     combine_solids,
     expose_extremes,
@@ -17,9 +18,9 @@ from tpmscad.fields.analysis.outermost_extremes import (
     list_leaves,
     replace_leaves,
 )
-from tpmscad.fields.analysis.quadric_leaves import find_quadric
 from tpmscad.fields.analysis.volume_quadrature import integrate_volume
 from tpmscad.fields.field import Field, MinMaxField
+from tpmscad.fields.kinds.coordinate_transforms import AffineTransformedField
 from tpmscad.fields.kinds.primitive_regions import BoxRegion
 
 POINTS = np.random.default_rng(4).uniform(-3, 3, (4000, 3))
@@ -103,17 +104,40 @@ def test_the_quadric_of_a_moved_field_has_its_level_set(make: Callable[[], Field
     np.testing.assert_allclose(field(POINTS), found.sign * found.slope * distance, atol=1e-9)
 
 
+TRIPOD = fields.struts([[0, 0, 0], [3, 0, 0], [0, 3, 0], [0, 0, 3]], [[0, 1], [0, 2], [0, 3]], 0.8, node_radius=0.7)
+MIRRORED = AffineTransformedField(TRIPOD, ((-1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0)), (1.0, 0.0, 0.0), 1.0)
+
+
+@pytest.mark.parametrize(
+    "field",
+    [
+        fields.translate(TRIPOD, (0, 0, 0)),
+        fields.complement(fields.translate(TRIPOD, (2**0.5, 3**0.5, 1))),
+        fields.rotate(fields.rotate(TRIPOD, "z", 10), (1, 2, 3), 33),
+        fields.scale(fields.rotate(TRIPOD, "x", 10), 0.9) - 0.1,
+        0.5 * MIRRORED + 0.1,
+    ],
+    ids=["translated", "complement", "rotated", "scaled", "mirrored"],
+)
+def test_struts_that_are_moved_reversed_and_offset_are_struts(field: Field) -> None:
+    found = find_exact(field)
+    assert isinstance(found, StrutLeaf)
+    np.testing.assert_allclose(field(POINTS), found.sign * found.slope * found.struts(POINTS), atol=1e-12)
+
+
 @pytest.mark.parametrize(
     "field",
     [
         fields.tpms("gyroid", 4.0),
+        TRIPOD + 0.5,
+        AffineTransformedField(TRIPOD, ((1.0, 0.0, 0.0), (0.0, 1.1, 0.0), (0.0, 0.0, 1.0)), (0.0, 0.0, 0.0), 1.0),
         fields.sphere((0, 0, 0), 1.0) * fields.halfspace((0, 0, 0), "z"),
         fields.sphere((0, 0, 0), 1.0) + 1.5,
         fields.smooth_union(fields.sphere((0, 0, 0), 1.0), fields.sphere((1, 0, 0), 1.0), 0.2),
     ],
 )
-def test_other_fields_are_no_quadrics(field: Field) -> None:
-    assert find_quadric(field) is None
+def test_other_fields_are_not_exact(field: Field) -> None:
+    assert find_exact(field) is None
 
 
 LENS = np.pi * (4 + 0.8) * (2 - 0.8) ** 2 / 12

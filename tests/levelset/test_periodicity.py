@@ -15,6 +15,7 @@ from tpmscad.brep.connectivity import is_closed
 from tpmscad.brep.edge_continuity import measure_edge_continuity
 from tpmscad.brep.solid_properties import measure_solid
 from tpmscad.fields.kinds.linear_extension import extend_linearly
+from tpmscad.fields.periods_and_directions import count_whole
 from tpmscad.levelset import level_set_fit
 from tpmscad.levelset.field_solid import FieldSolid, fit_field_solid
 from tpmscad.levelset.fit import fit_quality, network_fit
@@ -35,6 +36,37 @@ from tpmscad.splines.bspline import BSplineSurface
 
 LO, TOL = np.zeros(3), 1e-2
 GYROID = fields.rod(fields.tpms("gyroid", 10.0), -0.3)
+
+
+def decimal_boxes(count: int) -> list[tuple[float, int, float, float]]:
+    """Periods of one to three digits, whole numbers of them, and the ends of boxes, as products or as decimals."""
+    rng = np.random.default_rng(5)
+    boxes = [(7.9, 6, 0.0, 47.4), (8.147, 6, -8.147, 40.735)]  # both differ from the product
+    for _ in range(count - 2):
+        period, n = round(float(rng.uniform(1, 12)), int(rng.integers(1, 4))), int(rng.integers(1, 10))
+        first, digits = int(rng.integers(-3, 4)), 3 if rng.random() < 0.5 else 20
+        boxes.append((period, n, round(period * first, digits), round(period * (first + n), digits)))
+    return boxes
+
+
+def test_boxes_of_whole_periods_are_known_whatever_their_last_digits() -> None:
+    for period, n, low, high in decimal_boxes(200):
+        lo, hi = np.array([low, 0.0, 0.0]), np.array([high, 0.4 * period, period * (1 + 1e-9)])
+        assert count_whole(lo, hi, np.array([period, period, period])).tolist() == [n, 0, 0]
+
+
+@pytest.mark.parametrize(("period", "n", "low", "high"), decimal_boxes(4))
+def test_solids_in_boxes_of_whole_periods_do_not_depend_on_last_digits(
+    period: float, n: int, low: float, high: float
+) -> None:
+    field = fields.rod(fields.tpms("gyroid", period), 0.1)
+    volumes = []
+    for first, last in ((low, high), (0.0, n * period)):
+        lo, hi = np.array([first, 0.0, 0.0]), np.array([last, 0.5 * period, 0.5 * period])
+        found = fit_field_solid(field, lo, hi, 0.03 * period).brep
+        assert is_closed(found)
+        volumes.append(measure_solid(found).volume)
+    assert volumes[0] == pytest.approx(volumes[1], rel=1e-8)
 
 
 def nothing_fitted(network: PatchNetwork) -> tuple[np.ndarray, np.ndarray]:

@@ -209,6 +209,7 @@ SAME = {
     "sum": [("of = ['ball', 2, 'gyroid']", BALL + 2 + GYROID)],
     "product": [("of = ['ball', 2]", BALL * 2)],
     "linear": [("slope = [1, 2, 3]\noffset = 4", fields.linear((1, 2, 3), 4))],
+    "clip": [("field = 'ball'\nlow = -1\nhigh = 0.5", fields.clip(BALL, -1, 0.5))],
     "ramp": [
         ("by = 'ball'\nspan = [-3, 3]\nvalues = [0, 1]", fields.ramp(BALL, (-3, 3), (0, 1))),
         ("by = 'y'\nspan = [-3, 3]\nvalues = [0, 1]\nsmooth = false", fields.ramp("y", (-3, 3), (0, 1), smooth=False)),

@@ -76,6 +76,10 @@ ARGUMENTS: dict[str, Row] = {
 
 GRADING: dict[str, Row] = {
     "ramp of one value": (lambda: fields.ramp("x", (0, 1), (1,)), "values .* must be two numbers"),
+    "limits inside out": (
+        lambda: fields.clip(GYROID, 1, 0.5),
+        "the least value 1 of clip must be below the greatest, 0.5",
+    ),
     "empty span": (lambda: fields.ramp("x", (2, 2), (0, 1)), "starts and ends at 2"),
     "sizes of no period": (lambda: fields.cell_sizes(BALL, x=([0, 1], [1, 2])), "need a periodic field"),
     "sizes along none": (lambda: fields.cell_sizes(GYROID), "at least one of the axes"),

@@ -46,6 +46,10 @@ def lattice(**changes: Any) -> Any:
     return tpmscad.lattice(**(P | changes))
 
 
+def torus(x: float) -> fields.Field:
+    return fields.expression(f"sqrt((sqrt((X - {x})^2 + Y^2) - 2)^2 + Z^2) - 1")
+
+
 def infill(body: Any = BOX, **changes: Any) -> Any:
     return tpmscad.infill(body, **(P | changes))
 
@@ -244,6 +248,10 @@ BODIES: dict[str, Row] = {
         lambda: tpmscad.solidify(fields.sphere((9, 9, 9), 1.0), ((0,) * 3, (1,) * 3), tol=0.1),
         "no surface",
     ),
+    "walls that touch": (
+        lambda: tpmscad.solidify(fields.union(torus(0), torus(6)), ((-3.5, -3.5, -1.5), (9.5, 3.5, 1.5)), tol=0.05),
+        r"two surfaces touch near \(3, 0, 0\): .* make them overlap",
+    ),
     "table too fine": (lambda: tpmscad.body_field(BOX, spacing=1e-4), "needs .* samples, more than"),
     "infinite region": (lambda: make_region_solid(fields.box((0, 0, 0), (1, 1, INF))), "is infinite"),
     "cylinder without ends": (lambda: make_region_solid(fields.cylinder((0, 0, 0), 1.0)), "no ends"),
@@ -318,7 +326,9 @@ ROWS = [
 
 @pytest.mark.parametrize(("table", "name"), ROWS)
 def test_what_cannot_be_a_solid_is_refused_and_leaves_no_file(table: str, name: str, tmp_path: Path) -> None:
-    check_refusal(TABLES[table][name], tpmscad.LevelSetError if name == "no surface" else InvalidRequest)
+    check_refusal(
+        TABLES[table][name], tpmscad.LevelSetError if name in ("no surface", "walls that touch") else InvalidRequest
+    )
     assert list(tmp_path.iterdir()) == []
 
 

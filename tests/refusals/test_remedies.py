@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable
+from itertools import product
 from typing import Any
 
 import build123d as bd
@@ -36,6 +37,16 @@ def infill(body: Any = None, **options: Any) -> tpmscad.Model:
 def lattice(surface: str = "gyroid", **options: Any) -> tpmscad.Model:
     given = {"cell": 10, "thickness": 1, "tol": 0.05, "progress": False} | options
     return tpmscad.lattice(surface, **{k: v for k, v in given.items() if v is not None})
+
+
+def fill_cylinder(limit: Callable[[fields.Field], fields.Field]) -> tpmscad.Model:
+    fraction = limit(fields.expression("0.2 + 0.075 * sqrt(X^2 + Y^2)"))
+    gyroid = fields.tpms("gyroid", 4)
+    levels = fields.graded_threshold(gyroid, fraction, (0.19, 0.51), "sheet")
+    assert isinstance(levels, tuple)
+    return tpmscad.infill(
+        fields.cylinder((0, 0, 1), 4, height=2), fields.sheet(gyroid, *levels), tol=0.1, progress=False
+    )
 
 
 def solidify(field: fields.Field, tol: float = 0.02) -> tpmscad.Model:
@@ -170,6 +181,16 @@ REMEDIES: dict[str, tuple[Request, str, Remedy]] = {
         lambda: fill_ball(two_balls(0)),
         "round it \\(`width`",
         lambda _: fill_ball(two_balls(1.0)),
+    ),
+    "an octahedron of absolute values": (
+        lambda: solidify(fields.expression("abs(X) + abs(Y) + abs(Z) - 2")),
+        r"a crease of \d+ degrees there, .*: combine fields by fields.union, fields.intersection",
+        lambda _: solidify(fields.intersection(*(fields.linear(s, -2.0) for s in product((-1, 1), repeat=3)))),
+    ),
+    "a fraction that leaves its span beyond the body": (
+        lambda: fill_cylinder(lambda fraction: fraction),
+        r"the volume fraction takes the value 0\.\d+ at \(.*widen the span, or limit the fraction, by fields.clip.*box from",
+        lambda _: fill_cylinder(lambda fraction: fields.clip(fraction, 0.19, 0.51)),
     ),
     "a wall too thin for the tolerance": (
         lambda: solidify(thin_sheet(), tol=0.1),

@@ -13,9 +13,9 @@ import pytest
 import tpmscad
 from tpmscad import fields
 from tpmscad.files.checked_write import write_checked_solids
-from tpmscad.kernel.boolean.boolean_operations import betti_numbers
 from tpmscad.kernel.export.shape_file import name_solids
 from tpmscad.kernel.measure.shape_report import check_shape
+from tpmscad.kernel.measure.solid_topology import measure_topology
 from tpmscad.kernel.occt.construction import make_solid
 from tpmscad.kernel.occt.exploration import faces_of, solids_of
 from tpmscad.kernel.step.face_labels import NamedSolid
@@ -76,7 +76,7 @@ def test_an_infill_is_the_common_part_of_lattice_and_body(name: str, tmp_path: P
     seen = check_shape(model.wrapped)  # the certificate is from the arrays, where the patches were trimmed
     assert (seen.valid, seen.closed, seen.faces) == (True, True, found.n_faces)
     assert (found.volume, found.area) == pytest.approx((seen.volume, seen.area), rel=1e-8)
-    assert found.betti == betti_numbers(solids_of(model.wrapped))
+    assert found.betti == measure_topology(solids_of(model.wrapped)).betti
     expected, error = sampled(body, model)
     assert found.volume == pytest.approx(expected, abs=4 * error + 0.03 * expected)
     model.export_step(tmp_path / "part.step")

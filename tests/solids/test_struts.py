@@ -10,6 +10,7 @@ import pytest
 import tpmscad
 from tpmscad import fields
 from tpmscad.errors import InvalidRequest
+from tpmscad.fields import Field
 
 pytestmark = pytest.mark.kernel
 
@@ -42,6 +43,21 @@ def test_struts_are_cut_by_a_body() -> None:
     points = 10 * np.random.default_rng(2).random((400_000, 3))
     share = ((field(points) < 0) & (body(points) < 0)).mean()
     assert abs(model.volume / 1000 - share) < 4 * np.sqrt(share / 400_000)
+
+
+@pytest.mark.parametrize(
+    "struts",
+    [
+        fields.strut_lattice("bcc", 5.0, 1.0),
+        fields.rotate(fields.scale(fields.strut_lattice("bcc", 5.0, 1.0), 0.9), (1, 2, 3), 20),
+    ],
+    ids=["in the sides", "moved"],
+)
+def test_a_box_is_its_part_in_struts_and_its_part_beside_them(struts: Field) -> None:
+    box, around = fields.box((0, 0, 0), (5, 5, 5)), ((-1, -1, -1), (6, 6, 6))
+    parts = [tpmscad.solidify(each, around, tol=0.05) for each in (box & struts, fields.difference(box, struts))]
+    assert all(part.certificate.met and part.certificate.max_deviation == 0 for part in parts)
+    assert sum(part.volume for part in parts) == pytest.approx(125, rel=1e-9)
 
 
 def test_the_smallest_wall_of_a_cell_is_the_diameter() -> None:

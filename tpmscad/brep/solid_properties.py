@@ -24,8 +24,19 @@ class SolidPiece:
 
 
 @dataclass(frozen=True, slots=True)
+class TouchingPlace:
+    """Where the boundary of a solid touches itself, or two pieces touch: in a point, or along an edge near the point."""
+
+    kind: str
+    near: tuple[float, float, float]
+
+
+@dataclass(frozen=True, slots=True)
 class SolidProperties:
-    """Properties in model units. `betti` is (pieces, tunnels, voids), None if the Brep is open; the largest piece comes first."""
+    """Properties in model units. `betti` is (pieces, tunnels, voids), None if the Brep is open; the largest piece comes first.
+
+    What touches in `contacts` only counts as apart. `euler` is the Euler characteristic of the boundary, shell by shell.
+    """
 
     closed: bool
     volume: float
@@ -33,6 +44,8 @@ class SolidProperties:
     centroid: tuple[float, float, float]
     betti: tuple[int, int, int] | None
     pieces: tuple[SolidPiece, ...]
+    euler: tuple[int, ...] = ()
+    contacts: tuple[TouchingPlace, ...] = ()
 
 
 def measure_solid(brep: Brep, moments: integral_properties.FaceMoments | None = None) -> SolidProperties:
@@ -45,11 +58,10 @@ def measure_solid(brep: Brep, moments: integral_properties.FaceMoments | None = 
     volumes = integral_properties.volume(moments, shell)
     closed = connectivity.is_closed(brep)
     outer = np.flatnonzero(volumes > 0)
-    betti = None
+    betti, euler = None, connectivity.euler_characteristic(brep, shell)
     if closed:
-        euler = int(connectivity.euler_characteristic(brep, shell).sum())
         pieces, voids = len(outer), count - len(outer)
-        betti = (pieces, pieces + voids - euler // 2, voids)
+        betti = (pieces, pieces + voids - int(euler.sum()) // 2, voids)
     vertex_shell = np.zeros(len(brep.vertices), np.int64)
     vertex_shell[brep.edges.start[brep.uses.edge]] = shell[brep.face_of_use]
     outer_by_volume = outer[np.argsort(-volumes[outer], kind="stable")]
@@ -63,5 +75,10 @@ def measure_solid(brep: Brep, moments: integral_properties.FaceMoments | None = 
         pieces=tuple(
             SolidPiece(float(volumes[s]), tuple(brep.vertices[vertex_shell == s].mean(axis=0).tolist()))
             for s in outer_by_volume
+        ),
+        euler=tuple(euler.tolist()),
+        contacts=tuple(
+            TouchingPlace("point", (x, y, z))
+            for x, y, z in brep.vertices[connectivity.find_touching_vertices(brep)].tolist()
         ),
     )

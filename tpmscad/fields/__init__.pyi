@@ -30,6 +30,7 @@ from tpmscad.fields.kinds.primitive_regions import box as box
 from tpmscad.fields.kinds.primitive_regions import cylinder as cylinder
 from tpmscad.fields.kinds.primitive_regions import halfspace as halfspace
 from tpmscad.fields.kinds.primitive_regions import sphere as sphere
+from tpmscad.fields.kinds.ramps import clip as clip
 from tpmscad.fields.kinds.ramps import coordinate as coordinate
 from tpmscad.fields.kinds.ramps import linear as linear
 from tpmscad.fields.kinds.ramps import ramp as ramp

@@ -25,6 +25,7 @@ from tpmscad.fields.tape.evaluation import FieldEvaluation, FieldJet, Triple, is
 from tpmscad.fields.tape.function_calls import (
     DIFFERENCE_STEP,
     PROBE_POINTS,
+    DerivativeCheck,
     call_for_gradient,
     call_for_values,
     central_differences,
@@ -200,6 +201,7 @@ class FunctionField(Field):
     gradient_function: Callable[..., Any] | None
     takes_coordinates: bool
     step: float
+    check: DerivativeCheck
 
     def at(self, x: Array, y: Array, z: Array) -> Array:
         """Values at coordinates that broadcast."""
@@ -221,6 +223,7 @@ class FunctionField(Field):
             gradients = central_differences(self._values, points, self.step)
         else:
             gradients = call_for_gradient(self.function, self.gradient_function, points, self.takes_coordinates)
+            self.check.run(self._values, points, gradients, self.step)
         for axis in range(3):
             check_finite(self.function, gradients[:, axis], points)
         gx, gy, gz = (gradients[:, axis].reshape(shape) for axis in range(3))
@@ -317,7 +320,8 @@ def from_function(
     Raises
     ------
     InvalidRequest
-        If f takes single points only or mixes the points of a call; on evaluation, if a value is not finite.
+        If f takes single points only or mixes the points of a call; on evaluation, if a value is not finite, or the gradient is
+        not that of f at most points where differences show it.
 
     Notes
     -----
@@ -336,7 +340,8 @@ def from_function(
     takes_coordinates = detect_coordinate_arguments(f, probes)
     check_vectorised(f, takes_coordinates, probes)
     given = gradient if gradient is not None else getattr(f, "gradient", None)
-    return FunctionField(f, given, takes_coordinates, step)
+    check = DerivativeCheck(f"the gradient of {describe_function(f)}")
+    return FunctionField(f, given, takes_coordinates, step, check)
 
 
 def multiply_fields(field: Field, other: FieldLike) -> Field:

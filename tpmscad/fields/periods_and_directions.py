@@ -6,6 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from tpmscad._typing import Array, IntArray
 from tpmscad.errors import InvalidRequest
 from tpmscad.fields.tape.evaluation import Triple
 
@@ -14,6 +15,19 @@ Direction = str | Sequence[float]
 
 DEFAULT_PERIOD = 10.0
 """Model units."""
+
+ROUND_OFF = 1e-12
+"""In greatest coordinates of a box: distance within which a length is a multiple of another. Products, and the nearest decimals
+of products, are some units in the last place off, 1e-16 each; what is taken for a multiple must be one to far below 1e-7 mm, the
+kernel's tolerance."""
+
+
+def count_whole(lo: Array, hi: Array, lengths: Array) -> IntArray:
+    """How many lengths (3,) the sides of the box [lo, hi] hold, but for round-off; 0 for no whole number, and for no length."""
+    divisor = np.where(lengths > 0, lengths, np.inf)
+    number = np.rint((hi - lo) / divisor)
+    off = np.abs(number * np.where(lengths > 0, lengths, 0.0) - (hi - lo))
+    return np.where(off <= ROUND_OFF * np.abs([lo, hi]).max(), number, 0).astype(np.int64)
 
 
 def as_periods(period: float | Sequence[float]) -> Triple:

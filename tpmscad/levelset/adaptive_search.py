@@ -18,7 +18,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.spatial import cKDTree
 
-from tpmscad._typing import Array, IntArray
+from tpmscad._typing import Array, BoolArray, IntArray
 from tpmscad.errors import LevelSetError, format_point
 from tpmscad.fields.field import Field
 from tpmscad.levelset.boundary_level_sets import measure_shape_operators
@@ -31,7 +31,8 @@ from tpmscad.levelset.quadmesh.octree import Octree
 from tpmscad.levelset.quadmesh.periodicity import crop_to_searched_periods, tile_octree
 from tpmscad.levelset.quadmesh.refinement import find_coarse_leaves
 from tpmscad.levelset.quadmesh.simplification.polygon_mesh import count_patches
-from tpmscad.levelset.quadmesh.vectors import MIN_DIVISOR
+from tpmscad.levelset.quadmesh.smoothing import project_to_level_set
+from tpmscad.levelset.quadmesh.vectors import MIN_DIVISOR, normalize
 
 LEAF_SIZE_TIMES_CURVATURE = 1.5
 CURVATURE_QUANTILE = 0.7
@@ -86,6 +87,15 @@ fail so where finer ones pass; large ones cost half a minute each, and those aft
 
 SINGULAR_SLOPE_FRACTION = 0.15
 """A gradient shorter than this fraction of the median is reported as the cause of a failure."""
+
+NEAR_BOX_LEAVES = 0.05
+"""In edges of a leaf: distance from the box at which a surface that cannot be fitted may touch it."""
+
+CREASE_NEIGHBOURS, CREASE_HALVINGS = 9, 5
+MIN_CREASE_DEG, CREASE_ANGLE_FRACTION = 5.0, 0.25
+"""Nearest samples that normals are compared with, halvings of the distance of the two that differ most, and the angle between
+these that is left at a crease, in degrees and of the first one: of a smooth surface a thirty-second is. Differences of functions
+blur finer steps."""
 
 N_PLACES_REPORTED = 3
 
@@ -336,18 +346,61 @@ def _count_leaves(field: Field, lo: Array, hi: Array, size: float) -> IntArray:
     return counts.astype(np.int64)
 
 
+def _reaches_box(fit: LevelSetFit) -> BoolArray:
+    """Along which axes (n, 3) the surface comes near the box in each bad leaf, by its samples."""
+    tree, samples = fit.tree, fit.request.surface_samples
+    gap = np.full((len(tree.size), 3), np.inf)
+    np.minimum.at(gap, locate_leaves(tree, samples), np.minimum(samples - tree.lo, tree.hi - samples))
+    return np.asarray((gap <= NEAR_BOX_LEAVES * tree.size[:, None] * tree.cell_edges)[fit.bad_leaves])
+
+
+def _find_crease(fit: LevelSetFit) -> tuple[Array, float] | None:
+    """A point (3,) on the surface in the bad leaves where its normal jumps, and the angle in degrees; None if it does not."""
+    field, samples = fit.request.field, fit.request.surface_samples
+    near = samples[np.isin(locate_leaves(fit.tree, samples), fit.bad_leaves)]
+    if len(near) < 2:
+        return None
+    pair = cKDTree(near).query(near, min(CREASE_NEIGHBOURS, len(near)))[1]
+    normals = normalize(field.gradient(near))
+    cosine = (normals[pair] @ normals[:, :, None])[..., 0]
+    first, k = np.unravel_index(np.argmin(cosine), cosine.shape)
+    ends = near[[first, pair[first, k]]]
+    least = max(MIN_CREASE_DEG, CREASE_ANGLE_FRACTION * _measure_turn(field, ends))
+    for _ in range(CREASE_HALVINGS):
+        step = np.array([np.linalg.norm(ends[1] - ends[0])])
+        middle = project_to_level_set(field, ends.mean(axis=0)[None], np.zeros((1, 3), bool), step)
+        a, m, b = normalize(field.gradient(np.concatenate([ends[:1], middle, ends[1:]])))
+        ends = np.concatenate([ends[:1], middle] if a @ m < m @ b else [middle, ends[1:]])
+    angle = _measure_turn(field, ends)
+    return (ends[0], angle) if angle > least else None
+
+
+def _measure_turn(field: Field, ends: Array) -> float:
+    """The angle in degrees between the normals at two points (2, 3)."""
+    one, other = normalize(field.gradient(ends))
+    return float(np.degrees(np.arccos(np.clip(one @ other, -1.0, 1.0))))
+
+
 def _explain_failure(fit: LevelSetFit) -> str:
     """Where a fit fails, why, and what to change, as an error message."""
     field, tree, bad = fit.request.field, fit.tree, fit.bad_leaves
-    centre, size = tree.leaf_centres(bad), tree.size[bad][:, None] * tree.cell_edges
+    centre = tree.leaf_centres(bad)
     gradient = field.gradient(centre)
     slope = np.linalg.norm(gradient, axis=1)
-    at_box = (centre - size < tree.lo) | (centre + size > tree.hi)
+    at_box = _reaches_box(fit)
     slope_in_box_face = np.linalg.norm(np.where(at_box, 0.0, gradient), axis=1)
     singular = SINGULAR_SLOPE_FRACTION * np.median(np.linalg.norm(field.gradient(fit.network.vertices), axis=1))
     flattest = centre[np.argsort(slope)][:N_PLACES_REPORTED]
     places = ", ".join(format_point(p) for p in flattest)
-    if slope.min() < singular:
+    crease = _find_crease(fit)
+    if crease is not None:
+        places = format_point(crease[0])
+        cause = (
+            f"the surface has a crease of {crease[1]:.0f} degrees there, which smooth patches cannot follow: combine fields by "
+            "fields.union, fields.intersection and fields.difference, whose creases are exact, not by max, min and abs in a "
+            "formula or a function; or round it"
+        )
+    elif slope.min() < singular:
         cause = "the field is nearly singular there: change the level, the transition or the minimum neck"
     elif (at_box.any(axis=1) & (slope_in_box_face < singular)).any():
         cause = "the surface touches the box there without crossing it: move the domain or change the level"

@@ -15,7 +15,7 @@ from scipy.spatial import cKDTree
 
 from tpmscad._typing import Array, BoolArray
 from tpmscad.errors import CrossingSurfaces, LevelSetError, ThinWall, format_point
-from tpmscad.fields.analysis.quadric_leaves import find_quadric
+from tpmscad.fields.analysis.exact_leaves import find_quadric
 from tpmscad.fields.analysis.saddles import find_narrow_points, spread_directions
 from tpmscad.fields.data.sample_grid import SampleGrid
 from tpmscad.fields.field import Field
@@ -26,6 +26,9 @@ from tpmscad.memory_limit import require_memory
 
 MIN_WALL_TOLS = 2
 """Least distance between two level sets, in tolerances."""
+
+TOUCHING_TOLS = 1e-6
+"""Distance between two level sets, in tolerances, that no finer tolerance would tell from none."""
 
 SAMPLE_STEP_FRACTION = 0.5
 """Largest Newton step of a sample, in spacings of the sampling grid."""
@@ -92,6 +95,11 @@ def check_separation(field: Field, parts: tuple[Field, ...], points: list[Array]
                 at = format_point(points[i][wall.argmin()], 5)
                 if find_quadric(part) is not None or find_quadric(other) is not None:
                     raise CrossingSurfaces(f"two surfaces come within {wall.min():.3g} of each other near {at}")
+                if wall.min() <= TOUCHING_TOLS * tol:
+                    raise LevelSetError(
+                        f"two surfaces touch near {at}: a wall or a gap between them has no thickness there; move them apart, by "
+                        f"more than {MIN_WALL_TOLS} tol, or make them overlap"
+                    )
                 raise ThinWall(
                     f"the wall is {wall.min():.3g} thick near {at}, too thin for `tol` "
                     f"{tol:g}: use one below {wall.min() / 2:.2g}, or a thicker wall",

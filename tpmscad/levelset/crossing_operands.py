@@ -1,8 +1,8 @@
 """A field whose level sets cross, as a tree of solids that are made one by one and cut by each other.
 
-An operand of the tree is a quadric (`quadric_leaves`), or a minimum or maximum of fields whose level sets do not meet in the box,
+An operand of the tree is exact (`exact_leaves`), or a minimum or maximum of fields whose level sets do not meet in the box,
 such as the two walls of a sheet, which smooth patches bound entirely. Leaves without a surface in the box are solid or void
-all over it, and are left out. A part of quadrics alone is split into them without samples: each is exact by itself.
+all over it, and are left out. A part of exact leaves alone is split into them without samples: each is exact by itself.
 """
 
 from __future__ import annotations
@@ -14,13 +14,12 @@ import numpy as np
 
 from tpmscad._typing import Array
 from tpmscad.errors import CrossingSurfaces, LevelSetError
+from tpmscad.fields.analysis.exact_leaves import find_exact, find_struts
 from tpmscad.fields.analysis.local_leaves import find_meeting_leaves, has_slope_bounds, keeps_sign
 from tpmscad.fields.analysis.outermost_extremes import expose_extremes, list_leaves, list_operands
-from tpmscad.fields.analysis.quadric_leaves import find_quadric
 from tpmscad.fields.field import Field, MinMaxField
 from tpmscad.fields.kinds.booleans import join_extremes
-from tpmscad.fields.kinds.linear_extension import LinearExtension, extend_linearly
-from tpmscad.fields.kinds.strut_graphs import StrutsField
+from tpmscad.fields.kinds.linear_extension import extend_linearly
 from tpmscad.levelset.boundary_level_sets import check_separation, sample_level_set
 
 
@@ -30,18 +29,6 @@ class Combination:
 
     sign: int
     parts: tuple[Combination | Field, ...]
-
-
-def find_struts(field: Field) -> StrutsField | None:
-    """The struts of a field that is nothing else, within the box beyond which it may be extended."""
-    if isinstance(field, LinearExtension):
-        return find_struts(field.field)
-    return field if isinstance(field, StrutsField) else None
-
-
-def is_exact(field: Field) -> bool:
-    """Whether a field is bounded by surfaces that need no fit: a quadric, or struts on a graph."""
-    return find_quadric(field) is not None or find_struts(field) is not None
 
 
 class _LeafSamples:
@@ -99,7 +86,7 @@ def _leave_out(field: Field, samples: _LeafSamples) -> Field | bool:
         if isinstance(first, bool) or isinstance(second, bool):
             return not neutral
         return MinMaxField(first, second, field.sign)
-    exact = is_exact(field)
+    exact = find_exact(field) is not None
     if not keeps_sign(field, samples.lo, samples.hi) if exact else len(samples.of(field)) > 0:
         return field
     return bool(field(0.5 * (samples.lo + samples.hi)) < 0)
@@ -113,19 +100,19 @@ def has_meeting_quadrics(field: Field, lo: Array, hi: Array, tol: float) -> bool
     tree = expose_extremes(field)
     if any(find_struts(leaf) is not None for leaf in list_leaves(tree)):
         return True
-    exact = [is_exact(leaf) for leaf in list_leaves(tree)]
+    exact = [find_exact(leaf) is not None for leaf in list_leaves(tree)]
     return any(exact) and has_slope_bounds(tree) and find_meeting_leaves(tree, lo, hi, tol, exact) is not None
 
 
 def _split(field: Field, samples: _LeafSamples) -> Combination | Field:
     if not isinstance(field, MinMaxField):
         return field
-    exact = all(map(is_exact, list_leaves(field)))
+    exact = all(map(find_exact, list_leaves(field)))
     if not (exact or has_meeting_quadrics(field, samples.lo, samples.hi, samples.tol) or samples.cross(field)):
         return field
     parts = [_split(operand, samples) for operand in list_operands(field)]
-    smooth = [part for part in parts if not isinstance(part, Combination) and not is_exact(part)]
-    others = [part for part in parts if isinstance(part, Combination) or is_exact(part)]
+    smooth = [part for part in parts if not isinstance(part, Combination) and find_exact(part) is None]
+    others = [part for part in parts if isinstance(part, Combination) or find_exact(part) is not None]
     return Combination(field.sign, (*_group(field.sign, smooth, samples), *others))
 
 

@@ -18,11 +18,12 @@ from tpmscad.brep.boundary_representation import Brep
 from tpmscad.brep.deviation import Deviation
 from tpmscad.brep.edge_continuity import EdgeContinuity
 from tpmscad.brep.restricted_surfaces import whole_surfaces
-from tpmscad.brep.solid_properties import SolidPiece, SolidProperties, measure_solid
-from tpmscad.kernel.boolean.boolean_operations import betti_numbers
+from tpmscad.brep.solid_properties import SolidPiece, SolidProperties, TouchingPlace, measure_solid
+from tpmscad.errors import format_point
 from tpmscad.kernel.build.solids import BrepSolids
 from tpmscad.kernel.measure.shape_extents import shape_bounds
 from tpmscad.kernel.measure.shape_report import ShapeReport, check_shape
+from tpmscad.kernel.measure.solid_topology import measure_topology
 from tpmscad.kernel.measure.validity import is_brep_valid
 from tpmscad.kernel.occt.construction import make_compound
 from tpmscad.result_display import fit_lines, format_html_table, split_columns
@@ -31,7 +32,10 @@ CHIP_VOLUME_FRACTION = 1e-2
 """Fraction of the largest piece's volume below which the notes call a piece a chip."""
 
 MAX_PIECES_LISTED = 5
-"""Pieces that the notes list one by one."""
+"""Pieces, and places where the solid touches itself, that the notes list one by one."""
+
+ROUND_OFF = 1e-9
+"""Relative round-off of volumes and areas, which are equal where a solid is a ball, or has no voids."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -270,14 +274,16 @@ def certify_kernel_solids(
 
     The other arguments are those of `certify_built_solids`.
     """
-    report = check_shape(make_compound(solids))
+    report, topology = check_shape(make_compound(solids)), measure_topology(solids)
     properties = SolidProperties(
         report.closed,
         report.volume,
         report.area,
         report.centroid,
-        betti_numbers(solids),
+        topology.betti,
         _locate_solids(solids, report),
+        topology.euler,
+        topology.contacts,
     )
     return _certify(
         brep,
@@ -322,6 +328,7 @@ def _certify(
         ),
         *measures.checks,
         *checks,
+        *_check_possible(properties, measures),
     )
     shortfalls = tuple(check.shortfall for check in everything if not check.passed)
     primitives, primitive = whole_surfaces(brep)
@@ -346,8 +353,61 @@ def _certify(
         n_poles=sum(s.poles.shape[0] * s.poles.shape[1] for s in primitives.values()),
         bounds=dict(measures.bounds),
         figures=dict(measures.figures),
-        notes=(*measures.notes, *notes, *_note_pieces(properties.pieces)),
+        notes=(*measures.notes, *notes, *_note_pieces(properties.pieces), *_note_contacts(properties.contacts)),
         dropped=dropped,
+    )
+
+
+def _check_possible(properties: SolidProperties, measures: PatchMeasures) -> tuple[Check, ...]:
+    """Checks of figures against what any solid, and any comparison, can have: they fail where the measurement is wrong."""
+    volume, area, pieces = properties.volume, properties.area, properties.pieces
+    lengths = {
+        **{f"{key} deviation": value for key, value in asdict(measures.deviation).items()},
+        **{f"{key} across edges": value for key, value in asdict(measures.continuity).items()},
+        **{f"the bound {key}": value for key, value in measures.bounds.items()},
+    }
+    checks = [
+        require(0 < volume < np.inf, f"no solid has the volume {volume:.6g}"),
+        require(
+            36 * np.pi * volume**2 <= (1 + ROUND_OFF) * area**3 < np.inf,
+            f"the area {area:.6g} is not that of a solid of volume {volume:.6g}: a ball has the least",
+        ),
+        require(
+            volume <= (1 + ROUND_OFF) * sum(piece.volume for piece in pieces),
+            f"the volume {volume:.6g} is more than that of all pieces",
+        ),
+        *(require(0 <= length < np.inf, f"{name} cannot be {length:.3g}") for name, length in lengths.items()),
+        *(require(not np.isnan(value), f"{name} is not known") for name, value in measures.figures.items()),
+    ]
+    if properties.betti is not None:
+        b0, b1, b2 = properties.betti
+        of_shells = sum(1 - euler // 2 for euler in properties.euler)
+        checks += [
+            require(
+                b0 == len(pieces) > 0 and min(b1, b2) >= 0 and len(properties.euler) == b0 + b2,
+                f"{len(pieces)} pieces and {len(properties.euler)} shells do not have the Betti numbers {properties.betti}",
+            ),
+            require(
+                b1 == of_shells and all(euler <= 2 and euler % 2 == 0 for euler in properties.euler),
+                f"shells whose Euler characteristics are {', '.join(map(str, sorted(set(properties.euler))))} do not bound a "
+                f"solid with {b1} tunnels",
+            ),
+        ]
+    return tuple(checks)
+
+
+def _note_contacts(contacts: tuple[TouchingPlace, ...]) -> tuple[str, ...]:
+    """A note on the places where the solid touches itself or pieces touch."""
+    if not contacts:
+        return ()
+    words = {"point": "in a point near", "edge": "along an edge near"}
+    places = [
+        f"{words[each.kind]} {format_point(np.round(each.near, 9) + 0.0)}" for each in contacts[:MAX_PIECES_LISTED]
+    ]
+    if len(contacts) > MAX_PIECES_LISTED:
+        places.append(f"in {len(contacts) - MAX_PIECES_LISTED} other places")
+    return (
+        f"the solid only touches itself {', '.join(places)}: pieces and tunnels are counted as if it were apart there",
     )
 
 

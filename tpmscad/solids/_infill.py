@@ -34,7 +34,7 @@ from tpmscad.solids.combined_solids import SURFACE, combine_field_solids
 from tpmscad.solids.field_bodies import FieldBody, fit_field_body, reject_box, reject_solid, resolve_field
 from tpmscad.solids.field_body_infill import infill_field_body, reject_empty
 from tpmscad.solids.filled_body import check_wall_thickness, fill_body
-from tpmscad.solids.lattice_block import build_field_block, build_lattice_block, expand_body_box
+from tpmscad.solids.lattice_block import build_field_block, build_lattice_block, expand_body_box, name_box_of_body
 from tpmscad.solids.reference_distance import field_distance, lattice_distance
 from tpmscad.stage_timer import StageTimer
 
@@ -163,7 +163,8 @@ def _infill_crossing(field: Field, body: CadBody, options: InfillOptions, stages
     """The solid of a field whose level sets cross, in a body."""
     assert options.tol is not None  # `build_field_block` asks for it
     box = expand_body_box(*enclosing_box(body.shape))
-    combined = combine_field_solids(field, *box, options.tol, stages, body)
+    with name_box_of_body(body):
+        combined = combine_field_solids(field, *box, options.tol, stages, body)
     solids, dropped = drop_loose_solids(combined.built.solids, options.loose)
     with stages("check"):
         labelled = label_cut_solids(solids, [combined.patches], body)

@@ -31,18 +31,17 @@ from tpmscad.fallbacks import Fallback, Fallbacks
 from tpmscad.fields.analysis import volume_quadrature
 from tpmscad.fields.analysis.betti_numbers import Betti, compute_betti_numbers
 from tpmscad.fields.analysis.crease_network import CreaseNetwork, trace_creases
+from tpmscad.fields.analysis.exact_leaves import QuadricLeaf, StrutLeaf, find_exact
 from tpmscad.fields.analysis.local_leaves import has_slope_bounds
 from tpmscad.fields.analysis.local_measures import STANDARD_ERRORS, measure_locally
 from tpmscad.fields.analysis.outermost_extremes import combine_complements
-from tpmscad.fields.analysis.quadric_leaves import QuadricLeaf, find_quadric
 from tpmscad.fields.analysis.slope_bounds import bound_slope
 from tpmscad.fields.data.field_notes import collect_notes
 from tpmscad.fields.field import Field
 from tpmscad.fields.kinds.linear_extension import extend_level_sets_linearly
-from tpmscad.fields.kinds.strut_graphs import StrutsField
 from tpmscad.kernel.body_import.body_brep import brep_from_shape
 from tpmscad.kernel.body_import.cad_body import CadBody
-from tpmscad.kernel.boolean.boolean_operations import OcctSolids, betti_numbers
+from tpmscad.kernel.boolean.boolean_operations import OcctSolids
 from tpmscad.kernel.boolean.solid_trees import (
     SolidSet,
     combine_sets,
@@ -54,11 +53,12 @@ from tpmscad.kernel.boolean.sphere_frames import choose_sphere_frame
 from tpmscad.kernel.build.solids import BrepSolids, build_solids
 from tpmscad.kernel.measure.creases import SolidCreases, measure_creases
 from tpmscad.kernel.measure.mass_properties import solid_moments
+from tpmscad.kernel.measure.solid_topology import measure_topology
 from tpmscad.kernel.measure.validity import is_brep_valid
 from tpmscad.kernel.occt.bounding_boxes import enclosing_box
 from tpmscad.kernel.occt.exploration import faces_of
 from tpmscad.kernel.step.face_labels import label_outer_faces
-from tpmscad.levelset.crossing_operands import Combination, find_struts, list_fields, split_crossing_operands, widen_box
+from tpmscad.levelset.crossing_operands import Combination, list_fields, split_crossing_operands, widen_box
 from tpmscad.levelset.field_solid import find_sample_spacing
 from tpmscad.results.certificate import PatchMeasures
 from tpmscad.solids.boolean_strategies import compare_with_sample, sample_body
@@ -91,7 +91,7 @@ class CombinedSolids:
     measures: PatchMeasures
 
 
-Operand = FieldPatches | QuadricLeaf | StrutsField
+Operand = FieldPatches | QuadricLeaf | StrutLeaf
 """What a leaf of the tree was made into: fitted patches, an exact quadric, or struts, whose boundary is exact."""
 
 
@@ -126,15 +126,20 @@ def combine_field_solids(
     """
     with stages("split"):
         tree = split_crossing_operands(field, lo, hi, tol, find_sample_spacing(field, lo, hi))
-    require_few_strut_sets([each for each in map(find_struts, list_fields(tree)) if each is not None])
+    exact = [find_exact(each) for each in list_fields(tree)]
+    struts = [each.struts for each in exact if isinstance(each, StrutLeaf)]
+    require_few_strut_sets(struts)
+    for each in struts:
+        require_struts_apart(each)
     operands = [
-        find_quadric(each) or _accept_struts(each) or _fit_operand(each, lo, hi, tol, stages, number)
-        for number, each in enumerate(list_fields(tree))
+        known or _fit_operand(each, lo, hi, tol, stages, number)
+        for number, (each, known) in enumerate(zip(list_fields(tree), exact, strict=True))
     ]
     fitted = [each for each in operands if isinstance(each, FieldPatches)]
     with stages("combine"):
         domain = make_box_set(lo, hi) if body is None else SolidSet(body.shape)
-        in_box = body is None and not isinstance(tree, Combination) and isinstance(operands[0], StrutsField)
+        alone = operands[0] if body is None and not isinstance(tree, Combination) else None
+        in_box = isinstance(alone, StrutLeaf) and alone.sign > 0
         outcome = (STRUT_METHODS if in_box else METHODS).run(_Request(tree, operands, lo, hi, domain))
     built = outcome.value
     if not built.n_solids:
@@ -156,19 +161,11 @@ def combine_field_solids(
     return CombinedSolids(built, patches, measures)
 
 
-def _accept_struts(field: Field) -> StrutsField | None:
-    """The struts of a field of nothing else; InvalidRequest if they touch each other."""
-    struts = find_struts(field)
-    if struts is not None:
-        require_struts_apart(struts)
-    return struts
-
-
 def _close_struts_in_box(request: _Request) -> BrepSolids:
     """The solids of struts alone in a box, by their nodes; TrimmingError if sides of the box cut them elsewhere."""
-    (struts,) = request.operands
-    assert isinstance(struts, StrutsField)
-    return build_valid_solids(bound_struts_in_box(struts, request.lo, request.hi))
+    (leaf,) = request.operands
+    assert isinstance(leaf, StrutLeaf)
+    return build_valid_solids(bound_struts_in_box(leaf.struts, request.lo, request.hi))
 
 
 def build_valid_solids(brep: Brep) -> BrepSolids:
@@ -188,15 +185,17 @@ def _combine_networks_of(request: _Request) -> BrepSolids:
         if isinstance(operand, QuadricLeaf):
             sets.append(_make_quadric(request, operand, number))
         else:
-            sets.append((_bound_operand(operand), False))
+            sets.append(_bound_operand(operand))
     found = request.evaluate(sets, request.domain, _combine_mixed)
     assert not isinstance(found, SolidSet)
     return build_valid_solids(_tag_sides(found[0], request.lo, request.hi))
 
 
-def _bound_operand(operand: FieldPatches | StrutsField) -> Brep:
-    """The boundary of an operand."""
-    return bound_struts(operand) if isinstance(operand, StrutsField) else operand.fitted.brep
+def _bound_operand(operand: FieldPatches | StrutLeaf) -> tuple[Brep, bool]:
+    """The boundary of an operand's solid, and whether its complement is meant."""
+    if isinstance(operand, StrutLeaf):
+        return bound_struts(operand.struts), operand.sign < 0
+    return operand.fitted.brep, False
 
 
 def _combine_mixed(sign: int, sets: Sequence[ExactOrCut]) -> ExactOrCut:
@@ -248,12 +247,13 @@ def _tag_sides(brep: Brep, lo: Array, hi: Array) -> Brep:
 
 def _combine_in_kernel(request: _Request) -> OcctSolids:
     """The solids by the kernel's general fuse, without labels."""
-    sets = [
-        _make_quadric(request, operand, number)
-        if isinstance(operand, QuadricLeaf)
-        else SolidSet(build_solids(_bound_operand(operand)).shape)
-        for number, operand in enumerate(request.operands)
-    ]
+    sets = []
+    for number, operand in enumerate(request.operands):
+        if isinstance(operand, QuadricLeaf):
+            sets.append(_make_quadric(request, operand, number))
+        else:
+            brep, complement = _bound_operand(operand)
+            sets.append(SolidSet(build_solids(brep).shape, complement))
     return OcctSolids(list_solids(request.evaluate(sets, request.domain, combine_sets).shape))
 
 
@@ -297,7 +297,7 @@ def _measure_built(built: BrepSolids | OcctSolids) -> tuple[Betti, float]:
     if isinstance(built, BrepSolids):
         properties = measure_solid(built.brep, built.nesting.moments)
         return properties.betti or (0, 0, 0), properties.volume
-    return betti_numbers(built.solids), sum(float(solid_moments(solid)[1]) for solid in built.solids)
+    return measure_topology(built.solids).betti, sum(float(solid_moments(solid)[1]) for solid in built.solids)
 
 
 def _fit_operand(field: Field, lo: Array, hi: Array, tol: float, stages: StageTimer, number: int) -> FieldPatches:
@@ -404,7 +404,10 @@ def compare_creases(measures: PatchMeasures, own: SolidCreases, expected: Crease
         )
     if len(expected.unresolved.lo):
         at = format_point(0.5 * (expected.unresolved.lo[0] + expected.unresolved.hi[0]), 5)
-        notes = (*notes, f"surfaces touch or coincide near {at}: the creases of the field are not resolved there")
+        notes = (
+            *notes,
+            f"surfaces touch or coincide near {at}, or are rough: the creases of the field are not resolved there",
+        )
     return replace(measures, notes=notes, figures=figures)
 
 

@@ -14,10 +14,11 @@ from tpmscad.erosion.hollowed_body import hollow_body
 from tpmscad.errors import KernelError, TrimmingError
 from tpmscad.fallbacks import Fallback, Fallbacks
 from tpmscad.kernel.body_import.cad_body import CadBody
-from tpmscad.kernel.boolean.boolean_operations import OcctSolids, betti_numbers
+from tpmscad.kernel.boolean.boolean_operations import OcctSolids
 from tpmscad.kernel.boolean.cut_faces import SKIN
 from tpmscad.kernel.boolean.hollow_body import find_skin_faces, subtract_voids
 from tpmscad.kernel.build.solids import BrepSolids, build_faces, build_solids
+from tpmscad.kernel.measure.solid_topology import measure_topology
 from tpmscad.kernel.measure.validity import is_brep_valid
 from tpmscad.kernel.occt.exploration import faces_of
 from tpmscad.solids.boolean_strategies import BooleanResult, numerical_failures, read_trimming_body
@@ -79,7 +80,7 @@ def hollow_in_kernel(request: VoidsInBody) -> HollowedBody:
     voids = [void for result in request.voids for void in result.solids]
     solids = subtract_voids(request.body, voids, request.open_faces)
     skin_faces = find_skin_faces(voids, request.parts, request.open_faces)
-    return HollowedBody(OcctSolids(solids), None, betti_numbers(solids)[2], skin_faces)
+    return HollowedBody(OcctSolids(solids), None, measure_topology(solids).betti[2], skin_faces)
 
 
 HOLLOWING_METHODS = Fallbacks(

@@ -8,7 +8,8 @@ than the body's.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from functools import cached_property
 from math import ceil, floor
@@ -24,7 +25,7 @@ from tpmscad.brep.boundary_representation import (
     select_spline_faces,
     translate_brep,
 )
-from tpmscad.errors import InvalidRequest
+from tpmscad.errors import InvalidRequest, OutsideSpan, format_point
 from tpmscad.fields.field import Field
 from tpmscad.kernel.body_import.cad_body import CadBody
 from tpmscad.kernel.build.solids import BrepSolids, build_solids
@@ -212,12 +213,25 @@ def build_field_block(
     if tol is None:
         raise InvalidRequest("the solid of a field needs tol=, its greatest deviation from the field")
     low, high = expand_body_box(*enclosing_box(body.shape))
-    found = fit_field_patches(field, low, high, tol, stages)
+    with name_box_of_body(body):
+        found = fit_field_patches(field, low, high, tol, stages)
     measures = measure_field_patches(found)
     closed = require(found.properties.closed, "the field's patches do not close in the body's box")
     measures = replace(measures, checks=(*measures.checks, closed))
     patches = select_spline_faces(found.fitted.brep)  # the caps lie outside the body
     return LatticeBlock(patches, measures, lambda: found.fitted.brep)
+
+
+@contextmanager
+def name_box_of_body(body: CadBody) -> Iterator[None]:
+    """Add to an error that names a place where the field of a body is evaluated: the place may lie outside the body."""
+    try:
+        yield
+    except OutsideSpan as error:
+        low, high = (format_point(corner) for corner in expand_body_box(*enclosing_box(body.shape)))
+        raise InvalidRequest(
+            f"{error}. The field is made in the whole box from {low} to {high} around {body.name}, its corners included"
+        ) from error
 
 
 def expand_body_box(low: Array, high: Array) -> tuple[Array, Array]:

@@ -41,6 +41,11 @@ BEYOND = 1.02
 """Of a cell's heights: what a curve is followed over, so that it begins and ends outside, also along an axis."""
 
 
+MAX_CELLS = 500_000
+"""Cells of a search, some 20 s: rough surfaces, of noisy images, leave their cells undecided from level to level. Creases are a
+witness of a solid only; those of formulas take a tenth."""
+
+
 @dataclass(slots=True, eq=False)
 class PieceSearch:
     """The search in a box: its surfaces, what was found, and what was not resolved."""
@@ -61,6 +66,11 @@ class PieceSearch:
     def extent(self) -> float:
         """The longest edge of the box."""
         return self.curves.extent
+
+    @property
+    def is_exhausted(self) -> bool:
+        """Whether so many cells were tested that the search ends."""
+        return self.cells_tested > MAX_CELLS
 
     def run(self, shift: Array) -> None:
         """Search in a grid that is shifted against the box by parts of a cell (3,)."""
@@ -87,7 +97,7 @@ class PieceSearch:
             if not self.surfaces.are_enclosed:
                 size_left = 0.0  # no cell is ever excluded
             limit = most if size_left > SMALL_CELL else MAX_SMALL if size_left > LEAST_CELL else 0
-            if len(left) > limit:
+            if len(left) > limit or self.is_exhausted:
                 self.unresolved.append(items)
                 break
             kept, number = np.unique(left, return_inverse=True)
@@ -129,7 +139,8 @@ class PieceSearch:
         scaled = []
         for own in pairs.T:
             norm = np.maximum(np.linalg.norm(slope[cell, own], axis=1), np.finfo(float).tiny)
-            parts = center[cell, own] / norm, slope[cell, own] / norm[:, None], remainder[cell, own] / norm
+            with np.errstate(over="ignore"):  # a function without bounds has no slope
+                parts = center[cell, own] / norm, slope[cell, own] / norm[:, None], remainder[cell, own] / norm
             scaled.append(parts)
         (c0, g0, r0), (c1, g1, r1) = scaled
         excluded = np.zeros(len(cell), bool)

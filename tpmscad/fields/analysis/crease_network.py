@@ -150,7 +150,7 @@ def trace_creases(field: Field, lo: Array, hi: Array) -> CreaseNetwork:
         search = PieceSearch(surfaces, lo, hi)
         search.run(shift)
         network = _join(search)
-        if not any(LOOSE in arc.ends for arc in network.arcs):
+        if search.is_exhausted or not any(LOOSE in arc.ends for arc in network.arcs):
             break
     return network
 

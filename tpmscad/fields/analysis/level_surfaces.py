@@ -10,8 +10,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from tpmscad._typing import Array, BoolArray, IntArray
+from tpmscad.fields.analysis.exact_leaves import find_quadric
 from tpmscad.fields.analysis.outermost_extremes import combine_solids, expose_extremes, list_leaves
-from tpmscad.fields.analysis.quadric_leaves import find_quadric
 from tpmscad.fields.field import Field, ScaledField
 from tpmscad.fields.tape.tape_enclosures import JetEnclosures, TapeEnclosures
 

@@ -19,7 +19,7 @@ from tpmscad.fields.kinds.coordinate_transforms import AffineTransformedField
 from tpmscad.fields.kinds.expressions import CoordinateField, ExpressionField, FunctionOfField
 from tpmscad.fields.kinds.nodal_field import FORMULAS, NodalField
 from tpmscad.fields.kinds.primitive_regions import BoxRegion, CylinderRegion, HalfSpaceRegion, SphereRegion
-from tpmscad.fields.kinds.ramps import AffineFunction, RampField
+from tpmscad.fields.kinds.ramps import AffineFunction, ClippedField, RampField
 from tpmscad.fields.kinds.strut_graphs import StrutsField
 from tpmscad.minimal_series import expand_series
 
@@ -105,6 +105,12 @@ def _(field: RampField) -> FieldBounds:
     inner = bound_field(field.parameter)
     rise = abs(field.high - field.low) / abs(field.end - field.start) * (SMOOTH_STEP_SLOPE if field.smooth else 1.0)
     return FieldBounds(max(abs(field.low), abs(field.high)), *_scale(inner, rise))
+
+
+@bound_field.register
+def _(field: ClippedField) -> FieldBounds:
+    inner = bound_field(field.field)
+    return FieldBounds(max(abs(field.low), abs(field.high)), inner.slope, inner.rates)
 
 
 @bound_field.register

@@ -18,6 +18,7 @@ import numpy as np
 from tpmscad._typing import Array, BoolArray, IntArray
 from tpmscad.fields.analysis.outermost_extremes import combine_solids, expose_extremes, list_leaves
 from tpmscad.fields.field import Field
+from tpmscad.fields.periods_and_directions import count_whole
 from tpmscad.splines.quadrature import gauss_legendre_unit
 
 ROOT_STEPS = 12
@@ -34,9 +35,6 @@ REFINEMENT = 1.5
 
 VOLUME_RTOL, MAX_REFINEMENTS = 3e-4, 2
 """Relative change between grids at which a volume is accepted, and the number of grids that may follow the first three."""
-
-WHOLE_PERIODS_TOL = 1e-9
-"""Deviation of the number of periods in a box from an integer, below which the box holds whole periods."""
 
 SLOPE_FLOOR_FRACTION = 0.1
 """Fraction of the mean squared derivative added to each squared derivative: the weights stay smooth at critical points."""
@@ -75,9 +73,7 @@ def _crop_to_one_period(field: Field, lo: Array, hi: Array) -> tuple[Array, Arra
     periods = field.periods()
     if periods is None or min(periods) <= 0:
         return lo, hi, 1
-    count = (hi - lo) / np.array(periods)
-    whole = (np.abs(count - np.round(count)) < WHOLE_PERIODS_TOL) & (np.round(count) >= 1)
-    times = np.where(whole, np.round(count), 1.0)
+    times = np.maximum(count_whole(lo, hi, np.array(periods)), 1)
     return lo, lo + (hi - lo) / times, int(np.prod(times))
 
 

@@ -16,7 +16,7 @@ from tpmscad.errors import InvalidRequest
 from tpmscad.fields.field import Field, FieldLike, as_field
 from tpmscad.fields.periods_and_directions import Direction, as_unit_vector
 from tpmscad.fields.tape.evaluation import FieldJet, Triple, stack_points
-from tpmscad.fields.tape.function_calls import DIFFERENCE_STEP, central_differences
+from tpmscad.fields.tape.function_calls import DIFFERENCE_STEP, DerivativeCheck, central_differences
 from tpmscad.fields.tape.tape_nodes import Node, sum_nodes
 
 IDENTITY: tuple[Triple, Triple, Triple] = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
@@ -52,6 +52,7 @@ class MappedField(Field):
     mapping: Callable[[Array], Any]
     jacobian: Callable[[Array], Any] | None
     step: float
+    check: DerivativeCheck
 
     def at(self, x: Array, y: Array, z: Array) -> Array:
         """Values at coordinates that broadcast."""
@@ -63,7 +64,7 @@ class MappedField(Field):
         points, shape = stack_points(x, y, z)
         f, fx, fy, fz = self.field.jet(*self._image(points))
         if self.jacobian is None:
-            jacobian = central_differences(lambda p: np.stack(self._image(p), axis=-1), points, self.step)
+            jacobian = central_differences(self._stack_image, points, self.step)
         else:
             jacobian = call_for_array("the Jacobian", self.jacobian, points)
             if jacobian.shape != (len(points), 3, 3):
@@ -71,11 +72,15 @@ class MappedField(Field):
                     f"the Jacobian gave shape {jacobian.shape} for {len(points)} points: it must return (n, 3, 3), "
                     "derivatives of coordinate i by x, y, z in row i"
                 )
+            self.check.run(self._stack_image, points, jacobian, self.step)
         gx, gy, gz = (
             (jacobian[:, 0, axis] * fx + jacobian[:, 1, axis] * fy + jacobian[:, 2, axis] * fz).reshape(shape)
             for axis in range(3)
         )
         return np.broadcast_to(f, len(points)).reshape(shape), gx, gy, gz
+
+    def _stack_image(self, points: Array) -> Array:
+        return np.stack(self._image(points), axis=-1)
 
     def _image(self, points: Array) -> tuple[Array, Array, Array]:
         image = call_for_array("the map", self.mapping, points)
@@ -119,7 +124,8 @@ def warp(
     Raises
     ------
     InvalidRequest
-        On evaluation, if the map or the Jacobian returns another shape or values that are not finite.
+        On evaluation, if the map or the Jacobian returns another shape or values that are not finite, or the Jacobian is not that
+        of the map.
 
     Examples
     --------
@@ -129,7 +135,7 @@ def warp(
     ...     return np.stack([np.hypot(p[:, 0], p[:, 1]), 10 * np.arctan2(p[:, 1], p[:, 0]), p[:, 2]], axis=-1)
     >>> ring = fields.warp(fields.tpms("gyroid", 2 * np.pi), unroll)
     """
-    return MappedField(as_field(field), map, jacobian, step)
+    return MappedField(as_field(field), map, jacobian, step, DerivativeCheck("the Jacobian of the map"))
 
 
 @validate_call()

@@ -1,4 +1,4 @@
-"""Fields for grading: coordinates, affine functions, and ramps between two values, for thresholds that vary in space."""
+"""Fields for grading: coordinates, affine functions, ramps between two values and limits, for thresholds that vary in space."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from tpmscad.api.argument_kinds import AXES, POINT, choice_of
 from tpmscad.api.public_calls import validate_call
 from tpmscad.api.shared_kinds import DIRECTION, FIELD, FLAG, NUMBER, PAIR
 from tpmscad.errors import InvalidRequest
-from tpmscad.fields.field import Field, FieldLike, as_field
+from tpmscad.fields.field import Field, FieldLike, UnaryField, as_field
 from tpmscad.fields.kinds.primitive_regions import HalfSpaceRegion
 from tpmscad.fields.periods_and_directions import Direction, as_unit_vector
 from tpmscad.fields.tape.evaluation import Triple
@@ -49,6 +49,18 @@ class RampField(Field):
         t = clamp((self.parameter.trace(x, y, z) - self.start) / (self.end - self.start), 0.0, 1.0)
         s = t * t * t * (10.0 + t * (6.0 * t - 15.0)) if self.smooth else t
         return (1.0 - s) * self.low + s * self.high
+
+
+@dataclass(frozen=True, slots=True)
+class ClippedField(UnaryField):
+    """A field whose values are limited to [low, high]."""
+
+    low: float
+    high: float
+
+    def trace(self, x: Node, y: Node, z: Node) -> Node:
+        """The formula on the nodes of a tape."""
+        return clamp(self.field.trace(x, y, z), self.low, self.high)
 
 
 @validate_call()
@@ -91,6 +103,36 @@ def coordinate(
     2.0
     """
     return HalfSpaceRegion(origin, as_unit_vector(axis))
+
+
+@validate_call()
+def clip(
+    field: Annotated[FieldLike, FIELD, "The field: a density or a threshold, say."],
+    low: Annotated[float, NUMBER, "The least value."],
+    high: Annotated[float, NUMBER.described_as(example="0.8"), "The greatest value, above the least one."],
+) -> ClippedField:
+    """Return a field whose values are limited.
+
+    Returns
+    -------
+    ClippedField
+        The field where it lies between the limits, elsewhere the limit, with its exact gradient, zero beyond the limits.
+
+    Raises
+    ------
+    InvalidRequest
+        If the greatest value is not above the least one.
+
+    Examples
+    --------
+    >>> from tpmscad import fields
+    >>> density = fields.clip(fields.linear((0.1, 0, 0)), 0.2, 0.6)
+    >>> density([[0, 0, 0], [3, 0, 0], [9, 0, 0]]).round(6).tolist()
+    [0.2, 0.3, 0.6]
+    """
+    if not low < high:
+        raise InvalidRequest(f"the least value {low:g} of clip must be below the greatest, {high:g}")
+    return ClippedField(as_field(field), low, high)
 
 
 @validate_call()

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import Annotated, Any, NamedTuple
 
 import numpy as np
@@ -27,7 +28,8 @@ from tpmscad.api.shared_kinds import (
 )
 from tpmscad.errors import InvalidRequest, format_point
 from tpmscad.fields.field import Field
-from tpmscad.fields.tape.evaluation import FieldJet, stack_points
+from tpmscad.fields.kinds.coordinate_transforms import IDENTITY
+from tpmscad.fields.tape.evaluation import FieldJet, Triple, stack_points
 from tpmscad.strut_cells import DEFAULT_ANGLE, KINDS, LARGEST_ANGLE, make_cell
 
 SAME_NODE = 1e-9
@@ -38,6 +40,9 @@ CELLS_ALONG_GRID = 24
 
 STRAIGHT = 1e-9
 """Sine of the angle up to which two struts continue each other."""
+
+CHANGED_FIELDS = 64
+"""Moved and offset fields that are kept: each is asked for several times, and has a grid of its own."""
 
 STRUT_DIAMETERS = POSITIVE.or_else(POSITIVE_VALUES)
 
@@ -288,6 +293,20 @@ def _make_field(points: Array, edges: IntArray, radii: Array, node_radius: float
     points, edges, node_radius = points[used], numbers.reshape(-1, 2), max(node_radius, float(radii.min()))
     margin = 2 * max(node_radius, float(radii.max()))
     return StrutsField(points, edges, radii, node_radius, _find_near(points, edges, radii, margin))
+
+
+@lru_cache(maxsize=CHANGED_FIELDS)
+def change_struts(
+    field: StrutsField,
+    matrix: tuple[Triple, Triple, Triple] = IDENTITY,
+    shift: Triple = (0.0, 0.0, 0.0),
+    factor: float = 1.0,
+    distance: float = 0.0,
+) -> StrutsField:
+    """The struts with nodes at matrix p + shift, their radii and that of the balls times a factor and greater by a distance."""
+    points = field.points @ np.array(matrix).T + np.array(shift)
+    radii = factor * field.radii + distance
+    return _make_field(points, field.edges, radii, factor * field.node_radius + distance)
 
 
 def split_by_diameter(field: StrutsField) -> list[StrutsField]:

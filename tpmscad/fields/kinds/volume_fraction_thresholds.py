@@ -24,7 +24,7 @@ from tpmscad._typing import Array, BoxCorners
 from tpmscad.api.argument_kinds import choice_of
 from tpmscad.api.public_calls import validate_call
 from tpmscad.api.shared_kinds import BOX, COUNT, FIELD, FRACTION, NUMBER, PAIR
-from tpmscad.errors import InvalidRequest
+from tpmscad.errors import InvalidRequest, OutsideSpan, format_point
 from tpmscad.fields.field import Field, FieldLike, as_field
 from tpmscad.fields.kinds.ramps import RampField
 from tpmscad.fields.tape.evaluation import Triple
@@ -283,11 +283,11 @@ class GradedThreshold(Field):
         )
         return self.sign * piecewise_polynomial(spline.x, spline.c, fraction) + self.level
 
-    def _refuse(self, fraction: float, _: Triple) -> InvalidRequest:
+    def _refuse(self, fraction: float, place: Triple) -> InvalidRequest:
         low, high = self.threshold_of_fraction.x[[0, -1]]
-        return InvalidRequest(
-            f"the volume fraction takes the value {fraction:.4g}, outside the span from {low:g} to {high:g}: widen the span, or "
-            "end the fraction's ramp within it"
+        return OutsideSpan(
+            f"the volume fraction takes the value {fraction:.4g} at {format_point(place)}, outside the span from {low:g} to "
+            f"{high:g}: widen the span, or limit the fraction, by fields.clip(fraction, {low:g}, {high:g})"
         )
 
 

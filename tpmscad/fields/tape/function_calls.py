@@ -8,13 +8,14 @@ from __future__ import annotations
 
 import inspect
 from collections.abc import Callable
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
 from tpmscad._typing import Array
 from tpmscad.api.public_calls import call_for_array
-from tpmscad.errors import InvalidRequest, UserFunctionError
+from tpmscad.errors import InvalidRequest, UserFunctionError, format_point
 
 DIFFERENCE_STEP = 1e-3
 """Default step of the difference quotients, in model units. For a wave of amplitude 1 and length L a derivative is off by about
@@ -28,6 +29,18 @@ function of points from one of x, y, z."""
 
 BATCH_INDEPENDENCE_TOL = 1e-9
 """Relative change of a probe's value without the other probes above which a function mixes its points; round-off is far below."""
+
+CHECKED_CALLS, CHECKED_POINTS = 3, 16
+"""Calls in which stated derivatives are compared with differences, and points of each: some of the first points may be kinks."""
+
+STEADY_RTOL = 0.05
+"""Relative change of a derivative, from one step of the differences to twice the step, from which a kink or noise is near."""
+
+DERIVATIVE_RTOL = 0.3
+"""Relative error of a stated derivative from which it counts as wrong: a sign or a factor of two is, an approximation is not."""
+
+LEAST_STEADY_POINTS = 3
+"""Points without a kink or noise nearby that a verdict needs; stated derivatives that are wrong at most of them are refused."""
 
 _REMEDY = (
     "it must take arrays and return one value for each point; use NumPy's functions in it (np.sin, np.where, not math.sin or if) "
@@ -90,6 +103,40 @@ def central_differences(f: Callable[[Array], Array], points: Array, step: float)
         inner, outer = f(points + move) - f(points - move), f(points + 2 * move) - f(points - 2 * move)
         derivatives.append((8 * inner - outer) / (12 * step))
     return np.stack(derivatives, axis=-1)
+
+
+@dataclass(slots=True, eq=False)
+class DerivativeCheck:
+    """Compares stated derivatives with central differences, in the first calls that ask for them."""
+
+    what: str
+    calls_left: int = CHECKED_CALLS
+
+    def run(self, f: Callable[[Array], Array], points: Array, stated: Array, step: float) -> None:
+        """InvalidRequest if derivatives (n, ..., 3) of f(points (n, 3)) -> (n, ...) are wrong at most points that show it."""
+        if not self.calls_left or not len(points):
+            return
+        self.calls_left -= 1
+        chosen = np.unique(np.linspace(0, len(points) - 1, CHECKED_POINTS).astype(int))
+        try:
+            differences = [central_differences(f, points[chosen], s).reshape(len(chosen), -1) for s in (step, 2 * step)]
+        except InvalidRequest:  # the function ends a step beyond the points
+            return
+        (measured, wider), given = differences, stated[chosen].reshape(len(chosen), -1)
+        with np.errstate(all="ignore"):
+            size = np.linalg.norm(measured, axis=1)
+            steady = np.linalg.norm(measured - wider, axis=1) <= STEADY_RTOL * size
+            steady &= np.isfinite(given).all(axis=1) & (size > 0)
+            wrong = steady & (np.linalg.norm(given - measured, axis=1) > DERIVATIVE_RTOL * size)
+        if steady.sum() < LEAST_STEADY_POINTS or 2 * wrong.sum() <= steady.sum():
+            return
+        first = int(np.flatnonzero(wrong)[0])
+        turned = np.linalg.norm(given + measured, axis=1)[wrong] <= DERIVATIVE_RTOL * size[wrong]
+        raise InvalidRequest(
+            f"{self.what} is wrong at {wrong.sum()} of {steady.sum()} points: at {format_point(points[chosen][first])} it is "
+            f"{format_point(given[first])}, differences over {step:g} give {format_point(measured[first])}. "
+            f"{'Turn its sign' if turned.all() else 'Correct it'}, or leave it out, for central differences"
+        )
 
 
 def detect_coordinate_arguments(f: Callable[..., Any], probes: Array) -> bool:

@@ -11,18 +11,16 @@ from dataclasses import dataclass
 from functools import partial
 from typing import Any
 
-from OCP.BRep import BRep_Tool
 from OCP.BRepAlgoAPI import BRepAlgoAPI_Common, BRepAlgoAPI_Cut
 from OCP.BRepGProp import BRepGProp
 from OCP.GProp import GProp_GProps
 from OCP.ShapeUpgrade import ShapeUpgrade_UnifySameDomain
-from OCP.TopAbs import TopAbs_EDGE, TopAbs_FACE, TopAbs_SHELL, TopAbs_VERTEX, TopAbs_WIRE
 from OCP.TopoDS import TopoDS_Face, TopoDS_Shape, TopoDS_Solid
 
 from tpmscad.errors import KernelError
 from tpmscad.kernel.occt import convert
 from tpmscad.kernel.occt.construction import make_compound, to_build123d
-from tpmscad.kernel.occt.exploration import count_subshape_uses, list_subshapes, solids_of
+from tpmscad.kernel.occt.exploration import solids_of
 from tpmscad.kernel.occt.shape_pickling import Dismantled, pack_results, unpack_result
 
 
@@ -114,21 +112,6 @@ def estimate_volume(solid: TopoDS_Shape) -> float:
     properties = GProp_GProps()
     BRepGProp.VolumeProperties_s(solid, properties)
     return float(properties.Mass())
-
-
-def betti_numbers(solids: Iterable[TopoDS_Solid]) -> tuple[int, int, int]:
-    """Connected components, tunnels and voids of solids, from their shells' Euler characteristics."""
-    pieces = voids = euler = 0
-    for solid in solids:
-        shells = len(list_subshapes(solid, TopAbs_SHELL))
-        pieces, voids = pieces + 1, voids + shells - 1
-        edges = [e for e, _ in count_subshape_uses(solid, TopAbs_EDGE, TopAbs_FACE)]
-        proper = sum(not BRep_Tool.Degenerated_s(convert.as_edge(e)) for e in edges)
-        vertices = len(count_subshape_uses(solid, TopAbs_VERTEX, TopAbs_EDGE))
-        faces = len(list_subshapes(solid, TopAbs_FACE))
-        wires = len(list_subshapes(solid, TopAbs_WIRE))
-        euler += vertices - proper + 2 * faces - wires  # the Euler characteristic of a face with h holes is 1 - h
-    return pieces, pieces + voids - euler // 2, voids
 
 
 def modified_faces(operation: Any, face: TopoDS_Face) -> list[TopoDS_Face]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+from collections import Counter
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
@@ -26,6 +27,7 @@ from tpmscad.kernel.occt.exploration import (
     ShapeKey,
     count_subshape_uses,
     faces_of,
+    list_bounding_edges,
     list_subshapes,
     orientation_sign,
     solids_of,
@@ -361,13 +363,22 @@ def _measure_solid(solid: TopoDS_Solid) -> _SolidFigures:
         faces=len(faces),
         edges=len(edges),
         valid=is_valid(solid),
-        closed=all(uses == (1 if BRep_Tool.Degenerated_s(convert.as_edge(edge)) else 2) for edge, uses in edges),
+        closed=_is_closed(edges, faces),
         moments=solid_moments(solid),
         bounds=shape_bounds(solid) if faces else (np.zeros(3), np.zeros(3)),
         tolerance=max(
             float(BRep_Tool.MaxTolerance_s(solid, kind)) for kind in (TopAbs_VERTEX, TopAbs_EDGE, TopAbs_FACE)
         ),
     )
+
+
+def _is_closed(edges: Sequence[tuple[Any, int]], faces: Sequence[Any]) -> bool:
+    """Whether each edge, with the number of its uses by faces, bounds two, one if it is degenerate, or lies within a face."""
+    needed = {ShapeKey(edge): 1 if BRep_Tool.Degenerated_s(convert.as_edge(edge)) else 2 for edge, _ in edges}
+    if all(uses == needed[ShapeKey(edge)] for edge, uses in edges):
+        return True
+    bounding = Counter(ShapeKey(edge) for face in faces for edge in list_bounding_edges(face))
+    return all(uses == needed[edge] for edge, uses in bounding.items())
 
 
 def _place_bounds(bounds: tuple[Array, Array], solid: TopoDS_Solid) -> tuple[Array, Array]:

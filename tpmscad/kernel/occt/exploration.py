@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from OCP.BRep import BRep_Tool
 from OCP.gp import gp_Pnt, gp_Vec
-from OCP.TopAbs import TopAbs_EDGE, TopAbs_FACE, TopAbs_REVERSED, TopAbs_SOLID, TopAbs_VERTEX
+from OCP.TopAbs import TopAbs_EDGE, TopAbs_FACE, TopAbs_FORWARD, TopAbs_REVERSED, TopAbs_SOLID, TopAbs_VERTEX
 from OCP.TopExp import TopExp, TopExp_Explorer
 from OCP.TopoDS import TopoDS_Edge, TopoDS_Face, TopoDS_Shape, TopoDS_Solid, TopoDS_Vertex
 
@@ -68,6 +68,16 @@ def count_subshape_uses(shape: TopoDS_Shape, kind: Any, owner: Any) -> list[tupl
     ancestors = convert.shape_map()
     TopExp.MapShapesAndAncestors_s(shape, kind, owner, ancestors)
     return [(ancestors.FindKey(i), ancestors.FindFromIndex(i).Size()) for i in range(1, ancestors.Extent() + 1)]
+
+
+def bounds_face(edge: TopoDS_Shape) -> bool:
+    """Whether an edge of a face, as the face uses it, bounds it: booleans leave edges within faces where solids only touch."""
+    return edge.Orientation() in (TopAbs_FORWARD, TopAbs_REVERSED)
+
+
+def list_bounding_edges(shape: TopoDS_Shape) -> list[TopoDS_Edge]:
+    """Edges that bound a face or a wire, one entry per use."""
+    return [convert.as_edge(edge) for edge in list_subshapes(shape, TopAbs_EDGE) if bounds_face(edge)]
 
 
 def solids_of(shape: Any) -> list[TopoDS_Solid]:

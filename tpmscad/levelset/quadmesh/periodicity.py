@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 
 from tpmscad._typing import Array, BoolArray, IntArray
 from tpmscad.fields.field import Field
+from tpmscad.fields.periods_and_directions import ROUND_OFF, count_whole
 from tpmscad.levelset.quadmesh import octree
 from tpmscad.levelset.quadmesh.dual_mesh import QuadMesh
 from tpmscad.levelset.quadmesh.octree import Octree
@@ -35,14 +36,8 @@ TICKS_PER_PERIOD = 1 << 26
 TICK_OFFSET = 0.37
 """Offset of the quantisation, so that no fraction of a period at which leaves end lies on the limit between two ticks."""
 
-WHOLE_LEAVES_RTOL = 1e-9
-"""Relative tolerance on a whole number of leaves per period."""
-
 SEARCHED_PERIODS = 2
 """Periods along an axis of the part of the box that is searched."""
-
-WHOLE_PERIODS_RTOL = 1e-9
-"""Relative tolerance on a whole number of periods in the box."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -102,7 +97,8 @@ def snap_translated_vertices(mesh: QuadMesh, field: Field, tree: Octree) -> Quad
     first = _first_occurrences(name, np.lexsort([from_centre, name]))
     is_first = first[:, None] == np.arange(len(first))[:, None]
     shift = (cell - cell[first]) * period
-    return replace(mesh, vertices=np.where(is_first, mesh.vertices, mesh.vertices[first] + shift))
+    vertices = np.where(is_first, mesh.vertices, mesh.vertices[first] + shift)
+    return replace(mesh, vertices=_return_to_sides(vertices, mesh.side_ends, mesh.side_plane, tree))
 
 
 def find_translated_copies(
@@ -120,7 +116,7 @@ def find_translated_copies(
     shift = cell - cell[vertex]
     shifted = (shift != 0).any(axis=1)[:, None]
     vertices = np.where(shifted, network.vertices[vertex] + shift * period, network.vertices)
-    network = replace(network, vertices=vertices)
+    network = replace(network, vertices=_return_to_sides(vertices, network.ends, network.plane, tree))
 
     sides, spokes = slice(None, network.n_sides), slice(network.n_sides, None)
     a, b = network.ends[sides].T
@@ -143,14 +139,22 @@ def find_translated_copies(
     return network, TranslatedCopies(curve, curve_shift, patch, patch_shift)
 
 
+def _return_to_sides(vertices: Array, ends: IntArray, plane: IntArray, tree: Octree) -> Array:
+    """Vertices (V, 3), those of curves (C,) in faces of the box, 2 * axis + upper, exactly in these: periods add round-off."""
+    result, corners = vertices.copy(), np.stack([tree.lo, tree.hi])
+    in_face = np.flatnonzero(plane >= 0)
+    axis, upper = np.divmod(plane[in_face], 2)
+    result[ends[in_face].T, axis] = corners[upper, axis]
+    return result
+
+
 def crop_to_searched_periods(field: Field, lo: Array, hi: Array) -> tuple[Array, IntArray]:
     """Upper corner of the part to search, and the periods (3,) of the whole box along axes where it is longer, else 0."""
     periods = field.periods()
     if periods is None or min(periods) <= 0:
         return hi, np.zeros(3, np.int64)
-    count = (hi - lo) / np.array(periods)
-    number = np.rint(count).astype(np.int64)
-    shorter = (np.abs(count - number) <= WHOLE_PERIODS_RTOL * count) & (number > SEARCHED_PERIODS)
+    number = count_whole(lo, hi, np.array(periods))
+    shorter = number > SEARCHED_PERIODS
     end = np.where(shorter, lo + SEARCHED_PERIODS * (hi - lo) / np.maximum(number, 1), hi)
     return end, np.where(shorter, number, 0)
 
@@ -192,7 +196,8 @@ def _find_whole_periods(field: Field, tree: Octree) -> Array:
     p = np.array(periods, float)
     largest = tree.cell_edges * tree.size.max()
     leaves = np.maximum(1.0, np.rint(p / largest))
-    return np.where((np.abs(leaves * largest - p) <= WHOLE_LEAVES_RTOL * p) & (p < tree.hi - tree.lo), p, 0.0)
+    slack = ROUND_OFF * float(np.abs([tree.lo, tree.hi]).max())
+    return np.where((np.abs(leaves * largest - p) <= slack) & (p < tree.hi - tree.lo - slack), p, 0.0)
 
 
 def _quantise_positions(points: Array, lo: Array, period: Array) -> tuple[IntArray, IntArray]:
