@@ -55,6 +55,10 @@ CURVE_SAMPLES = 64
 BYTES_PER_CHORD = 500
 """Memory taken at the peak for each chord of an edge, with what OCCT keeps of it, as measured."""
 
+PREDICTED_FRACTION, PREDICTIONS = 0.95, 4
+"""Part of the deviation for which the number of chords is predicted, and predictions for ever less of it, before chords that miss
+the deviation are halved, which makes up to twice as many as needed."""
+
 MAX_HALVINGS = 40
 """Rounds in which chords and triangles are halved."""
 
@@ -122,22 +126,21 @@ def divide_curves(
     length = 0.5 * (speed[:, 1:] + speed[:, :-1]) * np.abs(span[:, 1:] - span[:, :-1]) / CURVE_SAMPLES
     turn = np.divide(across, np.sqrt(square), out=np.zeros_like(square), where=square > 0)
     # an arc of the length l that turns by a is a l / 8 away from its chord
-    parts = np.maximum(np.sqrt(turn * length / (8.0 * deviation[:, None])), turn / angle)
-    counted = np.maximum(np.ceil(parts.sum(axis=1)), least)
+    parts = np.maximum(np.sqrt(turn * length / (8.0 * PREDICTED_FRACTION * deviation[:, None])), turn / angle)
+    counts = np.maximum(np.ceil(parts.sum(axis=1)), least)
     require_memory(
-        float(counted.sum(dtype=float)),
+        float(counts.sum()),
         BYTES_PER_CHORD,
-        f"{counted.sum(dtype=float):.0f} chords of edges",
-        f"raise deviation = {float(deviation.min()):g}",
+        f"{counts.sum():.0f} chords of edges",
+        f"raise deviation = {deviation.min():g}",
     )
     floor = 1e-3 * np.maximum(parts.sum(axis=1), 1e-9)[:, None] / CURVE_SAMPLES
     grown = np.cumsum(np.concatenate([np.zeros((n, 1)), parts + floor], axis=1), axis=1)
-    found = [
-        np.interp(np.linspace(0.0, total[-1], int(count) + 1), total, share)
-        for total, count in zip(grown, counted.tolist(), strict=True)
-    ]
-    due = np.arange(n)
-    for _ in range(MAX_HALVINGS):
+    found, due = [np.zeros(0)] * n, np.arange(n)
+    for attempt in range(MAX_HALVINGS):
+        for i in due.tolist() if attempt < PREDICTIONS else ():
+            count = int(np.ceil(counts[i] * PREDICTED_FRACTION ** (-0.5 * attempt)))
+            found[i] = np.interp(np.linspace(0.0, grown[i, -1], count + 1), grown[i], share)
         which = np.repeat(due, [len(found[i]) - 1 for i in due.tolist()])
         shares = np.concatenate([np.stack([found[i][:-1], found[i][1:]], axis=1) for i in due.tolist()])
         ends = span[which, :1] + shares * (span[which, 1:] - span[which, :1])
@@ -146,7 +149,7 @@ def divide_curves(
         due = np.unique(which[far])
         if not len(due):
             break
-        for i in due.tolist():
+        for i in due.tolist() if attempt + 1 >= PREDICTIONS else ():
             own = which == i
             found[i] = np.sort(np.concatenate([found[i], shares[own & far].mean(axis=1)]))
     for i in np.flatnonzero(symmetric).tolist():

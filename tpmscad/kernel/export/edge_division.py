@@ -16,10 +16,10 @@ from OCP.BRep import BRep_Tool
 from OCP.TopoDS import TopoDS_Edge, TopoDS_Face
 
 from tpmscad._typing import Array, BoolArray, IntArray
-from tpmscad.brep.boundary_representation import Brep
 from tpmscad.brep.face_classes import group_congruent_faces
 from tpmscad.brep.linked_items import label_linked
 from tpmscad.brep.triangles.measured_deviation import bound_chords, divide_curves
+from tpmscad.kernel.build.solids import BrepSolids
 from tpmscad.kernel.occt.evaluator_tables import CurveTable
 from tpmscad.kernel.occt.exploration import ShapeKey, edges_of, first_vertex, last_vertex
 from tpmscad.rigid_motion import Motion
@@ -92,16 +92,17 @@ class EdgeDivision:
         return np.concatenate([ends[:1], inner, ends[1:]])
 
 
-def find_copies(parts: Sequence[tuple[Brep, Sequence[TopoDS_Face]]], resolution: float) -> dict[ShapeKey, FaceCopy]:
-    """The faces of boundary representations as copies of each other, those of one part among themselves."""
+def find_copies(built: Sequence[BrepSolids], resolution: float) -> dict[ShapeKey, FaceCopy]:
+    """The faces of solids that were built from arrays as copies of each other, those of each among themselves."""
     found: dict[ShapeKey, FaceCopy] = {}
-    for number, (brep, faces) in enumerate(parts):
+    for number, solids in enumerate(built):
+        brep = solids.brep
         classes = group_congruent_faces(brep, resolution)
         first_use = brep.faces.use_start[brep.faces.loop_start]
         order = np.split(classes.use_order - first_use[brep.face_of_use[classes.use_order]], first_use[1:-1])
         senses = np.split(brep.uses.sense[classes.use_order], first_use[1:-1])
         for face, label, motion, own, sense in zip(
-            faces, classes.label.tolist(), brep.faces.motion, order, senses, strict=True
+            solids.faces, classes.label.tolist(), brep.faces.motion, order, senses, strict=True
         ):
             found.setdefault(ShapeKey(face), FaceCopy((number, label), motion, own, sense))
     return found

@@ -25,7 +25,6 @@ from OCP.TopLoc import TopLoc_Location
 from OCP.TopoDS import TopoDS_Edge, TopoDS_Face
 
 from tpmscad._typing import Array, BoolArray, IntArray
-from tpmscad.brep.boundary_representation import Brep
 from tpmscad.brep.triangles.closed_mesh import SolidMesh
 from tpmscad.brep.triangles.measured_deviation import (
     FaceTriangles,
@@ -33,6 +32,7 @@ from tpmscad.brep.triangles.measured_deviation import (
     refine_triangles,
 )
 from tpmscad.errors import KernelError
+from tpmscad.kernel.build.solids import BrepSolids
 from tpmscad.kernel.export.edge_division import (
     EdgeDivision,
     FaceGrouping,
@@ -132,19 +132,16 @@ def mesh_solids(shape: Any, deviation: float, angle: float) -> tuple[SolidMesh, 
     return measure_meshes(shape, deviation, angle).meshes
 
 
-def measure_meshes(
-    shape: Any, deviation: float, angle: float, parts: Sequence[tuple[Brep, Sequence[TopoDS_Face]]] = ()
-) -> MeasuredMeshes:
+def measure_meshes(shape: Any, deviation: float, angle: float, built: Sequence[Any] = ()) -> MeasuredMeshes:
     """As `mesh_solids`, with the deviation that was reached.
 
-    parts: boundary representations that faces of the shape were built from, with the kernel's face of each of their faces;
-    congruent ones are triangulated once.
+    built: what the shape is made of; congruent faces of solids that were built from arrays are triangulated once.
     """
     topods = unwrap(shape)
     solids = [faces_of(solid) for solid in solids_of(topods)]
     outlines = explore_faces([face for faces in solids for face in faces])
     grouping = group_faces_by_copies(
-        outlines, find_copies(parts, CLASS_RESOLUTION_FRACTION * deviation) if parts else {}
+        outlines, find_copies([of for of in built if isinstance(of, BrepSolids)], CLASS_RESOLUTION_FRACTION * deviation)
     )
     for attempt in range(MAX_REFINEMENTS + 1):
         triangulation = _triangulate(outlines, grouping, deviation / 2**attempt, angle, deviation)
