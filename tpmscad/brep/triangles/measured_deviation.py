@@ -55,6 +55,9 @@ CURVE_SAMPLES = 64
 BYTES_PER_CHORD = 500
 """Memory taken at the peak for each chord of an edge, with what OCCT keeps of it, as measured."""
 
+BYTES_PER_TRIANGLE = 600
+"""Memory taken at the peak for each triangle while some are halved, as measured."""
+
 PREDICTED_FRACTION, PREDICTIONS = 0.95, 4
 """Part of the deviation for which the number of chords is predicted, and predictions for ever less of it, before chords that miss
 the deviation are halved, which makes up to twice as many as needed."""
@@ -294,6 +297,12 @@ def refine_triangles(
         far = np.flatnonzero(bound > deviation)
         if not len(far):
             break
+        require_memory(
+            len(bound) + 2.0 * len(far),
+            BYTES_PER_TRIANGLE,
+            f"{len(bound)} triangles",
+            f"raise deviation = {deviation:g}",
+        )
         mesh, changed = _halve(mesh, surfaces, far, bound, middles)
         added = len(mesh.triangles) - len(bound)
         bound = np.concatenate([bound, np.zeros(added)])

@@ -58,6 +58,7 @@ from tpmscad.kernel.occt.exploration import (
     unwrap,
 )
 from tpmscad.kernel.occt.geometry_evaluators import edge_evaluator, face_evaluator
+from tpmscad.memory_limit import require_memory
 
 MAX_REFINEMENTS = 3
 """Attempts with edges and faces of half the deviation when OCCT leaves a face without triangles, or triangles do not cover it."""
@@ -70,6 +71,9 @@ COARSE_FACTOR = 2.0
 
 CLASS_RESOLUTION_FRACTION = 1e-3
 """In deviations: faces that differ by less are congruent; what the nodes of their edges differ by is added to the deviation."""
+
+LEAST_DEFLECTION = 1e-5
+"""In extents of the vertices: OCCT is given no less for the inside of faces, as it takes memory without asking."""
 
 STALE_DEFLECTION = 1e30
 """Deflection of the triangulation that holds the nodes of a face's edges: OCCT takes them and makes the triangles anew."""
@@ -215,6 +219,8 @@ class _Triangulation:
         limits = np.searchsorted(grouping.of_face[copies], np.arange(len(grouping.sources) + 1))
         order = np.argsort(mesh.face, kind="stable")
         rows = np.searchsorted(mesh.face[order], np.arange(len(grouping.sources) + 1))
+        count = float(np.diff(limits) @ np.diff(rows))
+        require_memory(count, BYTES_PER_TRIANGLE, f"{count:.3g} triangles", "raise the deviation")
         points, total, gap = [np.full((n_edges, 3), np.nan)], n_edges, 0.0
         points[0][: len(outlines.points)] = outlines.points
         of_face: list[IntArray] = [np.zeros((0, 3), np.int64)] * len(outlines.faces)
@@ -255,7 +261,9 @@ def _triangulate(
     sources = grouping.sources.tolist()
     curves = pack_curves([edge_evaluator(outlines.edges[e]) for e in grouping.own_edges(outlines).tolist()])
     least = count_least_chords(outlines)
+    size = float(np.ptp(outlines.points, axis=0).max(initial=0.0))
     deflection = np.full(len(sources), deviation if limit is None else COARSE_FACTOR * deviation)
+    deflection = np.maximum(deflection, LEAST_DEFLECTION * size)
     due, found, used = list(range(len(sources))), dict[int, _FaceMesh](), dict[int, IntArray]()
     for _ in range(MAX_REFINEMENTS + 1):
         division = divide_edges(outlines, grouping, curves, deviation, angle, least)
