@@ -46,13 +46,17 @@ CHORD_PARTS = 8
 TRIANGLE_PARTS = 4
 """Parts of a side of a triangle between the points of its grid."""
 
-CLEAR_FRACTION = 0.6
-"""A triangle counts as within the deviation if an estimate from four points is below this fraction of it."""
+CLEAR_FRACTION, FAR_FRACTION = 0.6, 1.6
+"""A triangle counts as within the deviation if an estimate from four points is below the first fraction of it, and as beyond it
+above the second: only between these the distance is bounded."""
 
 CURVE_SAMPLES = 64
 """Parts of an edge between the points from which its curvature is estimated, before chords are measured."""
 
-BYTES_PER_CHORD = 500
+BATCH = 200_000
+"""Chords or triangles that are measured at a time, which limits the memory."""
+
+BYTES_PER_CHORD = 1000
 """Memory taken at the peak for each chord of an edge, with what OCCT keeps of it, as measured."""
 
 BYTES_PER_TRIANGLE = 600
@@ -91,6 +95,9 @@ MIDDLES = np.concatenate([SIDE_MIDDLES, np.full((1, 3), 1.0 / 3.0)])
 
 def bound_chords(curves: Curves, curve: IntArray, ends: Array, points: Array) -> Array:
     """Greatest distances (c,) of chords from curves (c,) between parameters `ends` (c, 2), where they have points (c, 2, 3)."""
+    if len(curve) > BATCH:
+        parts = (slice(start, start + BATCH) for start in range(0, len(curve), BATCH))
+        return np.concatenate([bound_chords(curves, curve[part], ends[part], points[part]) for part in parts])
     share = np.linspace(0.0, 1.0, CHORD_PARTS + 1)
     t = (ends[:, :1] + share * (ends[:, 1:] - ends[:, :1])).ravel()
     at = (points[:, :1] + share[:, None] * (points[:, 1:] - points[:, :1])).reshape(-1, 3)
@@ -231,10 +238,6 @@ def _measure_at(
     return (np.where(side < 0, -best, best)).reshape(-1, len(grid))
 
 
-BATCH = 200_000
-"""Triangles that are measured at a time, which limits the memory."""
-
-
 def bound_triangles(
     surfaces: Surfaces, face: IntArray, points: Array, uv: Array, limits: Array, deviation: float
 ) -> tuple[Array, Array]:
@@ -254,27 +257,27 @@ def bound_triangles(
     return bound, middles
 
 
-def _bound(
+def _bound_near(
     surfaces: Surfaces, mesh: FaceTriangles, chosen: IntArray, limits: Array, deviation: float
 ) -> tuple[Array, Array]:
-    nodes = mesh.triangles[chosen]
-    return bound_triangles(surfaces, mesh.face[chosen], mesh.points[nodes], mesh.uv[nodes], limits, deviation)
-
-
-def _estimate(surfaces: Surfaces, mesh: FaceTriangles, limits: Array, deviation: float) -> Array:
-    """Estimates (m,) of the distance of triangles from their surfaces.
+    """As `bound_triangles`, of some triangles of a mesh, where that decides; of the others an estimate from four points.
 
     A quadratic function that vanishes at the corners is at most 4/3 of its greatest value at the middles of sides, and 4/9 of
     their sum at the centre; by what it is not, the estimate is raised.
     """
-    found = np.zeros(len(mesh.triangles))
-    for start in range(0, len(found), BATCH):
+    bound, middles = np.zeros(len(chosen)), np.zeros((len(chosen), 3))
+    for start in range(0, len(chosen), BATCH):
         part = slice(start, start + BATCH)
-        nodes = mesh.triangles[part]
-        signed = _measure_at(surfaces, mesh.face[part], mesh.points[nodes], mesh.uv[nodes], MIDDLES, limits, deviation)
+        nodes, face = mesh.triangles[chosen[part]], mesh.face[chosen[part]]
+        signed = _measure_at(surfaces, face, mesh.points[nodes], mesh.uv[nodes], MIDDLES, limits, deviation)
         sides, centre = signed[:, :3], signed[:, 3]
-        found[part] = np.abs(sides).max(axis=1) * 4.0 / 3.0 + 2.0 * np.abs(centre - sides.sum(axis=1) * 4.0 / 9.0)
-    return found
+        middles[part] = np.abs(sides)
+        bound[part] = middles[part].max(axis=1) * 4.0 / 3.0 + 2.0 * np.abs(centre - sides.sum(axis=1) * 4.0 / 9.0)
+    due = np.flatnonzero((bound > CLEAR_FRACTION * deviation) & (bound < FAR_FRACTION * deviation))
+    nodes = mesh.triangles[chosen[due]]
+    exact = surfaces, mesh.face[chosen[due]], mesh.points[nodes], mesh.uv[nodes], limits, deviation
+    bound[due], middles[due] = bound_triangles(*exact)
+    return bound, middles
 
 
 def refine_triangles(
@@ -289,10 +292,7 @@ def refine_triangles(
     for k in range(3):
         np.minimum.at(limits[:, 0], mesh.face, mesh.uv[mesh.triangles[:, k]])
         np.maximum.at(limits[:, 1], mesh.face, mesh.uv[mesh.triangles[:, k]])
-    bound = _estimate(surfaces, mesh, limits, deviation)
-    due = np.flatnonzero(bound > min(CLEAR_FRACTION * deviation, 0.8 * float(bound.max(initial=0.0))))
-    middles = np.zeros((len(bound), 3))
-    bound[due], middles[due] = _bound(surfaces, mesh, due, limits, deviation)
+    bound, middles = _bound_near(surfaces, mesh, np.arange(len(mesh.triangles)), limits, deviation)
     for _ in range(MAX_HALVINGS):
         far = np.flatnonzero(bound > deviation)
         if not len(far):
@@ -307,7 +307,10 @@ def refine_triangles(
         added = len(mesh.triangles) - len(bound)
         bound = np.concatenate([bound, np.zeros(added)])
         middles = np.concatenate([middles, np.zeros((added, 3))])
-        bound[changed], middles[changed] = _bound(surfaces, mesh, changed, limits, deviation)
+        bound[changed], middles[changed] = _bound_near(surfaces, mesh, changed, limits, deviation)
+    most = np.flatnonzero((bound > 0.75 * bound.max(initial=0.0)) & (bound <= CLEAR_FRACTION * deviation))
+    nodes = mesh.triangles[most]  # where no bound was near the deviation, the greatest ones are not estimates either
+    bound[most] = bound_triangles(surfaces, mesh.face[most], mesh.points[nodes], mesh.uv[nodes], limits, deviation)[0]
     reached = np.zeros(n_faces)
     np.maximum.at(reached, mesh.face, bound)
     return mesh, reached
