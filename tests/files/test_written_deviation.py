@@ -21,7 +21,7 @@ from tpmscad import fields
 from tpmscad.brep.boundary_representation import Brep, spline_faces
 from tpmscad.brep.orthogonal_projection import project_to_patch
 from tpmscad.errors import KernelError
-from tpmscad.kernel.export.solid_mesh import measure_meshes
+from tpmscad.kernel.export.solid_mesh import measure_meshes, mesh_solids
 from tpmscad.kernel.occt.exploration import ShapeKey, faces_of
 
 pytestmark = pytest.mark.kernel
@@ -130,3 +130,5 @@ def test_edges_beside_their_faces_are_told() -> None:
     BRep_Builder().UpdateEdge(edge.wrapped, moved, 0.1)
     with pytest.raises(KernelError, match=r"edges lie up to .* off their faces, more than deviation = 0.01: raise it"):
         measure_meshes(box, 0.01, 0.5)
+    (mesh,) = mesh_solids(box, 0.01, 0.5)
+    assert mesh.volume == pytest.approx(64, rel=1e-2)  # the body as it is, for what asks where it is solid

@@ -77,10 +77,10 @@ def _make_grid(parts: int) -> tuple[Array, Array]:
     rows = []
     for (i, j, k), middle in number.items():
         for di, dj, dk in ((1, -1, 0), (0, 1, -1), (-1, 0, 1)):
-            ends = (number.get((i + di, j + dj, k + dk)), number.get((i - di, j - dj, k - dk)))
-            if None not in ends:
+            ends = [number[p] for p in ((i + di, j + dj, k + dk), (i - di, j - dj, k - dk)) if p in number]
+            if len(ends) == 2:
                 row = np.zeros(len(at))
-                row[list(ends)], row[middle] = 1.0, -2.0
+                row[ends], row[middle] = 1.0, -2.0
                 rows.append(row)
     return np.array(at) / parts, np.array(rows)
 

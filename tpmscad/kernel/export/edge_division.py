@@ -113,7 +113,10 @@ def explore_faces(faces: Sequence[TopoDS_Face]) -> FaceOutlines:
     number: dict[ShapeKey, int] = {}
     edge_number: dict[ShapeKey, int] = {}
     vertex_number: dict[ShapeKey, int] = {}
-    distinct, edges, ends, points, uses = [], [], [], [], []
+    distinct: list[TopoDS_Face] = []
+    edges: list[TopoDS_Edge] = []
+    points: list[tuple[float, float, float]] = []
+    ends, uses = [], []
     for face in faces:
         if ShapeKey(face) in number:
             continue
@@ -151,7 +154,9 @@ def group_faces_by_copies(outlines: FaceOutlines, copies: dict[ShapeKey, FaceCop
         each = np.arange(len(outlines.faces))
         return FaceGrouping(each, each, None, outlines.uses, [np.zeros(len(own), bool) for own in outlines.uses])
     number: dict[Any, int] = {}
-    sources, of_face, edges, turned, motions = [], [], [], [], []
+    sources: list[int] = []
+    motions: list[Motion | None] = []
+    of_face, edges, turned = [], [], []
     known: dict[int, FaceCopy | None] = {}
     for f, (face, uses) in enumerate(zip(outlines.faces, outlines.uses, strict=True)):
         copy = copies.get(ShapeKey(face))

@@ -131,13 +131,16 @@ class _FaceMesh:
 def mesh_solids(shape: Any, deviation: float, angle: float) -> tuple[SolidMesh, ...]:
     """A closed mesh of each solid, within `deviation` of faces and edges, its facets turned by about `angle` (rad) at most.
 
-    The triangulation that the shape may carry is neither used nor changed. Raises KernelError if OCCT cannot close a mesh.
+    Where the edges of a body lie beside its faces by more, the triangles between them do, too. The triangulation that the shape
+    may carry is neither used nor changed. Raises KernelError if OCCT cannot close a mesh.
     """
-    return measure_meshes(shape, deviation, angle).meshes
+    return measure_meshes(shape, deviation, angle, tolerant=True).meshes
 
 
-def measure_meshes(shape: Any, deviation: float, angle: float, built: Sequence[Any] = ()) -> MeasuredMeshes:
-    """As `mesh_solids`, with the deviation that was reached.
+def measure_meshes(
+    shape: Any, deviation: float, angle: float, built: Sequence[Any] = (), *, tolerant: bool = False
+) -> MeasuredMeshes:
+    """As `mesh_solids`, with the deviation that was reached; KernelError if it is missed, but where `tolerant`.
 
     built: what the shape is made of; congruent faces of solids that were built from arrays are triangulated once.
     """
@@ -150,10 +153,10 @@ def measure_meshes(shape: Any, deviation: float, angle: float, built: Sequence[A
     for attempt in range(MAX_REFINEMENTS + 1):
         triangulation = _triangulate(outlines, grouping, deviation / 2**attempt, angle, deviation)
         of_face, points, gap = triangulation.expand(outlines, grouping)
-        if triangulation.reached > deviation:
+        if triangulation.reached > deviation and not tolerant:
             continue
-        if triangulation.reached + gap > deviation:  # edges of congruent faces differ by the tolerances of their solid
-            return measure_meshes(shape, deviation, angle)
+        if len(outlines.faces) > len(grouping.sources) and triangulation.reached + gap > deviation:
+            return measure_meshes(shape, deviation, angle)  # edges of congruent faces differ by their tolerances
         meshes = tuple(_drop_collapsed(_collect(faces, outlines, of_face, points)) for faces in solids)
         if meshes and not any(count_open_sides(mesh.triangles) for mesh in meshes):
             return MeasuredMeshes(meshes, triangulation.reached + gap)
@@ -339,7 +342,8 @@ def _read_mesh(face: TopoDS_Face, lines: list[tuple[Array, Array]]) -> _FaceMesh
     mesh, other = BRep_Tool.Triangulation_s(face, location), np.zeros(len(lines), bool)
     if mesh is None or mesh.Deflection() == STALE_DEFLECTION or not mesh.HasUVNodes():
         return other
-    own, poles = [], []
+    own: list[IntArray] = []
+    poles: list[tuple[IntArray, TopoDS_Edge]] = []
     for edge in edges_of(face):
         line = BRep_Tool.PolygonOnTriangulation_s(edge, mesh, location)
         if line is None:
