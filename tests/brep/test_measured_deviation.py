@@ -63,7 +63,7 @@ def test_curves_are_divided_into_few_chords_that_keep_the_deviation() -> None:
     assert len(turn) <= 1.1 * least + 1
     (even,) = divide_curves(circle, span, deviation, 1.0, np.array([1]), np.array([True]))
     assert np.allclose(even, 1 - even[::-1], atol=1e-15)
-    with pytest.raises(OutOfMemory, match="raise deviation"):
+    with pytest.raises(OutOfMemory, match="raise the deviation"):
         divide_curves(circle, span, np.array([1e-30]), 1.0, np.array([1]), np.array([False]))
 
 

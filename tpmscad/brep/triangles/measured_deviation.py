@@ -142,7 +142,7 @@ def divide_curves(
         float(counts.sum()),
         BYTES_PER_CHORD,
         f"{counts.sum():.0f} chords of edges",
-        f"raise deviation = {deviation.min():g}",
+        "raise the deviation",
     )
     floor = 1e-3 * np.maximum(parts.sum(axis=1), 1e-9)[:, None] / CURVE_SAMPLES
     grown = np.cumsum(np.concatenate([np.zeros((n, 1)), parts + floor], axis=1), axis=1)

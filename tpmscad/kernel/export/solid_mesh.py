@@ -72,6 +72,9 @@ COARSE_FACTOR = 2.0
 CLASS_RESOLUTION_FRACTION = 1e-3
 """In deviations: faces that differ by less are congruent; what the nodes of their edges differ by is added to the deviation."""
 
+LEAST_CLASS_RESOLUTION = 1e-11
+"""In extents of the vertices: the least difference of congruent faces."""
+
 LEAST_DEFLECTION = 1e-5
 """In extents of the vertices: OCCT is given no less for the inside of faces, as it takes memory without asking."""
 
@@ -147,8 +150,10 @@ def measure_meshes(
     topods = unwrap(shape)
     solids = [faces_of(solid) for solid in solids_of(topods)]
     outlines = explore_faces([face for faces in solids for face in faces])
+    size = float(np.ptp(outlines.points, axis=0).max(initial=0.0))
+    resolution = max(CLASS_RESOLUTION_FRACTION * deviation, LEAST_CLASS_RESOLUTION * size)
     grouping = group_faces_by_copies(
-        outlines, find_copies([of for of in built if isinstance(of, BrepSolids)], CLASS_RESOLUTION_FRACTION * deviation)
+        outlines, find_copies([of for of in built if isinstance(of, BrepSolids)], resolution)
     )
     for attempt in range(MAX_REFINEMENTS + 1):
         triangulation = _triangulate(outlines, grouping, deviation / 2**attempt, angle, deviation)
