@@ -37,6 +37,7 @@ RESULTS = (
     "tpmscad.kernel.body_import.cad_body.BodyFile",
     "tpmscad.kernel.measure.shape_report.StepReport",
     "tpmscad.files.mesh_report.MeshReport",
+    "tpmscad.files.file_formats.ExportedFile",
     "tpmscad.files._export_infill.InfillFile",
     "tpmscad.files._export_instances.InstancedFile",
     "tpmscad.files._export_slabs.SlabFiles",

@@ -6,6 +6,7 @@ import dataclasses
 import inspect
 import traceback
 from collections.abc import Callable
+from pathlib import Path
 from typing import Annotated, Any
 
 import numpy as np
@@ -134,10 +135,25 @@ def test_requests_beyond_the_memory_are_refused_before_it_is_taken() -> None:
         tpmscad.lattice("gyroid", cell=1, cells=(1000, 1000, 1000), thickness=0.1)
     with pytest.raises(OutOfMemory, match="fewer samples"):
         fields.volume_fraction(fields.tpms("gyroid"), samples=10**5)
+    for make in (tpmscad.struts, lambda kind, cell, cells, diameter: fields.strut_lattice(kind, cell, diameter, cells)):
+        with pytest.raises(OutOfMemory, match=r"struts of 2000 x 2000 x 2000 cells; use fewer cells"):
+            make("octet", cell=6, cells=(2000, 2000, 2000), diameter=0.8)
     require_memory(1, physical_memory() / 2, "half of it", "nothing")
     with pytest.raises(OutOfMemory):
         require_memory(2, physical_memory(), "twice of it", "half of it")
     assert [format_bytes(n) for n in (5, 2048, 3.7 * 2**40)] == ["5 bytes", "2 KiB", "3.7 TiB"]
+
+
+def test_memory_that_the_process_may_not_take_is_not_counted(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    resource = pytest.importorskip("resource")
+    whole = physical_memory.__wrapped__()
+    (tmp_path / "memory.max").write_text("3000000\n")
+    monkeypatch.setattr("tpmscad.memory_limit.CONTAINER_LIMITS", (tmp_path / "memory.max", tmp_path / "missing"))
+    assert physical_memory.__wrapped__() == 3_000_000
+    (tmp_path / "memory.max").write_text("max\n")
+    assert physical_memory.__wrapped__() >= whole
+    monkeypatch.setattr(resource, "getrlimit", lambda kind: (2_000_000, -1))
+    assert physical_memory.__wrapped__() == 2_000_000
 
 
 def test_a_solid_of_a_field_without_slope_on_its_surface_is_refused() -> None:

@@ -11,7 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import KW_ONLY, dataclass, field
-from typing import Annotated, Any, Self, TypeAlias
+from typing import TYPE_CHECKING, Annotated, Any, Self, TypeAlias
 
 from tpmscad.api.arguments import select_arguments
 from tpmscad.api.public_calls import show_constructor, validate_method_options
@@ -30,6 +30,9 @@ from tpmscad.results.result_summary import count_pieces
 from tpmscad.solids._infill import infill
 from tpmscad.solids._lattice import lattice
 from tpmscad.solids._struts import struts
+
+if TYPE_CHECKING:
+    from tpmscad.files.file_formats import ExportedFile
 
 with explained_load_failure("build123d"):
     from build123d import Align, BasePartObject, BuildPart, Compound, Location, Mode, Part, RotationLike, Vector
@@ -68,8 +71,13 @@ class ModelPart:
         return place_model(self.model, self.wrapped)
 
     @validate_method_options(PartExportOptions, 'export("part.step")')
-    def export(self, options: PartExportOptions) -> None:
+    def export(self, options: PartExportOptions) -> ExportedFile:
         """Write the part, where it is, to a file whose suffix says the format; the file is read back and compared.
+
+        Returns
+        -------
+        ExportedFile
+            As `Model.export`.
 
         Raises
         ------
@@ -81,8 +89,9 @@ class ModelPart:
         Examples
         --------
         >>> (Pos(20, 0, 0) * Tpms("gyroid", cell=10, thickness=1)).export("gyroid.step")
+        gyroid.step: exact
         """
-        self.placed_model.export(**vars(options))
+        return self.placed_model.export(**vars(options))
 
     @validate_method_options(ModelPictureOptions, 'render("part.png", section="z")')
     def render(self, options: ModelPictureOptions) -> None:

@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import contextlib
 import functools
+import importlib
 import os
+from pathlib import Path
 
 from tpmscad.errors import OutOfMemory
 
@@ -16,13 +19,24 @@ ASSUMED_MEMORY = 64 * 2**30
 UNITS = ("bytes", "KiB", "MiB", "GiB", "TiB")
 
 
+CONTAINER_LIMITS = (Path("/sys/fs/cgroup/memory.max"), Path("/sys/fs/cgroup/memory/memory.limit_in_bytes"))
+"""Files in which Linux tells how much memory a container may take."""
+
+
 @functools.cache
 def physical_memory() -> int:
-    """Bytes of the machine's memory."""
+    """Bytes of the machine's memory, or of the part of it that the container or the process may take."""
     try:
-        return os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")
+        found = [os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")]
     except (AttributeError, OSError, ValueError):  # Windows has no sysconf
         return ASSUMED_MEMORY
+    resource = importlib.import_module("resource")  # which Windows lacks
+    limit, _ = resource.getrlimit(resource.RLIMIT_AS)
+    found += [limit] if limit >= 0 else []
+    for path in CONTAINER_LIMITS:
+        with contextlib.suppress(OSError, ValueError):  # no such file, or "max"
+            found.append(int(path.read_text()))
+    return min(found)
 
 
 def format_bytes(count: float) -> str:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import tracemalloc
 from dataclasses import replace
 
 import numpy as np
@@ -9,13 +10,14 @@ import pytest
 
 from tests.shapes.box_shapes import plane_box
 from tests.shapes.mutants import move_face, move_pole_of_edge, move_pole_of_pcurve, move_vertex, split_vertex
-from tpmscad.brep.boundary_representation import Brep, move_brep
+from tpmscad.brep.boundary_representation import Brep, Edges, EdgeUses, Faces, move_brep
+from tpmscad.brep.carriers import Plane
 from tpmscad.brep.connectivity import find_broken_loops, is_closed
 from tpmscad.brep.face_classes import group_congruent_faces
 from tpmscad.brep.planar_faces import find_simple_planar_faces
 from tpmscad.brep.welding import weld_patches
 from tpmscad.rigid_motion import Motion
-from tpmscad.splines.bspline import BSplineSurface
+from tpmscad.splines.bspline import BSplineSurface, line_segment
 
 RESOLUTION = 1e-8
 
@@ -93,3 +95,33 @@ def test_a_loop_that_crosses_itself_runs_backwards_or_leaves_the_plane_is_not_si
     swapped[uses] = np.arange(uses.start, uses.stop)[[1, 0, 2, 3]]
     mixed = replace(box, uses=replace(box.uses, edge=box.uses.edge[swapped], sense=box.uses.sense[swapped]))
     assert not find_simple_planar_faces(mixed, 1e-7)[0]
+
+
+def test_a_loop_of_very_short_and_very_long_edges_takes_no_memory() -> None:
+    """A comb of notches of 1e-6 in a square of 1000: chords as short as most of its edges would be a billion."""
+    notches = np.array([[i * 1e-6 + x, y] for i in range(20) for x, y in ((0, 0), (0.5e-6, 1e-6))])
+    corners = np.concatenate([notches, [[1e3, 0], [1e3, 1e3], [0, 1e3]]])
+    points = np.column_stack([corners, np.zeros(len(corners))])
+    n, none = len(points), np.full(len(points), -1)
+    order = np.arange(n)
+    plane = Plane(np.zeros(3), np.array([1.0, 0, 0]), np.array([0, 0, 1.0]))
+    face = Brep(
+        (plane,),
+        tuple(line_segment(a, b) for a, b in zip(points, np.roll(points, -1, axis=0), strict=True)),
+        (),
+        points,
+        Edges(order, Motion.identity(n), np.tile([0.0, 1.0], (n, 1)), order, np.roll(order, -1), np.zeros(n)),
+        EdgeUses(order, np.ones(n, int), none),
+        Faces(
+            *(np.zeros(1, int), Motion.identity(1), np.ones(1, int), np.zeros(1, int)),
+            np.array([0, 1]),
+            np.array([0, n]),
+        ),
+        ("a",),
+    )
+    tracemalloc.start()
+    try:
+        find_simple_planar_faces(face, 1e-9)
+        assert tracemalloc.get_traced_memory()[1] < 3e8
+    finally:
+        tracemalloc.stop()

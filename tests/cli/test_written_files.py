@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import re
 import sys
 from pathlib import Path
@@ -43,7 +44,10 @@ class Result(SimpleNamespace):
     def write(self, path: Path, **options: Any) -> None:
         path.write_text("nine byte")
 
-    export = write
+    def export(self, path: Path, **options: Any) -> Any:
+        self.write(path)
+        told = "12 triangles within 0.018 mm of the faces" if path.suffix == ".stl" else ""
+        return SimpleNamespace(triangles=12 if told else 0, deviation=0.018, summary=lambda: told)
 
 
 def write_both(*arguments: Any, **options: Any) -> Result:
@@ -59,7 +63,7 @@ LINES = {
     "lattice gyroid --cell 10 -o part.step": "part.step, 9 bytes",
     "lattice gyroid --cell 10 --instanced -o part.step": "part.step, 9 bytes",
     "lattice gyroid --cell 10 --slab 1 -o part_{}.step": "part_{}.step, 18 bytes in 2 files",
-    "struts octet --cell 10 -o part.stl": "part.stl, 9 bytes",
+    "struts octet --cell 10 -o part.stl": "part.stl, 9 bytes, 12 triangles within 0.018 mm of the faces",
     "infill body.step gyroid --cell 10 -o part.brep": "part.brep, 9 bytes",
     "infill body.step gyroid --cell 10 --layer 0.1 -o part.cli": "part.cli, 9 bytes",
     "infill body.step gyroid --cell 10 --triangles -o part.stl": "part.stl, 9 bytes",
@@ -101,6 +105,11 @@ def test_the_file_that_was_written_is_told(line: str, results: None, capsys: pyt
     assert run(line) == 0
     last = capsys.readouterr().out.splitlines()[-1]
     assert re.fullmatch(rf"wrote       {LINES[line]}, after [\d.]+ s in all".replace("{}", r"\{\}"), last), last
+
+
+def test_a_report_tells_the_deviation_of_a_mesh(results: None) -> None:
+    assert run("struts octet --cell 10 -o part.stl --report part.json --quiet") == 0
+    assert json.loads(Path("part.json").read_text())["mesh"] == {"triangles": 12, "deviation": 0.018}
 
 
 @pytest.mark.parametrize("line", [line for line in LINES if not line.startswith("lattice")])

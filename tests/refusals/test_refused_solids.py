@@ -275,6 +275,7 @@ FILES: dict[str, Row] = {
     "deviation of an exact file": (lambda: model().export("a.step", deviation=0.1), "is exact"),
     "schema of a mesh": (lambda: model().export("a.stl", schema="ap214"), "for STEP files"),
     "negative deviation": (lambda: model().export("a.stl", deviation=-1.0), "greater than 0"),
+    "deviation of atoms": (lambda: model().export("a.stl", deviation=1e-16), "chords of edges; raise the deviation"),
     "schema": (lambda: model().export_step("a.step", schema="ap203"), "schema 'ap203'"),
     "no folder": (lambda: model().export_step("no/such/folder/a.step"), "does not exist"),
     "STEP suffix": (lambda: tpmscad.export_step(model(), "a.stl"), "ends in '.stl'"),

@@ -22,6 +22,7 @@ from scipy.spatial import cKDTree
 from tpmscad._typing import Array, BoolArray, IntArray
 from tpmscad.brep.facing_pairs import MAX_TAPER, STRAIGHT, CellBounds, ends_at_edge, select_facing
 from tpmscad.brep.local_thickness import shrink_tangent_balls
+from tpmscad.brep.near_balls import find_near_balls
 from tpmscad.brep.patch_pairs import approach_places, settle_places, shoot_normals, unit_vectors
 from tpmscad.brep.surface_cells import SurfaceCells, evaluate_cells
 
@@ -155,8 +156,8 @@ class _Search:
             parts, parent = self.cells.bisect(large)
             self._take(parts.tighten(PAD_FRACTION * self.value), parent)
         self._attain_by_balls()
-        pairs = cKDTree(self.center).query_pairs(2.0 * self.radius.max() + self.value, output_type="ndarray")
-        pairs = np.concatenate([pairs.astype(np.int64), np.repeat(np.arange(len(self.cells))[:, None], 2, axis=1)])
+        near = find_near_balls(self.center, self.radius, self.value, "cells of faces", "check a part of the model")
+        pairs = np.concatenate([np.stack(near, axis=1), np.repeat(np.arange(len(self.cells))[:, None], 2, axis=1)])
         first = np.arange(len(self.cells) + 1)
         while len(pairs):
             pairs, low = self._select_pairs(pairs, first)

@@ -10,6 +10,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 
 import numpy as np
+from scipy.spatial import cKDTree
 
 from tpmscad._typing import Array, IntArray
 from tpmscad.brep.carriers import Circle, EdgeCurve, Ellipse
@@ -95,8 +96,8 @@ def project_to_curve(curve: EdgeCurve, span: Sequence[float] | Array, points: Ar
         t = middle + (t - middle + TWO_PI / 2) % TWO_PI - TWO_PI / 2
     else:
         at = np.linspace(span[0], span[1], SAMPLES_PER_CURVE)
-        apart = np.linalg.norm(points[:, None] - curve(at), axis=2)
-        t = np.clip(_minimise_distance(curve, at[apart.argmin(axis=1)], points), span[0], span[1])
+        nearest = cKDTree(curve(at)).query(points)[1]
+        t = np.clip(_minimise_distance(curve, at[nearest], points), span[0], span[1])
     return t, np.linalg.norm(curve(t) - points, axis=1)
 
 

@@ -9,14 +9,19 @@ say so.
 from __future__ import annotations
 
 import numpy as np
-from scipy.spatial import cKDTree
 
 from tpmscad._typing import Array, BoolArray, IntArray
 from tpmscad.brep.boundary_representation import Brep
 from tpmscad.brep.carriers import Plane
+from tpmscad.brep.near_balls import find_near_balls
+from tpmscad.errors import OutOfMemory
 
 CHORDS_PER_EDGE = (6, 12, 24, 48)
 """Chords of an edge of median length, in successive attempts; longer and shorter edges have chords of the same length."""
+
+MAX_CHORDS = 20_000
+"""Chords of a face, besides two of each edge: a loop of short edges and a few that are a million times as long has longer ones,
+and stays in doubt if they do not show that it is simple."""
 
 LENGTH_SAMPLES = 9
 """Points from which the length of an edge is estimated."""
@@ -51,7 +56,8 @@ def _is_simple_planar(brep: Brep, face: int, tol: float) -> bool:
     samples = (brep.curves[int(k)](np.linspace(low, high, LENGTH_SAMPLES)) for k, low, high in distinct.tolist())
     lengths = np.array([np.linalg.norm(np.diff(points, axis=0), axis=1).sum() for points in samples])[of_use.ravel()]
     for count in CHORDS_PER_EDGE:
-        chords = np.maximum(np.ceil(count * lengths / np.median(lengths)), 2).astype(int)
+        step = max(float(np.median(lengths)) / count, float(lengths.sum()) / MAX_CHORDS)
+        chords = np.maximum(np.ceil(lengths / step), 2).astype(int)
         points = motion.apply_inverse(_sample(brep, uses, 2 * chords + 1))
         if float(np.abs(plane.distance(points)).max()) > tol:
             return False
@@ -97,8 +103,11 @@ def _is_simple(flat: list[Array], loop_of_use: IntArray, tol: float) -> bool:
 
 def _are_apart(start: Array, end: Array, fat: Array, following: IntArray) -> bool:
     """Whether all segments but consecutive ones are farther apart than their fat."""
-    reach = float((np.linalg.norm(end - start, axis=1) + 2 * fat).max())
-    i, j = cKDTree(0.5 * (start + end)).query_pairs(reach, output_type="ndarray").T
+    half = 0.5 * np.linalg.norm(end - start, axis=1) + fat
+    try:
+        i, j = find_near_balls(0.5 * (start + end), half, 0.0, "chords", "let another check decide")
+    except OutOfMemory:
+        return False
     own = (following[i] != j) & (following[j] != i)
     i, j = i[own], j[own]
     near = np.minimum.reduce(

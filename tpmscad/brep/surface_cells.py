@@ -16,6 +16,7 @@ from tpmscad._typing import Array, BoolArray, IntArray
 from tpmscad.brep.cell_bounds import bound_nets, bound_normals, chords_meet_boxes, find_longer_directions, halve_nets
 from tpmscad.brep.loops import points_in_polygons
 from tpmscad.index_ranges import expand_ranges
+from tpmscad.parallel import split_batches
 from tpmscad.splines.basis import bernstein_basis
 
 DEGREE = 3
@@ -23,6 +24,9 @@ DEGREE = 3
 
 REFERENCE = np.array([0.4871, 0.5317])
 """Place of a cell's reference point in its rectangle, off the middle: symmetric parts have loops through middles of cells."""
+
+PAIRS_AT_A_TIME = 1_000_000
+"""Cells and chords of a face that are compared together, which limits the memory."""
 
 SIDE_TOL = 1e-9
 """Of the parameters of a face: within this a chord runs along a side of a cell, which it leaves whole."""
@@ -202,14 +206,15 @@ def trim_cells(
     for i, (lines, slack) in enumerate(zip(chords, slacks, strict=True)):
         cells = np.arange(*np.searchsorted(face, [i, i + 1]))
         inside[cells] = points_in_polygons(lines[:, 0], lines[:, 1], reference[cells])
-        owner, number = (a.ravel() for a in np.meshgrid(cells, np.arange(len(lines)), indexing="ij"))
-        meets = chords_meet_boxes(lines[number], slack[number], box[owner])
         near = SIDE_TOL * np.ptp(lines, axis=(0, 1))
-        start, end = lines[number, 0], lines[number, 1]
-        on_side = np.abs(start[:, :, None] - box[owner]).min(axis=2) <= near
-        meets &= ~(on_side & (np.abs(end - start) <= near)).any(axis=1)
-        owners.append(owner[meets])
-        numbers.append(first[i] + number[meets])
+        for batch in split_batches(cells, max(1, PAIRS_AT_A_TIME // max(len(lines), 1))):
+            owner, number = (a.ravel() for a in np.meshgrid(batch, np.arange(len(lines)), indexing="ij"))
+            meets = chords_meet_boxes(lines[number], slack[number], box[owner])
+            start, end = lines[number, 0], lines[number, 1]
+            on_side = np.abs(start[:, :, None] - box[owner]).min(axis=2) <= near
+            meets &= ~(on_side & (np.abs(end - start) <= near)).any(axis=1)
+            owners.append(owner[meets])
+            numbers.append(first[i] + number[meets])
     cells = SurfaceCells(
         nets,
         pad,
@@ -217,8 +222,8 @@ def trim_cells(
         face,
         sign[face],
         inside,
-        np.concatenate(owners),
-        np.concatenate(numbers),
+        np.concatenate([np.zeros(0, np.int64), *owners]),
+        np.concatenate([np.zeros(0, np.int64), *numbers]),
         np.concatenate(chords),
         np.concatenate(slacks),
         fit,

@@ -141,14 +141,19 @@ def report_unmet_request(report: Path | None) -> Iterator[None]:
         raise
 
 
-def write_model(model: Any, writing: OutputRequest, progress: Progress) -> None:
-    """Write a model in the format of the file's suffix; NotMet if it misses the request."""
+def write_model(model: Any, writing: OutputRequest, progress: Progress) -> Any:
+    """Write a model in the format of the file's suffix, and return what `export` does; NotMet if it misses the request."""
     certificate = model.certificate
     if not certificate.met:
         missed = "; ".join(certificate.shortfalls)
         raise NotMet(f"{writing.output} not written, it misses the request: {missed}", certificate)
     progress("write", 0.0)
-    model.export(writing.output, **writing.format_options)
+    return model.export(writing.output, **writing.format_options)
+
+
+def describe_mesh(file: Any) -> dict[str, Any]:
+    """The entry of a report on the triangles of an exported file; none of an exact one."""
+    return {"mesh": {"triangles": file.triangles, "deviation": file.deviation}} if file.triangles else {}
 
 
 def write_layers(slices: Any, source: Path, writing: OutputRequest) -> None:
@@ -192,21 +197,28 @@ def write_triangles(part: Any, source: Path, writing: OutputRequest) -> None:
     tell(part, writing)
 
 
-def tell(text: Any, writing: OutputRequest, *, parts: Sequence[Path] = ()) -> None:
-    """Print what is said of a result, if anything, and the line of its file, or of the `parts` it consists of; unless `quiet`."""
+def tell(text: Any, writing: OutputRequest, *, parts: Sequence[Path] = (), holds: str = "") -> None:
+    """Print what is said of a result, if anything, and the line of its file, or of the `parts` it consists of; unless `quiet`.
+
+    holds: what the file holds, in words.
+    """
     if writing.quiet:
         return
     if str(text):
         print(text)
     if writing.output is not None:
-        print(describe_file(writing.output, writing.begun, parts))
+        print(describe_file(writing.output, writing.begun, parts, holds))
 
 
-def describe_file(path: Path, begun: float, parts: Sequence[Path] = ()) -> str:
-    """The line that tells a file or its parts, the size, and the time that passed since `begun` on the monotonic clock."""
+def describe_file(path: Path, begun: float, parts: Sequence[Path] = (), holds: str = "") -> str:
+    """The line that tells a file or its parts, the size, and the time that passed since `begun` on the monotonic clock.
+
+    holds: what the file holds, in words.
+    """
     size = sum(part.stat().st_size for part in parts or [path])
     unit, scale = next((u, s) for u, s in (("MB", 1e6), ("kB", 1e3), ("bytes", 1.0)) if size >= s or s == 1.0)
     count = f" in {len(parts)} files" if len(parts) > 1 else ""
+    count += f", {holds}" if holds else ""
     return f"wrote       {path}, {size / scale:.3g} {unit}{count}, after {time.monotonic() - begun:.1f} s in all"
 
 
@@ -215,9 +227,10 @@ def make_and_write(title: str, make: Callable[[Progress], Any], writing: OutputR
     with report_unmet_request(writing.report):
         with progress_bar(title, writing.quiet, writing.progress) as progress:
             model = make(progress)
-            write_model(model, writing, progress)
-        write_report(writing.report, model.to_dict() if hasattr(model, "domains") else model.certificate.to_dict())
-    tell(summarise(model, verbose=writing.verbose), writing)
+            file = write_model(model, writing, progress)
+        figures = model.to_dict() if hasattr(model, "domains") else model.certificate.to_dict()
+        write_report(writing.report, figures | describe_mesh(file))
+    tell(summarise(model, verbose=writing.verbose), writing, holds=file.summary())
 
 
 def summarise(model: Any, *, verbose: bool) -> str:

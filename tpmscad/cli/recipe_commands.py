@@ -35,6 +35,7 @@ from tpmscad.cli.options import (
 )
 from tpmscad.cli.output import (
     OutputRequest,
+    describe_mesh,
     progress_bar,
     report_unmet_request,
     summarise,
@@ -154,13 +155,15 @@ def _run(verb: str, file: Path, read: ReadRun, writing: OutputRequest, dry_run: 
         report_unmet_request(writing.report),
         progress_bar(f"{verb} {file.name}", writing.quiet, writing.progress) as progress,
     ):
-        run = read(progress)
+        run, holds = read(progress), ""
         if dry_run:
             text, content = run.describe()
             text += f"\nfile        {writing.output} would be written" if writing.output else ""
         else:
             model, content = run.make(progress)
-            write_model(model, writing, progress)
+            made = write_model(model, writing, progress)
+            holds, content = made.summary(), content | describe_mesh(made)
             text = summarise(model, verbose=writing.verbose)
         write_report(writing.report, content)
-    tell(speak_in_options(text, RENAMED_KEYWORDS), replace(writing, output=None) if dry_run else writing)
+    told = replace(writing, output=None) if dry_run else writing
+    tell(speak_in_options(text, RENAMED_KEYWORDS), told, holds=holds)

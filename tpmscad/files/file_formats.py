@@ -6,7 +6,7 @@ Every file is written under a temporary name, read back and compared with the so
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import fields
+from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import Any, Protocol
 
@@ -15,10 +15,12 @@ import numpy as np
 from tpmscad._typing import BoxCorners
 from tpmscad.atomic_file import validate_output_path
 from tpmscad.errors import InvalidRequest, KernelError
+from tpmscad.kernel.boolean.boolean_operations import OcctSolids
+from tpmscad.kernel.build.solids import BrepSolids
 from tpmscad.kernel.export.brep_file import write_brep_file
 from tpmscad.kernel.export.gltf_file import write_glb
 from tpmscad.kernel.export.mesh_parts import group_faces
-from tpmscad.kernel.export.solid_mesh import mesh_solids
+from tpmscad.kernel.export.solid_mesh import measure_meshes
 from tpmscad.kernel.export.stl_file import write_stl
 from tpmscad.kernel.export.threemf_file import write_3mf
 from tpmscad.kernel.occt.construction import make_compound
@@ -64,6 +66,33 @@ def check_export(options: ExportOptions) -> str:
     return suffix
 
 
+@dataclass(frozen=True, slots=True, repr=False)
+class ExportedFile:
+    """A file that a result was written to.
+
+    Attributes
+    ----------
+    path : Path
+        The file.
+    triangles : int
+        Triangles of a mesh; 0 in exact formats.
+    deviation : float
+        Greatest distance of the triangles from the faces of the solid, and of their sides on edges from these, mm, as measured:
+        at most what was asked. 0 in exact formats.
+    """
+
+    path: Path
+    triangles: int = 0
+    deviation: float = 0.0
+
+    def summary(self) -> str:
+        """The triangles and their deviation in plain words; empty for exact formats."""
+        return f"{self.triangles} triangles within {self.deviation:.3g} mm of the faces" if self.triangles else ""
+
+    def __repr__(self) -> str:
+        return f"{self.path.name}: {self.summary() or 'exact'}"
+
+
 class SolidResult(Protocol):
     """What a result offers to be written to a file: a model, or the domains of an exchanger."""
 
@@ -91,26 +120,33 @@ class SolidResult(Protocol):
         """The solids with their names and the labels of their faces."""
 
 
-def write_mesh_or_brep_file(result: SolidResult, options: ExportOptions) -> None:
-    """Write a result as a mesh (STL, 3MF, GLB) or as OCCT's own BREP, by the suffix of the path."""
+def write_mesh_or_brep_file(
+    result: SolidResult, options: ExportOptions, built: Sequence[BrepSolids | OcctSolids]
+) -> ExportedFile:
+    """Write a result as a mesh (STL, 3MF, GLB) or as OCCT's own BREP, by the suffix of the path.
+
+    built: what the solids are made of, for faces that repeat. KernelError if a mesh does not keep the deviation.
+    """
     path, deviation = options.path, options.deviation
     suffix = find_suffix(path, (*MESH_SUFFIXES, BREP_SUFFIX))
     if suffix == BREP_SUFFIX:
-        write_brep_file(result.wrapped, validate_output_path(path, (BREP_SUFFIX,)), result.volume)
-        return
+        target = validate_output_path(path, (BREP_SUFFIX,))
+        write_brep_file(result.wrapped, target, result.volume)
+        return ExportedFile(target)
     target = validate_output_path(path, MESH_SUFFIXES)
     if deviation is None:
         deviation = max(result.certificate.tol, DEVIATION_FRACTION * measure_diagonal(result.bounding_box))
     angle = DEFAULT_ANGLE_DEG if options.angle is None else options.angle
     solids, volume = result.named_solids(), result.volume
-    meshes = mesh_solids(make_compound(of.solid for of in solids), deviation, float(np.radians(angle)))
-    parts = [group_faces(of.name, mesh, of.labels, of.colour_of) for of, mesh in zip(solids, meshes, strict=True)]
+    found = measure_meshes(make_compound(of.solid for of in solids), deviation, float(np.radians(angle)), built)
+    parts = [group_faces(of.name, mesh, of.labels, of.colour_of) for of, mesh in zip(solids, found.meshes, strict=True)]
     area = sum(part.mesh.area for part in parts)
-    found = sum(part.mesh.volume for part in parts)
-    if abs(found - volume) > deviation * area:
+    enclosed = sum(part.mesh.volume for part in parts)
+    if abs(enclosed - volume) > deviation * area:
         raise KernelError(
             "triangulate",
-            f"the mesh has volume {found:.9g}, the solid {volume:.9g}: more than a deviation of {deviation:g} over its "
+            f"the mesh has volume {enclosed:.9g}, the solid {volume:.9g}: more than a deviation of {deviation:g} over its "
             f"area {area:.6g} explains",
         )
     {".stl": write_stl, ".3mf": write_3mf, ".glb": write_glb}[suffix](parts, target, result.name)
+    return ExportedFile(target, sum(len(part.mesh.triangles) for part in parts), found.deviation)

@@ -9,11 +9,13 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.spatial import cKDTree
 
 from tpmscad._typing import Array, IntArray
+from tpmscad.brep.near_balls import find_near_balls
 from tpmscad.lattices.strut_ends import greatest_sum
 from tpmscad.lattices.strut_facets import make_strut_ends
+
+FEWER_STRUTS = "use fewer or shorter struts"
 
 PAIRS_AT_A_TIME = 200_000
 """Pairs of struts whose distance is found together."""
@@ -70,11 +72,9 @@ def _measure_pairs(points: Array, struts: IntArray, radius: float) -> list[Conta
     """The nearest two struts without a common node."""
     start, along = points[struts[:, 0]], points[struts[:, 1]] - points[struts[:, 0]]
     middle, half = start + 0.5 * along, 0.5 * np.linalg.norm(along, axis=1)
-    pairs = cKDTree(middle).query_pairs(2 * half.max() + 4 * radius, output_type="ndarray")
-    i, j = pairs.T
-    near = np.linalg.norm(middle[i] - middle[j], axis=1) < half[i] + half[j] + 4 * radius
+    i, j = find_near_balls(middle, half, 4 * radius, "struts", FEWER_STRUTS)
     common = (struts[i][:, :, None] == struts[j][:, None, :]).any(axis=(1, 2))
-    i, j = pairs[near & ~common].T
+    i, j = i[~common], j[~common]
     best: list[Contact] = []
     for k in range(0, len(i), PAIRS_AT_A_TIME):
         own, other = i[k : k + PAIRS_AT_A_TIME], j[k : k + PAIRS_AT_A_TIME]
@@ -90,9 +90,11 @@ def _measure_nodes(points: Array, struts: IntArray, radius: float, node_radius: 
     used = np.unique(struts)
     start, along = points[struts[:, 0]], points[struts[:, 1]] - points[struts[:, 0]]
     half = 0.5 * np.linalg.norm(along, axis=1)
-    near = cKDTree(points[used]).query_ball_point(start + 0.5 * along, half + 2 * (radius + node_radius))
-    strut = np.repeat(np.arange(len(struts)), list(map(len, near)))
-    node = used[np.concatenate([np.array(each, np.int64) for each in near])]
+    nodes = points[used], np.zeros(len(used))
+    strut, node = find_near_balls(
+        start + 0.5 * along, half, 2 * (radius + node_radius), "struts and nodes", FEWER_STRUTS, nodes
+    )
+    node = used[node]
     other = (struts[strut] != node[:, None]).all(axis=1)
     strut, node = strut[other], node[other]
     if not len(node):

@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import numpy as np
 
@@ -25,6 +25,9 @@ from tpmscad.requests.study_options import DomainsPictureOptions, ExportOptions,
 from tpmscad.results.certificate import CHIP_VOLUME_FRACTION, Certificate
 from tpmscad.results.model import Model
 from tpmscad.results.result_summary import count_pieces, format_html, format_size
+
+if TYPE_CHECKING:
+    from tpmscad.files.file_formats import ExportedFile
 
 WALL, PLUS, MINUS = "wall", "channel +", "channel -"
 """Names of the domains; a channel is named by the sign of the surface's nodal value in it."""
@@ -90,15 +93,20 @@ class FluidDomains:
         return tuple(corners[:, 0].min(axis=0).tolist()), tuple(corners[:, 1].max(axis=0).tolist())
 
     @validate_method_options(ExportOptions, 'export("exchanger.step")')
-    def export(self, options: ExportOptions) -> None:
+    def export(self, options: ExportOptions) -> ExportedFile:
         """Write the named solids to a file whose suffix says the format; the file is read back and compared with them.
+
+        Returns
+        -------
+        ExportedFile
+            The path, and of meshes the number of triangles and the deviation that was reached.
 
         Raises
         ------
         InvalidRequest
             If the suffix is not known, or an option does not apply to the format.
         KernelError
-            If a mesh cannot be closed, or the file does not read back as it was written.
+            If a mesh cannot be closed or does not keep the deviation, or the file does not read back as it was written.
 
         Notes
         -----
@@ -111,15 +119,15 @@ class FluidDomains:
         --------
         >>> parts.export("exchanger.brep")
         """
-        from tpmscad.files.file_formats import STEP_SUFFIXES, check_export, write_mesh_or_brep_file
+        from tpmscad.files.file_formats import STEP_SUFFIXES, ExportedFile, check_export, write_mesh_or_brep_file
 
         suffix = check_export(options)
-        if suffix in STEP_SUFFIXES:
-            self.export_step(options.path, schema=options.schema)
-        elif suffix == ".stl":
+        if suffix == ".stl":
             raise InvalidRequest("an STL file holds one body: write the domains one by one, or as .3mf")
-        else:
-            write_mesh_or_brep_file(self, options)
+        if suffix not in STEP_SUFFIXES:
+            return write_mesh_or_brep_file(self, options, [model.built for model in self.domains.values()])
+        self.export_step(options.path, schema=options.schema)
+        return ExportedFile(Path(options.path))
 
     @validate_call()
     def export_step(

@@ -40,6 +40,7 @@ from tpmscad.results.certificate import Certificate
 from tpmscad.results.result_summary import format_html, format_summary
 
 if TYPE_CHECKING:
+    from tpmscad.files.file_formats import ExportedFile
     from tpmscad.studies._check_print import PrintReport
     from tpmscad.studies.layer_slices import Slices
 
@@ -139,27 +140,35 @@ class Model:
         return tuple(tuple(corner.tolist()) for corner in corners)
 
     @validate_method_options(ModelExportOptions, 'export("part.step")')
-    def export(self, options: ModelExportOptions) -> None:
+    def export(self, options: ModelExportOptions) -> ExportedFile:
         """Write the model to a file whose suffix says the format; the file is read back and compared with the solid.
+
+        Returns
+        -------
+        ExportedFile
+            The path, and of a mesh the number of triangles and the deviation that was reached, which is `deviation` at most.
 
         Raises
         ------
         InvalidRequest
             If the suffix is not known, or an option does not apply to the format or to this model.
         KernelError
-            If the mesh cannot be closed, or the file does not read back as the solid that was written.
+            If the mesh cannot be closed or does not keep the deviation, or the file does not read back as the solid that was
+            written.
 
         Examples
         --------
         >>> model = tpmscad.lattice("gyroid", cell=10, thickness=1)
-        >>> model.export("gyroid.3mf", deviation=0.02)
+        >>> file = model.export("gyroid.3mf", deviation=0.02)
+        >>> file.deviation <= 0.02
+        True
         """
-        from tpmscad.files.file_formats import STEP_SUFFIXES, check_export, write_mesh_or_brep_file
+        from tpmscad.files.file_formats import STEP_SUFFIXES, ExportedFile, check_export, write_mesh_or_brep_file
 
-        if check_export(options) in STEP_SUFFIXES:
-            self.export_step(**select_arguments(options, StepExportOptions))
-        else:
-            write_mesh_or_brep_file(self, options)
+        if check_export(options) not in STEP_SUFFIXES:
+            return write_mesh_or_brep_file(self, options, [self.built])
+        self.export_step(**select_arguments(options, StepExportOptions))
+        return ExportedFile(Path(options.path))
 
     @validate_method_options(StepExportOptions, 'export_step("part.step")')
     def export_step(self, options: StepExportOptions) -> None:

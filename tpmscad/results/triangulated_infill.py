@@ -42,7 +42,7 @@ class TriangulatedInfill:
     face : ndarray of int (m,)
         0 for triangles of the lattice, 1 and more for those of the body's faces and its skin.
     deviation : float
-        Greatest distance of the triangles from the exact patches and faces, mm.
+        Greatest distance of the triangles from the exact patches and faces, mm, as measured.
     whole_cells, cut_cells : int
         Cells that lie wholly in the body, copies of one, and cells that its boundary may touch.
     notes : tuple of str

@@ -15,7 +15,7 @@ from tpmscad.brep.triangles.patch_triangles import triangulate_patches
 from tpmscad.errors import TrimmingError
 from tpmscad.fields.data.triangle_mesh import TriangleMesh
 from tpmscad.kernel.boolean.hollow_body import subtract_voids
-from tpmscad.kernel.export.solid_mesh import mesh_solids
+from tpmscad.kernel.export.solid_mesh import measure_meshes
 from tpmscad.memory_limit import require_memory
 from tpmscad.requests.lattice_request import LatticeRequest
 from tpmscad.requests.study_options import InfillTrianglesOptions
@@ -71,15 +71,17 @@ def infill_triangles(options: InfillTrianglesOptions) -> TriangulatedInfill:
     tiled = read_tiled_body(options, "export the solid, infill(...).export(path)", stages, as_triangles=True)
     request, deviation = tiled.request, options.deviation or DEFAULT_DEVIATION_CELLS * min(tiled.request.cell)
     with stages("triangulate"):
-        body = _triangulate_body(tiled.body, deviation)
+        body, reached = _triangulate_body(tiled.body, deviation)
         shell: SolidMesh | None = None
         if options.skin is not None:
             assert not isinstance(tiled.body, TriangleMesh)
             parts = erode_body(tiled.body, options.skin, tiled.openings).parts
             hollow = subtract_voids(tiled.body, [part.shape for part in parts], tiled.openings)
-            shell = join_meshes([mesh for solid in hollow for mesh in mesh_solids(solid, deviation, FACET_ANGLE)])
+            walls = [measure_meshes(solid, deviation, FACET_ANGLE) for solid in hollow]
+            shell = join_meshes([mesh for wall in walls for mesh in wall.meshes])
+            reached = max(reached, *(wall.deviation for wall in walls))
     with stages("fit"):
-        cell = _find_cell(request, deviation)
+        cell, of_cell = _find_cell(request, deviation)
     body = replace(body, points=body.points @ tiled.turn)
     shell = shell and replace(shell, points=shell.points @ tiled.turn)
     with stages("cut"):
@@ -93,7 +95,7 @@ def infill_triangles(options: InfillTrianglesOptions) -> TriangulatedInfill:
         filled.points @ tiled.turn.T,
         filled.triangles,
         filled.face,
-        deviation,
+        max(reached, of_cell),
         len(choice.whole),
         len(choice.cut),
         notes,
@@ -113,23 +115,24 @@ def _drop_loose_pieces(mesh: SolidMesh, loose: str) -> tuple[SolidMesh, tuple[st
     return mesh.select(shown[component]), dropped.notes
 
 
-def _triangulate_body(body: Any, deviation: float) -> SolidMesh:
-    """The triangles of a body, outward."""
+def _triangulate_body(body: Any, deviation: float) -> tuple[SolidMesh, float]:
+    """The triangles of a body, outward, and their greatest distance from it."""
     if isinstance(body, TriangleMesh):
-        return SolidMesh(body.vertices, body.triangles, np.zeros(len(body.triangles), np.int64))
-    return join_meshes(list(mesh_solids(body.shape, deviation, FACET_ANGLE)))
+        return SolidMesh(body.vertices, body.triangles, np.zeros(len(body.triangles), np.int64)), 0.0
+    found = measure_meshes(body.shape, deviation, FACET_ANGLE)
+    return join_meshes(list(found.meshes)), found.deviation
 
 
-def _find_cell(request: LatticeRequest, deviation: float) -> PeriodicCell:
-    """The triangulated cell of a lattice."""
+def _find_cell(request: LatticeRequest, deviation: float) -> tuple[PeriodicCell, float]:
+    """The triangulated cell of a lattice, and the greatest distance of its triangles from the patches."""
     cell, failure = np.array(request.cell), TrimmingError("")
     for corner in TILE_CORNERS:
         low = corner * cell
-        points, triangles = triangulate_patches(
+        points, triangles, reached = triangulate_patches(
             fit_patches_over_box(request, low, low + cell, lambda fraction: None).patches, deviation
         )
         try:
-            return find_periodic_cell(points, triangles, low, cell)
+            return find_periodic_cell(points, triangles, low, cell), reached
         except TrimmingError as error:
             failure = error
     raise failure

@@ -8,16 +8,13 @@ import numpy as np
 
 from tpmscad._typing import Array, IntArray
 from tpmscad.brep.boundary_representation import Brep, spline_faces
-from tpmscad.brep.orthogonal_projection import project_to_patch
 from tpmscad.brep.triangles.closed_mesh import weld_points
+from tpmscad.brep.triangles.measured_deviation import bound_triangles
 from tpmscad.errors import InvalidRequest
 from tpmscad.splines.bspline import BSplineSurface
 
 WELD_REL_TOL = 1e-8
 """In extents of the patches: points of neighbours nearer than this are one."""
-
-CHECKS_PER_SIDE = 4
-"""Points at which the deviation is measured along each side of a triangle's rectangle in parameters."""
 
 MAX_STEPS = 256
 """Grid steps along a side of a patch; more are taken for a deviation without sense."""
@@ -53,13 +50,13 @@ class PatchGrid:
         return np.concatenate([np.stack(half, axis=1) for half in halves])
 
 
-def triangulate_patches(brep: Brep, deviation: float) -> tuple[Array, IntArray]:
-    """Points (n, 3) and triangles (m, 3), within `deviation` of the patches, with the sense of their faces.
+def triangulate_patches(brep: Brep, deviation: float) -> tuple[Array, IntArray, float]:
+    """Points (n, 3) and triangles (m, 3) within `deviation` of the patches, with the sense of their faces, and the bound reached.
 
     Every face is a whole patch. All patches have the same grid, the coarsest that serves the worst of them.
     """
     surfaces = list(spline_faces(brep))
-    grid, turned = _choose_grid([surface for _, surface in surfaces], deviation)
+    grid, turned, reached = _choose_grid([surface for _, surface in surfaces], deviation)
     points, triangles, count = [], [], 0
     for (faces, surface), other in zip(surfaces, turned, strict=True):
         nodes, local = surface.grid(*grid.parameters(surface)).reshape(-1, 3), grid.triangles(other)
@@ -71,40 +68,39 @@ def triangulate_patches(brep: Brep, deviation: float) -> tuple[Array, IntArray]:
     stacked = np.concatenate(points)
     welded, index = weld_points(stacked, WELD_REL_TOL * float(np.ptp(stacked, axis=0).max()))
     found = index[np.concatenate(triangles)]
-    return welded, found[(found != np.roll(found, 1, axis=1)).all(axis=1)]
+    return welded, found[(found != np.roll(found, 1, axis=1)).all(axis=1)], reached
 
 
-def _choose_grid(surfaces: list[BSplineSurface], deviation: float) -> tuple[PatchGrid, list[bool]]:
-    """The coarsest grid for which the triangles keep the deviation, and which surfaces have the other diagonal."""
+def _choose_grid(surfaces: list[BSplineSurface], deviation: float) -> tuple[PatchGrid, list[bool], float]:
+    """The coarsest grid whose triangles keep the deviation, which surfaces have the other diagonal, and the bound reached."""
     steps = 1
     while steps <= MAX_STEPS:
         least = np.inf
         for spacing in SPACINGS:
             t = np.linspace(0, 1, steps + 1)
             grid = PatchGrid(t + spacing * np.sin(2 * np.pi * t) / (2 * np.pi))
-            found = np.array([[measure_deviation(s, grid, turned) for turned in (False, True)] for s in surfaces])
+            found = np.array(
+                [[measure_deviation(s, grid, turned, deviation) for turned in (False, True)] for s in surfaces]
+            )
             worst = float(found.min(axis=1).max())
             if worst <= deviation:
-                return grid, [bool(k) for k in found.argmin(axis=1)]
+                return grid, [bool(k) for k in found.argmin(axis=1)], worst
             least = min(least, worst)
         steps = max(steps + 1, int(0.9 * steps * np.sqrt(least / deviation)))
     raise InvalidRequest(f"deviation = {deviation:g} needs more than {MAX_STEPS**2} rectangles on a patch: raise it")
 
 
-def measure_deviation(surface: BSplineSurface, grid: PatchGrid, turned: bool) -> float:
-    """Greatest distance of the triangles on a grid from the surface, at points of each triangle."""
+def measure_deviation(surface: BSplineSurface, grid: PatchGrid, turned: bool, deviation: float) -> float:
+    """A bound on the distance of the triangles on a grid from the surface; `deviation`: to which it is of interest."""
     u, v = grid.parameters(surface)
-    corners = surface.grid(u, v)
-    a, b, c, d = corners[:-1, :-1], corners[1:, :-1], corners[1:, 1:], corners[:-1, 1:]
-    shares = np.linspace(0, 1, CHECKS_PER_SIDE + 1).tolist()
-    points, at = [], []
-    for s in shares:
-        for t in shares:
-            if turned:
-                flat = a + s * (b - a) + t * (d - a) if s + t <= 1 else c + (1 - s) * (d - c) + (1 - t) * (b - c)
-            else:
-                flat = a + s * (b - a) + t * (c - b) if s >= t else a + t * (d - a) + s * (c - d)
-            points.append(flat)
-            at.append(np.stack(np.meshgrid(u[:-1] + s * np.diff(u), v[:-1] + t * np.diff(v), indexing="ij"), axis=-1))
-    foot_u, foot_v = np.array(at).reshape(-1, 2).T
-    return float(project_to_patch(surface, np.array(points).reshape(-1, 3), foot_u, foot_v)[0].max())
+    points, uv = surface.grid(u, v).reshape(-1, 3), np.stack(np.meshgrid(u, v, indexing="ij"), axis=-1).reshape(-1, 2)
+    triangles = grid.triangles(turned)
+    bound, _ = bound_triangles(
+        lambda _, at: surface.jet(*at.T),
+        np.zeros(len(triangles), np.int64),
+        points[triangles],
+        uv[triangles],
+        np.array(surface.domain).T[None],
+        deviation,
+    )
+    return float(bound.max())

@@ -30,7 +30,11 @@ from tpmscad.errors import InvalidRequest, format_point
 from tpmscad.fields.field import Field
 from tpmscad.fields.kinds.coordinate_transforms import IDENTITY
 from tpmscad.fields.tape.evaluation import FieldJet, Triple, stack_points
+from tpmscad.memory_limit import require_memory
 from tpmscad.strut_cells import DEFAULT_ANGLE, KINDS, LARGEST_ANGLE, make_cell
+
+BYTES_PER_PART_OF_CELL = 100
+"""Memory taken at the peak for each node and each strut of every cell, as measured."""
 
 SAME_NODE = 1e-9
 """In sizes of the graph: distance up to which nodes are one."""
@@ -383,6 +387,12 @@ def make_strut_graph(
     nodes, pairs = (np.array(each) for each in make_cell(kind, angle))
     edge = np.broadcast_to(np.asarray(cell, float), 3)
     counts = np.broadcast_to(np.asarray(cells, np.int64), 3)
+    require_memory(
+        float(np.prod(counts, dtype=float)) * (len(nodes) + len(pairs)),
+        BYTES_PER_PART_OF_CELL,
+        f"struts of {' x '.join(map(str, counts.tolist()))} cells",
+        "use fewer cells",
+    )
     origins = np.stack(np.meshgrid(*map(np.arange, counts), indexing="ij"), axis=-1).reshape(-1, 1, 3)
     placed = (origins + nodes).reshape(-1, 3)
     _, first, number = np.unique((placed / SAME_NODE**0.5).round(), axis=0, return_index=True, return_inverse=True)

@@ -144,12 +144,19 @@ class _Grid:
     tree: TriangleTree
     spacing: float
 
+    @property
+    def first(self) -> Array:
+        return self.mesh.vertices.min(axis=0) - (MARGIN_SPACINGS + SKEW) * self.spacing
+
+    @property
+    def counts(self) -> Array:
+        high = self.mesh.vertices.max(axis=0)
+        return np.asarray(np.ceil((high - self.first) / self.spacing + MARGIN_SPACINGS) + 1)
+
     @cached_property
     def axes(self) -> tuple[Array, Array, Array]:
-        low, high = self.mesh.vertices.min(axis=0), self.mesh.vertices.max(axis=0)
-        first = low - (MARGIN_SPACINGS + SKEW) * self.spacing
-        counts = np.ceil((high - first) / self.spacing + MARGIN_SPACINGS).astype(int) + 1
-        x, y, z = (a + self.spacing * np.arange(n) for a, n in zip(first.tolist(), counts.tolist(), strict=True))
+        counts = self.counts.astype(int).tolist()
+        x, y, z = (a + self.spacing * np.arange(n) for a, n in zip(self.first.tolist(), counts, strict=True))
         return x, y, z
 
     @property
@@ -166,7 +173,7 @@ class _Grid:
 
     @property
     def count(self) -> float:
-        return float(np.prod([float(len(axis)) for axis in self.axes]))
+        return float(self.counts.prod())
 
     @cached_property
     def winding(self) -> IntArray:

@@ -1,8 +1,12 @@
-"""Closed triangle meshes of OCCT solids, welded by topology.
+"""Closed triangle meshes of OCCT solids that keep a deviation, welded by topology.
 
-OCCT triangulates each face for itself, on the common points of its edges. Nodes are identified along shared edges and at shared
-vertices, never by distance, so that a mesh of a closed solid is closed whatever the size of its triangles. A degenerate edge (the
-pole of a sphere) becomes one node, and the triangles that this collapses are left out.
+Edges are divided first, each once for all faces that it bounds, so that its chords keep the deviation (`edge_division`). OCCT
+triangulates each face by itself on these nodes; it takes them from a triangulation that the face seems to have. Triangles that
+miss the deviation, which OCCT does not bound, are halved (`refine_triangles`). Nodes are identified along shared edges and at
+shared vertices, never by distance, so that a mesh of a closed solid is closed whatever the size of its triangles. A degenerate
+edge (the pole of a sphere) becomes one node, and the triangles that this collapses are left out.
+
+Of faces that are congruent one is triangulated, and its triangles are moved to the others.
 """
 
 from __future__ import annotations
@@ -12,20 +16,37 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from OCP.BRep import BRep_Tool
+from OCP.BRep import BRep_Builder, BRep_Tool
 from OCP.BRepBuilderAPI import BRepBuilderAPI_Copy
 from OCP.BRepMesh import BRepMesh_IncrementalMesh
-from OCP.BRepTools import BRepTools
+from OCP.IMeshTools import IMeshTools_Parameters
+from OCP.Poly import Poly_PolygonOnTriangulation, Poly_Triangle, Poly_Triangulation
 from OCP.TopLoc import TopLoc_Location
 from OCP.TopoDS import TopoDS_Edge, TopoDS_Face
 
-from tpmscad._typing import Array, IntArray
-from tpmscad.brep.linked_items import label_linked
+from tpmscad._typing import Array, BoolArray, IntArray
 from tpmscad.brep.triangles.closed_mesh import SolidMesh
+from tpmscad.brep.triangles.measured_deviation import (
+    FaceTriangles,
+    pair_sides,
+    refine_triangles,
+)
 from tpmscad.errors import KernelError
+from tpmscad.kernel.build.solids import BrepSolids
+from tpmscad.kernel.export.edge_division import (
+    EdgeDivision,
+    FaceGrouping,
+    FaceOutlines,
+    count_least_chords,
+    divide_edges,
+    explore_faces,
+    find_copies,
+    group_faces_by_copies,
+)
 from tpmscad.kernel.occt import convert
 from tpmscad.kernel.occt.child_process import may_use_threads
 from tpmscad.kernel.occt.construction import make_compound
+from tpmscad.kernel.occt.evaluator_tables import pack_curves, pack_surfaces
 from tpmscad.kernel.occt.exploration import (
     ShapeKey,
     edges_of,
@@ -36,13 +57,32 @@ from tpmscad.kernel.occt.exploration import (
     solids_of,
     unwrap,
 )
+from tpmscad.kernel.occt.geometry_evaluators import edge_evaluator, face_evaluator
+from tpmscad.memory_limit import require_memory
 
 MAX_REFINEMENTS = 3
-"""Attempts at half the deviation when OCCT leaves a face without triangles or a mesh open."""
-
+"""Attempts with edges and faces of half the deviation when OCCT leaves a face without triangles, or triangles do not cover it."""
 
 MAX_SPLIT_PASSES = 20
 """Passes over chords that are split; each splits one chord of a triangle."""
+
+COARSE_FACTOR = 2.0
+"""Deflection that OCCT is given for the inside of faces, in deviations: halving, which follows, makes fewer triangles."""
+
+CLASS_RESOLUTION_FRACTION = 1e-3
+"""In deviations: faces that differ by less are congruent; what the nodes of their edges differ by is added to the deviation."""
+
+LEAST_CLASS_RESOLUTION = 1e-11
+"""In extents of the vertices: the least difference of congruent faces."""
+
+LEAST_DEFLECTION = 1e-5
+"""In extents of the vertices: OCCT is given no less for the inside of faces, as it takes memory without asking."""
+
+STALE_DEFLECTION = 1e30
+"""Deflection of the triangulation that holds the nodes of a face's edges: OCCT takes them and makes the triangles anew."""
+
+BYTES_PER_TRIANGLE = 250
+"""Memory taken at the peak for each triangle, as measured."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -73,139 +113,413 @@ class ParametricMesh:
     segments: EdgeSegments
 
 
-def mesh_solids(shape: Any, deviation: float, angle: float) -> tuple[SolidMesh, ...]:
-    """A closed mesh of each solid, its chords within `deviation` of faces and edges, its facets turned by `angle` (rad) at most.
+@dataclass(frozen=True, slots=True, eq=False)
+class MeasuredMeshes:
+    """A closed mesh of each solid, and the greatest distance of their triangles from the faces, and of chords from edges."""
 
-    The triangulation that the shape may carry is neither used nor changed. Raises KernelError if OCCT cannot close a mesh.
+    meshes: tuple[SolidMesh, ...]
+    deviation: float
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _FaceMesh:
+    """What OCCT made of a face: parameters of the nodes (n, 2), triangles (m, 3), and nodes along each use of an edge."""
+
+    uv: Array
+    triangles: IntArray
+    lines: list[IntArray]
+    poles: list[tuple[IntArray, TopoDS_Edge]]
+
+
+def mesh_solids(shape: Any, deviation: float, angle: float) -> tuple[SolidMesh, ...]:
+    """A closed mesh of each solid, within `deviation` of faces and edges, its facets turned by about `angle` (rad) at most.
+
+    Where the edges of a body lie beside its faces by more, the triangles between them do, too. The triangulation that the shape
+    may carry is neither used nor changed. Raises KernelError if OCCT cannot close a mesh.
     """
-    return tuple(closed for _, closed in _mesh_closed(shape, deviation, angle))
+    return measure_meshes(shape, deviation, angle, tolerant=True).meshes
+
+
+def measure_meshes(
+    shape: Any, deviation: float, angle: float, built: Sequence[Any] = (), *, tolerant: bool = False
+) -> MeasuredMeshes:
+    """As `mesh_solids`, with the deviation that was reached; KernelError if it is missed, but where `tolerant`.
+
+    built: what the shape is made of; congruent faces of solids that were built from arrays are triangulated once.
+    """
+    topods = unwrap(shape)
+    solids = [faces_of(solid) for solid in solids_of(topods)]
+    outlines = explore_faces([face for faces in solids for face in faces])
+    size = float(np.ptp(outlines.points, axis=0).max(initial=0.0))
+    resolution = max(CLASS_RESOLUTION_FRACTION * deviation, LEAST_CLASS_RESOLUTION * size)
+    grouping = group_faces_by_copies(
+        outlines, find_copies([of for of in built if isinstance(of, BrepSolids)], resolution)
+    )
+    for attempt in range(MAX_REFINEMENTS + 1):
+        triangulation = _triangulate(outlines, grouping, deviation / 2**attempt, angle, deviation)
+        of_face, points, gap = triangulation.expand(outlines, grouping)
+        if triangulation.reached > deviation and not tolerant:
+            continue
+        if len(outlines.faces) > len(grouping.sources) and triangulation.reached + gap > deviation:
+            return measure_meshes(shape, deviation, angle)  # edges of congruent faces differ by their tolerances
+        meshes = tuple(_drop_collapsed(_collect(faces, outlines, of_face, points)) for faces in solids)
+        if meshes and not any(count_open_sides(mesh.triangles) for mesh in meshes):
+            return MeasuredMeshes(meshes, triangulation.reached + gap)
+    missed = triangulation.reached > deviation
+    what = (
+        f"edges lie up to {triangulation.reached:.3g} off their faces, more than deviation = {deviation:g}: raise it"
+        if missed
+        else f"no closed mesh within {deviation:g} of the faces: try another deviation"
+    )
+    raise KernelError("triangulate", what, outlines.faces[grouping.sources[triangulation.worst]] if missed else topods)
 
 
 def mesh_parametrically(shape: Any, deviation: float, angle: float) -> tuple[ParametricMesh, ...]:
-    """As `mesh_solids`, with parameters on faces and edges."""
-    return tuple(parametric for parametric, _ in _mesh_closed(shape, deviation, angle))
+    """A mesh of each solid with parameters on faces and edges; chords of edges keep the deviation, triangles about do.
+
+    Raises KernelError if OCCT cannot close a mesh.
+    """
+    topods = unwrap(shape)
+    solids = [faces_of(solid) for solid in solids_of(topods)]
+    meshes = _mesh_groups(solids, deviation, angle)
+    if not meshes or any(count_open_sides(_drop_collapsed(each.mesh).triangles) for each in meshes):
+        raise KernelError(
+            "triangulate", f"no closed mesh within {deviation:g} of the faces: try another deviation", topods
+        )
+    return meshes
 
 
 def mesh_faces(faces: Sequence[TopoDS_Face], deviation: float, angle: float) -> list[ParametricMesh]:
-    """A mesh of each face by itself, which is open at the edges of the face only.
+    """As `mesh_parametrically`, a mesh of each face by itself, which is open at the edges of the face only."""
+    return list(_mesh_groups([[face] for face in faces], deviation, angle))
 
-    The faces keep the triangulation. Raises KernelError if OCCT leaves a face without triangles or with a gap.
+
+def _mesh_groups(groups: Sequence[Sequence[TopoDS_Face]], deviation: float, angle: float) -> tuple[ParametricMesh, ...]:
+    """The triangulated faces of each group as one mesh."""
+    outlines = explore_faces([face for faces in groups for face in faces])
+    grouping = group_faces_by_copies(outlines, {})
+    found = _triangulate(outlines, grouping, deviation, angle, None)
+    of_face, points, _ = found.expand(outlines, grouping)
+    return tuple(_collect_parametrically(faces, outlines, found, of_face, points) for faces in groups)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Triangulation:
+    """Triangles of the representatives, their nodes sorted by these, with the nodes along each use of an edge and at poles.
+
+    begin: where the nodes of each begin, and their number. reached: greatest distance of triangles from faces and of chords from
+    edges. worst: the representative with the greatest distance.
     """
-    due, found = list(enumerate(faces)), dict[int, ParametricMesh]()
-    for halvings in range(MAX_REFINEMENTS + 1):
-        shapes = make_compound([face for _, face in due])
-        BRepTools.Clean_s(shapes)
-        BRepMesh_IncrementalMesh(shapes, deviation / 2**halvings, False, angle, may_use_threads())
-        for number, face in due:
-            mesh = _weld_solid(face)
-            if mesh is not None and _covers_its_face(mesh):
-                found[number] = mesh
-        due = [(number, face) for number, face in due if number not in found]
+
+    mesh: FaceTriangles
+    begin: IntArray
+    lines: list[list[IntArray]]
+    poles: list[list[tuple[IntArray, int]]]
+    division: EdgeDivision
+    reached: float
+    worst: int
+
+    def expand(self, outlines: FaceOutlines, grouping: FaceGrouping) -> tuple[list[IntArray], Array, float]:
+        """Triangles of each face on common points, these points, and by how much copies of an edge's nodes differ from them."""
+        division, mesh, ends = self.division, self.mesh, outlines.ends
+        n_edges = len(outlines.points) + int((division.chords - 1).sum())
+        copies = np.argsort(grouping.of_face, kind="stable")
+        limits = np.searchsorted(grouping.of_face[copies], np.arange(len(grouping.sources) + 1))
+        order = np.argsort(mesh.face, kind="stable")
+        rows = np.searchsorted(mesh.face[order], np.arange(len(grouping.sources) + 1))
+        count = float(np.diff(limits) @ np.diff(rows))
+        require_memory(count, BYTES_PER_TRIANGLE, f"{count:.3g} triangles", "raise the deviation")
+        points, total, gap = [np.full((n_edges, 3), np.nan)], n_edges, 0.0
+        points[0][: len(outlines.points)] = outlines.points
+        of_face: list[IntArray] = [np.zeros((0, 3), np.int64)] * len(outlines.faces)
+        for r in range(len(grouping.sources)):
+            own, begin = copies[limits[r] : limits[r + 1]], self.begin[r]
+            nodes = np.full((len(own), self.begin[r + 1] - begin), -1)
+            for u, line in enumerate(self.lines[r]):
+                edge = np.array([grouping.edges[f][u] for f in own.tolist()])
+                back = np.array([grouping.turned[f][u] for f in own.tolist()])[:, None]
+                inner = division.first[edge][:, None] + np.arange(division.chords[edge[0]] - 1)
+                along = np.concatenate([ends[edge][:, :1], inner, ends[edge][:, 1:]], axis=1)
+                nodes[:, line - begin] = np.where(back, along[:, ::-1], along)
+            for pole, node in self.poles[r]:
+                nodes[:, pole - begin] = nodes[:, node - begin, None]
+            inside = np.flatnonzero(nodes[0] < 0)
+            nodes[:, inside] = total + np.arange(len(own) * len(inside)).reshape(len(own), -1)
+            total += len(own) * len(inside)
+            placed = mesh.points[begin : self.begin[r + 1]]
+            moved = placed[None] if grouping.motion is None else grouping.motion[own][:, None].apply(placed)
+            points.append(moved[:, inside].reshape(-1, 3))
+            rim = np.flatnonzero(nodes[0] < n_edges)
+            known = points[0][nodes[:, rim]]
+            points[0][nodes[:, rim]] = np.where(np.isnan(known), moved[:, rim], known)
+            gap = max(gap, float(np.nan_to_num(np.abs(known - moved[:, rim])).max(initial=0.0)))
+            triangles = nodes[:, mesh.triangles[order[rows[r] : rows[r + 1]]] - begin]
+            for f, each in zip(own.tolist(), triangles, strict=True):
+                of_face[f] = each
+        return of_face, np.concatenate(points), gap
+
+
+def _triangulate(
+    outlines: FaceOutlines, grouping: FaceGrouping, deviation: float, angle: float, limit: float | None
+) -> _Triangulation:
+    """Triangles of the representatives, halved as far as that helps them to keep `limit`, if one is given.
+
+    Where OCCT finds loops of chords that cross, or leaves a face without triangles, edges are divided further.
+    """
+    sources = grouping.sources.tolist()
+    curves = pack_curves([edge_evaluator(outlines.edges[e]) for e in grouping.own_edges(outlines).tolist()])
+    least = count_least_chords(outlines)
+    size = float(np.ptp(outlines.points, axis=0).max(initial=0.0))
+    deflection = np.full(len(sources), deviation if limit is None else COARSE_FACTOR * deviation)
+    deflection = np.maximum(deflection, LEAST_DEFLECTION * size)
+    due, found, used = list(range(len(sources))), dict[int, _FaceMesh](), dict[int, IntArray]()
+    for _ in range(MAX_REFINEMENTS + 1):
+        division = divide_edges(outlines, grouping, curves, deviation, angle, least)
+        due = [r for r, f in enumerate(sources) if r in due or (division.chords[outlines.uses[f]] != used[r]).any()]
+        used |= {r: division.chords[outlines.uses[sources[r]]] for r in due}
+        lines = {r: [division.placed[e] for e in outlines.uses[sources[r]].tolist()] for r in due}
+        for size in np.unique(deflection[due]).tolist():
+            chosen = [r for r in due if deflection[r] == size]
+            faces = [outlines.faces[sources[r]] for r in chosen]
+            meshes = _mesh_on_nodes(faces, [lines[r] for r in chosen], size, angle)
+            found |= {r: mesh for r, mesh in zip(chosen, meshes, strict=True) if isinstance(mesh, _FaceMesh)}
+            failed = {r: mesh for r, mesh in zip(chosen, meshes, strict=True) if not isinstance(mesh, _FaceMesh)}
+            for r, crossing in failed.items():
+                edges = outlines.uses[sources[r]]
+                edges = edges[crossing] if crossing.any() else edges
+                least[edges] = 2 * division.chords[edges]
+                deflection[r] *= 0.5
+                found.pop(r, None)
+        due = [r for r in range(len(sources)) if r not in found]
         if not due:
-            return [found[number] for number in range(len(faces))]
-    raise KernelError("triangulate", f"no mesh of a face within {deviation:g}: try another deviation", due[0][1])
+            break
+    else:
+        face = outlines.faces[sources[due[0]]]
+        raise KernelError("triangulate", f"no mesh of a face within {deviation:g}: try another deviation", face)
+    return _join(outlines, grouping, division, [found[r] for r in range(len(sources))], limit)
 
 
-def _covers_its_face(mesh: ParametricMesh) -> bool:
-    """Whether every side inside the face has a triangle on either side, and every edge segment one."""
-    inside, n = mesh.segment < 0, int(mesh.nodes.max(initial=0)) + 1
-    tail, head = mesh.nodes, np.roll(mesh.nodes, -1, axis=1)
-    along, against = (np.sort((a * n + b)[inside]) for a, b in ((tail, head), (head, tail)))
-    used = np.bincount(mesh.segment[~inside], minlength=len(mesh.segments.edge))
-    return np.array_equal(along, against) and bool((used == 1).all())
+def _mesh_on_nodes(
+    faces: Sequence[TopoDS_Face], lines: Sequence[list[tuple[Array, Array]]], deflection: float, angle: float
+) -> list[_FaceMesh | BoolArray]:
+    """OCCT's triangles of faces on given nodes of their edges; where it could not keep these, the uses that it divided anew."""
+    copies = [convert.as_face(BRepBuilderAPI_Copy(face, False, False).Shape()) for face in faces]
+    for face, own in zip(copies, lines, strict=True):
+        _impose_nodes(face, own)
+    parameters = IMeshTools_Parameters()
+    parameters.Deflection, parameters.Angle = deflection, angle
+    parameters.InParallel = may_use_threads()
+    BRepMesh_IncrementalMesh(make_compound(copies), parameters)
+    return [_read_mesh(face, own) for face, own in zip(copies, lines, strict=True)]
 
 
-def _mesh_closed(shape: Any, deviation: float, angle: float) -> list[tuple[ParametricMesh, SolidMesh]]:
-    """Of each solid the mesh as OCCT made it, and the closed one without collapsed triangles and repeated chords."""
-    topods = unwrap(shape)
-    for halvings in range(MAX_REFINEMENTS + 1):
-        copy = BRepBuilderAPI_Copy(topods, False, False).Shape()
-        BRepMesh_IncrementalMesh(copy, deviation / 2**halvings, False, angle, may_use_threads())
-        meshes = [_weld_solid(solid) for solid in solids_of(copy)]
-        pairs = [(mesh, _drop_collapsed(mesh.mesh)) for mesh in meshes if mesh is not None]
-        if len(pairs) == len(meshes) > 0 and not any(count_open_sides(closed.triangles) for _, closed in pairs):
-            return pairs
-    raise KernelError("triangulate", f"no closed mesh within {deviation:g} of the faces: try another deviation", topods)
+def _impose_nodes(face: TopoDS_Face, lines: list[tuple[Array, Array]]) -> None:
+    """Give a face a stale triangulation that holds the nodes of its edges."""
+    builder, location = BRep_Builder(), face.Location()
+    back = location.Inverted().Transformation()
+    stale = Poly_Triangulation(max(3, sum(len(t) for t, _ in lines)), 1, False)
+    stale.SetTriangle(1, Poly_Triangle(1, 2, 3))
+    stale.Deflection(STALE_DEFLECTION)
+    builder.UpdateFace(face, stale)
+    edges = [edge for edge in edges_of(face) if not BRep_Tool.Degenerated_s(edge)]
+    count, polygons = 0, dict[ShapeKey, Any]()
+    for edge, (t, points) in zip(edges, lines, strict=True):
+        nodes, reals = convert.int_array(len(t)), convert.real_array(len(t))
+        for k, (at, point) in enumerate(zip(t.tolist(), points, strict=True), 1):
+            node = convert.point(point)
+            stale.SetNode(count + k, node if location.IsIdentity() else node.Transformed(back))
+            nodes.SetValue(k, count + k)
+            reals.SetValue(k, at)
+        count += len(t)
+        polygon = Poly_PolygonOnTriangulation(nodes, reals)
+        polygon.Deflection(0.0)
+        seam = polygons.get(ShapeKey(edge))
+        if seam is None:
+            polygons[ShapeKey(edge)] = polygon
+            builder.UpdateEdge(edge, polygon, stale, location)
+        else:
+            builder.UpdateEdge(edge, seam, polygon, stale, location)
+
+
+def _read_mesh(face: TopoDS_Face, lines: list[tuple[Array, Array]]) -> _FaceMesh | BoolArray:
+    """The triangulation of a face, if it covers the face on the given nodes; else the uses of edges with other nodes."""
+    location = TopLoc_Location()
+    mesh, other = BRep_Tool.Triangulation_s(face, location), np.zeros(len(lines), bool)
+    if mesh is None or mesh.Deflection() == STALE_DEFLECTION or not mesh.HasUVNodes():
+        return other
+    own: list[IntArray] = []
+    poles: list[tuple[IntArray, TopoDS_Edge]] = []
+    for edge in edges_of(face):
+        line = BRep_Tool.PolygonOnTriangulation_s(edge, mesh, location)
+        if line is None:
+            return other
+        nodes = np.array([line.Node(i) - 1 for i in range(1, line.NbNodes() + 1)])
+        if BRep_Tool.Degenerated_s(edge):
+            poles.append((nodes, edge))
+            continue
+        other[len(own)] = len(nodes) != len(lines[len(own)][0])
+        own.append(nodes)
+    if other.any():
+        return other
+    uv = np.array([mesh.UVNode(i).Coord() for i in range(1, mesh.NbNodes() + 1)])
+    triangles = np.array([mesh.Triangle(i).Get() for i in range(1, mesh.NbTriangles() + 1)]).reshape(-1, 3) - 1
+    found = _FaceMesh(uv, triangles, own, poles)
+    return found if _covers_its_face(found) else other
+
+
+def _covers_its_face(mesh: _FaceMesh) -> bool:
+    """Whether every side inside the face has a triangle on either side, and every chord of an edge one."""
+    n = len(mesh.uv)
+    if not len(mesh.triangles):
+        return False
+    sides = np.stack([mesh.triangles, np.roll(mesh.triangles, -1, axis=1)], axis=-1).reshape(-1, 2)
+    open_sides = sides[pair_sides(mesh.triangles, n).ravel() < 0]
+    chords = np.concatenate(
+        [np.stack([line[:-1], line[1:]], axis=1) for line in (*mesh.lines, *(nodes for nodes, _ in mesh.poles))]
+    )
+    keys, expected = (np.sort(np.sort(each, axis=1) @ [n, 1]) for each in (open_sides, chords))
+    along = np.sort(sides @ [n, 1])
+    return np.array_equal(keys, expected) and bool((along[1:] != along[:-1]).all())
+
+
+def _join(
+    outlines: FaceOutlines,
+    grouping: FaceGrouping,
+    division: EdgeDivision,
+    meshes: list[_FaceMesh],
+    limit: float | None,
+) -> _Triangulation:
+    """The triangles of all representatives as one, halved until they keep the limit."""
+    faces = [outlines.faces[f] for f in grouping.sources.tolist()]
+    surfaces = pack_surfaces([face_evaluator(face) for face in faces])
+    sizes = [len(mesh.uv) for mesh in meshes]
+    begin = np.cumsum([0, *sizes])
+    owner = np.repeat(np.arange(len(meshes)), sizes)
+    uv = np.concatenate([mesh.uv for mesh in meshes])
+    points = surfaces(owner, uv)[0]
+    lines, poles = [], []
+    for r, (mesh, f) in enumerate(zip(meshes, grouping.sources.tolist(), strict=True)):
+        at_vertex: dict[ShapeKey, int] = {}
+        lines.append([begin[r] + line for line in mesh.lines])
+        for line, e in zip(lines[-1], outlines.uses[f].tolist(), strict=True):
+            points[line] = division.placed[e][1]
+            edge = outlines.edges[e]
+            at_vertex |= {ShapeKey(first_vertex(edge)): int(line[0]), ShapeKey(last_vertex(edge)): int(line[-1])}
+        # the pole is the vertex of the copy of the face, which the face shares with its other edges
+        poles.append([(begin[r] + nodes, _find_pole(points, begin[r] + nodes, at_vertex)) for nodes, _ in mesh.poles])
+        for nodes, node in poles[-1]:
+            points[nodes] = points[node]
+    triangles = np.concatenate([mesh.triangles + start for mesh, start in zip(meshes, begin.tolist(), strict=False)])
+    face = np.repeat(np.arange(len(meshes)), [len(mesh.triangles) for mesh in meshes])
+    whole = FaceTriangles(points, uv, triangles, face, pair_sides(triangles, len(points)))
+    bound = np.zeros(len(meshes))
+    if limit is not None:
+        whole, bound = refine_triangles(whole, surfaces, len(meshes), limit)
+    return _sort_nodes(whole, begin, lines, poles, division, bound)
+
+
+def _find_pole(points: Array, nodes: IntArray, at_vertex: dict[ShapeKey, int]) -> int:
+    """The node at a vertex that the nodes of a degenerate edge coincide with."""
+    ends = np.array(list(at_vertex.values()))
+    return int(ends[np.linalg.norm(points[ends] - points[nodes[0]], axis=1).argmin()])
+
+
+def _sort_nodes(
+    mesh: FaceTriangles,
+    begin: IntArray,
+    lines: list[list[IntArray]],
+    poles: list[list[tuple[IntArray, int]]],
+    division: EdgeDivision,
+    bound: Array,
+) -> _Triangulation:
+    """The triangulation with its nodes face by face, those that halving has added behind the others of their face."""
+    owner = np.zeros(len(mesh.points), np.int64)
+    owner[mesh.triangles] = mesh.face[:, None]
+    owner[: begin[-1]] = np.repeat(np.arange(len(begin) - 1), np.diff(begin))
+    order = np.argsort(owner, kind="stable")
+    number = np.empty(len(order), np.int64)
+    number[order] = np.arange(len(order))
+    limits = np.searchsorted(owner[order], np.arange(len(begin)))
+    return _Triangulation(
+        FaceTriangles(mesh.points[order], mesh.uv[order], number[mesh.triangles], mesh.face, mesh.twin),
+        limits,
+        [[number[line] for line in own] for own in lines],
+        [[(number[nodes], int(number[node])) for nodes, node in own] for own in poles],
+        division,
+        max(float(bound.max(initial=0.0)), division.deviation),
+        int(bound.argmax()) if len(bound) else 0,
+    )
+
+
+def _is_turned(face: TopoDS_Face) -> bool:
+    """Whether triangles that are counter-clockwise in the parameters of a face are clockwise from outside."""
+    matrix = convert.matrix_from_occt(face.Location().Transformation())
+    return bool((orientation_sign(face) < 0) != (np.linalg.det(matrix[:, :3]) < 0))
+
+
+def _collect(faces: Sequence[TopoDS_Face], outlines: FaceOutlines, of_face: list[IntArray], points: Array) -> SolidMesh:
+    """The mesh of the faces of a solid, on the points that it uses."""
+    own = [of_face[outlines.number[ShapeKey(face)]] for face in faces]
+    triangles = np.concatenate(
+        [each[:, ::-1] if _is_turned(face) else each for face, each in zip(faces, own, strict=True)]
+    )
+    used = np.zeros(len(points), bool)
+    used[triangles] = True
+    number = np.cumsum(used) - 1
+    return SolidMesh(points[used], number[triangles], np.repeat(np.arange(len(faces)), [len(each) for each in own]))
+
+
+def _collect_parametrically(
+    faces: Sequence[TopoDS_Face], outlines: FaceOutlines, found: _Triangulation, of_face: list[IntArray], points: Array
+) -> ParametricMesh:
+    """The mesh of some of the faces, each of which stands for itself, with their parameters and edge segments."""
+    mesh, division = found.mesh, found.division
+    numbers = [outlines.number[ShapeKey(face)] for face in faces]
+    edges = list(dict.fromkeys(e for f in numbers for e in outlines.uses[f].tolist()))
+    start = dict(zip(edges, np.cumsum([0, *division.chords[edges].tolist()])[:-1].tolist(), strict=True))
+    rows = np.searchsorted(mesh.face, np.arange(len(outlines.faces) + 1))
+    nodes, uv, segment, count = [], [], [], 0
+    for face, f in zip(faces, numbers, strict=True):
+        begin = found.begin[f]
+        own = mesh.triangles[rows[f] : rows[f + 1]]
+        own = own[:, ::-1] if _is_turned(face) else own
+        ends = np.concatenate([np.sort(np.stack([line[:-1], line[1:]], axis=1), axis=1) for line in found.lines[f]])
+        chords = np.concatenate([start[e] + np.arange(division.chords[e]) for e in outlines.uses[f].tolist()])
+        size = int(found.begin[f + 1] - begin)
+        segment.append(_find_segments(own - begin, ends - begin, chords, size))
+        uv.append(mesh.uv[own])
+        nodes.append(own - begin + count)
+        count += size
+    solid = _collect(faces, outlines, of_face, points)
+    used = np.zeros(len(points), bool)
+    used[np.concatenate([of_face[f].ravel() for f in numbers])] = True
+    number = np.cumsum(used) - 1
+    along = [division.nodes(outlines.ends[e], e) for e in edges]
+    spans = [BRep_Tool.Range_s(outlines.edges[e]) for e in edges]
+    at = [low + division.shares[e] * (high - low) for e, (low, high) in zip(edges, spans, strict=True)]
+    side_ends, parameters = (
+        np.concatenate([np.stack([values[:-1], values[1:]], axis=1) for values in rows]) for rows in (along, at)
+    )
+    return ParametricMesh(
+        solid,
+        tuple(faces),
+        np.concatenate(nodes),
+        np.concatenate(uv),
+        np.concatenate(segment),
+        tuple(outlines.edges[e] for e in edges),
+        EdgeSegments(np.repeat(np.arange(len(edges)), division.chords[edges]), number[side_ends], parameters),
+    )
 
 
 def count_open_sides(triangles: IntArray) -> int:
     """Number of sides of triangles (m, 3) that no other triangle runs through in the opposite direction exactly once."""
-    tail, head = triangles.ravel(), np.roll(triangles, -1, axis=1).ravel()
+    tail, head = triangles.ravel().astype(np.int64), np.roll(triangles, -1, axis=1).ravel().astype(np.int64)
     n = int(triangles.max(initial=0)) + 1
     along, against = np.sort(tail * n + head), np.sort(head * n + tail)
-    if len(np.unique(along)) == len(along) and np.array_equal(along, against):
+    repeated = int((along[1:] == along[:-1]).sum())
+    if not repeated and np.array_equal(along, against):
         return 0
-    return max(1, len(np.setxor1d(along, against)), len(along) - len(np.unique(along)))
-
-
-def _weld_solid(solid: Any) -> ParametricMesh | None:
-    """The mesh of a triangulated solid; None if a face has no triangles."""
-    points, corners, owners, parameters, segments = [], [], [], [], []
-    lines: list[tuple[TopoDS_Edge, list[int], list[float]]] = []
-    faces = tuple(faces_of(solid))
-    same: list[tuple[Sequence[int], Sequence[int]]] = []
-    of_edge: dict[ShapeKey, tuple[Sequence[int], int]] = {}
-    of_vertex: dict[ShapeKey, int] = {}
-    count, n_segments = 0, 0
-    for number, face in enumerate(faces):
-        location = TopLoc_Location()
-        mesh = BRep_Tool.Triangulation_s(face, location)
-        if mesh is None:
-            return None
-        ends: list[IntArray] = []
-        numbers: list[IntArray] = []
-        for edge in edges_of(face):
-            line = BRep_Tool.PolygonOnTriangulation_s(edge, mesh, location)
-            if line is None:
-                return None
-            own = [count + line.Node(i) - 1 for i in range(1, line.NbNodes() + 1)]
-            if BRep_Tool.Degenerated_s(edge):
-                vertex = of_vertex.setdefault(ShapeKey(first_vertex(edge)), own[0])
-                same.append((own, [vertex] * len(own)))
-                continue
-            if ShapeKey(edge) not in of_edge:
-                at = line.Parameters()
-                lines.append((edge, own, [at.Value(i) for i in range(1, line.NbNodes() + 1)]))
-                of_edge[ShapeKey(edge)] = own, n_segments
-                n_segments += len(own) - 1
-            first, start = of_edge[ShapeKey(edge)]
-            if len(first) != len(own):
-                return None
-            same.append((first, own))
-            ends.append(np.sort(np.stack([own[:-1], own[1:]], axis=1), axis=1) - count)
-            numbers.append(start + np.arange(len(own) - 1, dtype=np.int64))
-            for vertex, node in ((first_vertex(edge), own[0]), (last_vertex(edge), own[-1])):
-                same.append(([of_vertex.setdefault(ShapeKey(vertex), node)], [node]))
-        matrix = convert.matrix_from_occt(location.Transformation())
-        local = np.array([mesh.Node(i).Coord() for i in range(1, mesh.NbNodes() + 1)])
-        on_face = np.array([mesh.UVNode(i).Coord() for i in range(1, mesh.NbNodes() + 1)])
-        triples = np.array([mesh.Triangle(i).Get() for i in range(1, mesh.NbTriangles() + 1)]).reshape(-1, 3) - 1
-        mirrored = np.linalg.det(matrix[:, :3]) < 0
-        outward = triples[:, ::-1] if (orientation_sign(face) < 0) != mirrored else triples
-        points.append(local @ matrix[:, :3].T + matrix[:, 3])
-        corners.append(outward + count)
-        parameters.append(on_face[outward])
-        segments.append(_find_segments(outward, np.concatenate(ends), np.concatenate(numbers), len(local)))
-        owners.append(np.full(len(triples), number))
-        count += len(local)
-    label = label_linked(count, np.concatenate([np.column_stack(pairs) for pairs in same]))
-    welded = np.empty((1 + int(label.max()), 3))
-    welded[label] = np.concatenate(points)
-    sizes = [len(nodes) - 1 for _, nodes, _ in lines]
-    side_ends, at = (
-        np.concatenate([np.stack([values[:-1], values[1:]], axis=1) for values in rows])
-        for rows in ([label[nodes] for _, nodes, _ in lines], [np.array(along) for _, _, along in lines])
-    )
-    nodes = np.concatenate(corners)
-    return ParametricMesh(
-        SolidMesh(welded, label[nodes], np.concatenate(owners)),
-        faces,
-        nodes,
-        np.concatenate(parameters),
-        np.concatenate(segments),
-        tuple(edge for edge, _, _ in lines),
-        EdgeSegments(np.repeat(np.arange(len(lines)), sizes), side_ends.astype(np.int64), at),
-    )
+    return max(1, len(np.setxor1d(along, against)), repeated)
 
 
 def _find_segments(triangles: IntArray, ends: IntArray, numbers: IntArray, n: int) -> IntArray:

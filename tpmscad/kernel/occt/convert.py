@@ -103,6 +103,11 @@ def real_array(count: int) -> Any:
     return RealArray(1, count)
 
 
+def int_array(count: int) -> Any:
+    """OCCT array of `count` whole numbers, from index 1."""
+    return IntArray(1, count)
+
+
 def _knots(knots: Array) -> tuple[Any, Any]:
     """Distinct knots and their multiplicities, cached: many curves share them, and OCCT constructors copy them."""
     return _cached_knots(knots.tobytes())

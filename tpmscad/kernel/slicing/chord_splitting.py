@@ -13,9 +13,13 @@ import numpy as np
 from tpmscad._typing import Array, BoolArray, IntArray
 from tpmscad.kernel.occt.evaluator_tables import SurfaceTable
 from tpmscad.kernel.slicing.level_crossings import Crossings
+from tpmscad.memory_limit import require_memory
 
 MAX_SPLITS = 12
 """Times that a segment is halved at most."""
+
+BYTES_PER_POINT = 800
+"""Memory taken at the peak for each point of a contour, as measured."""
 
 NEWTON_STEPS = 5
 """Steps towards the level from the middle of a segment; two or three reach round-off where the face is not horizontal."""
@@ -78,6 +82,9 @@ def split_chords(crossings: Crossings, surfaces: SurfaceTable, levels: Array, ch
         lengths.append((length + 8.0 / 3.0 * sagitta**2 / safe)[kept])
         if not long.any():
             break
+        require_memory(
+            count + float(long.sum()), BYTES_PER_POINT, "the points of contours", f"raise chord_error = {chord_error:g}"
+        )
         new = count + np.arange(int(long.sum()))
         count += len(new)
         points.append(middle[long])

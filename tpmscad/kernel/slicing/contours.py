@@ -17,14 +17,16 @@ from tpmscad._typing import Array, IntArray
 from tpmscad.brep.loops import follow_paths
 from tpmscad.index_ranges import expand_ranges
 from tpmscad.kernel.export.solid_mesh import mesh_parametrically
+from tpmscad.kernel.occt.bounding_boxes import box_diagonal
+from tpmscad.kernel.occt.exploration import unwrap
 from tpmscad.kernel.slicing.chord_splitting import cross, split_chords
 from tpmscad.kernel.slicing.level_crossings import LevelSets, find_crossings
 from tpmscad.kernel.slicing.level_refinement import resolve_levels
 from tpmscad.kernel.slicing.surface_triangulation import SurfaceTriangulation, triangulation_of
 from tpmscad.parallel import split_batches, task_runner
 
-MESH_DEVIATION_FACTOR = 4.0
-"""Deviation of the triangulation in chord errors; chords are split afterwards anyway."""
+MESH_DEVIATION_FACTOR, LEAST_MESH_DEVIATION = 4.0, 1e-5
+"""Deviation of the triangulation in chord errors, and the least one in sizes of the solid; chords are split afterwards anyway."""
 
 MESH_ANGLE = 0.5
 """Radians between neighbouring facets of the triangulation."""
@@ -65,7 +67,8 @@ def triangulate_for_slices(shape: Any, chord_error: float) -> list[SurfaceTriang
 
     Raises KernelError if OCCT cannot triangulate the shape.
     """
-    meshes = mesh_parametrically(shape, MESH_DEVIATION_FACTOR * chord_error, MESH_ANGLE)
+    least = LEAST_MESH_DEVIATION * box_diagonal(unwrap(shape))
+    meshes = mesh_parametrically(shape, max(MESH_DEVIATION_FACTOR * chord_error, least), MESH_ANGLE)
     return [triangulation_of(mesh) for mesh in meshes]
 
 

@@ -29,6 +29,7 @@ from tpmscad.kernel.occt.evaluator_tables import pack_curves, pack_surfaces
 from tpmscad.kernel.slicing.chord_splitting import split_chords
 from tpmscad.kernel.slicing.contours import (
     CONTOUR_REL_TOL,
+    LEAST_MESH_DEVIATION,
     MESH_ANGLE,
     MESH_DEVIATION_FACTOR,
     LayerContours,
@@ -102,7 +103,8 @@ class RepeatedFaces:
         self.class_of_face = classes.label
         self.moved = translation - translation[first][classes.label]
         faces = build_faces(select_faces(brep, first))
-        meshes = mesh_faces(faces, MESH_DEVIATION_FACTOR * chord_error, MESH_ANGLE)
+        deviation = max(MESH_DEVIATION_FACTOR * chord_error, LEAST_MESH_DEVIATION * self.size)
+        meshes = mesh_faces(faces, deviation, MESH_ANGLE)
         self.meshes = [triangulation_of(mesh) for mesh in meshes]
         ranges = [mesh.height_ranges() for mesh in self.meshes]
         self.ranges = np.array([(each[:, 0].min(), each[:, 1].max()) for each in ranges])

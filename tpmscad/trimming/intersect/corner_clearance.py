@@ -8,9 +8,9 @@ intersection: hundreds of shifts within the tolerance are compared before the fi
 from __future__ import annotations
 
 import numpy as np
-from scipy.spatial import cKDTree
 
 from tpmscad._typing import Array, IntArray
+from tpmscad.brep.near_balls import find_near_balls
 from tpmscad.splines.curve_batch import evaluate_curves
 from tpmscad.trimming.intersect.arrangement import Operands
 
@@ -95,8 +95,7 @@ def _edges_near_body_edges(o: Operands, reach: float) -> tuple[Array, Array]:
         (0.5 * (p[:, 1:] + p[:, :-1]).reshape(-1, 3), np.diff(p, axis=1).reshape(-1, 3)) for p in (sides, body)
     )
     half_a, half_b = (0.5 * np.linalg.norm(v, axis=1) for v in (along, beside))
-    near = cKDTree(a).sparse_distance_matrix(cKDTree(b), half_a.max() + half_b.max() + reach, output_type="coo_matrix")
-    i, j = near.row, near.col
+    i, j = find_near_balls(a, half_a, reach, "sides of patches and edges of the body", "use larger cells", (b, half_b))
     normal = np.cross(along[i], beside[j])
     length = np.linalg.norm(normal, axis=1)
     crossed = length > MIN_CROSSING_SINE * 4.0 * half_a[i] * half_b[j]

@@ -24,12 +24,16 @@ from tpmscad._typing import Array, BoolArray, IntArray
 from tpmscad.brep.carriers import Carrier, ConicalSurface, CylindricalSurface, Plane, SphericalSurface, ToroidalSurface
 from tpmscad.brep.free_form_surface import FreeFormSurface
 from tpmscad.errors import TrimmingError
+from tpmscad.memory_limit import require_memory
 from tpmscad.rigid_motion import Motion
 from tpmscad.splines.basis import design_matrices
 from tpmscad.splines.bspline import BSplineSurface
 from tpmscad.trimming.operands.edge_normals import EdgeNormals
 
 PLANE, CYLINDER, CONE, SPHERE, TORUS, FREE_FORM, EDGE_NORMALS = range(7)
+
+BYTES_PER_DISTANCE = 32
+"""Memory taken at the peak for the distance of a point from a surface, with what is compared with it."""
 
 MIN_DIVISOR_LENGTH = 1e-150
 """Lower bound of lengths used as divisors, in model units: directions are arbitrary but finite on an axis."""
@@ -226,6 +230,12 @@ class QuadricTable:
         number, misses the box of the surface, and where `wanted` (m, n) is False. The distance from the normals along an edge is
         used next to the edge only, whose box it is then.
         """
+        require_memory(
+            float(len(points)) * len(self),
+            BYTES_PER_DISTANCE,
+            f"{len(points)} points and {len(self)} faces",
+            "use larger cells",
+        )
         result = np.empty((len(points), len(self)))
         radius = np.broadcast_to(np.asarray(reach, float), len(points))
         for k in range(len(self)):
