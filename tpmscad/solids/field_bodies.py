@@ -20,10 +20,10 @@ from tpmscad.brep.triangles.closed_mesh import SolidMesh
 from tpmscad.errors import CrossingSurfaces, InvalidRequest, KernelError, LevelSetError
 from tpmscad.fields.analysis.solid_bounds import bound_solid
 from tpmscad.fields.data.field_notes import DEFAULT_TOL_SPACINGS, find_least_spacing
-from tpmscad.fields.data.triangle_distance import build_triangle_tree
+from tpmscad.fields.data.triangle_distance import build_triangle_tree, sample_triangles
 from tpmscad.fields.data.triangle_mesh import is_mesh_object, is_mesh_path
 from tpmscad.fields.field import Field
-from tpmscad.fields.kinds.triangle_meshes import MeshField, mesh, sample_triangles
+from tpmscad.fields.kinds.triangle_meshes import MeshField, mesh
 from tpmscad.kernel.body_import.cad_body import CadBody, read_body
 from tpmscad.kernel.build.primitive_solids import PrimitiveRegion
 from tpmscad.kernel.build.solids import BrepSolids, build_solids
@@ -219,7 +219,7 @@ def _measure_distances(body: FieldBody) -> PatchMeasures:
         (source.corners, made.points, made.triangles),
     )
     there, back = (
-        build_triangle_tree(vertices, triangles).distances(sample_triangles(corners, MEASURED_POINTS))
+        build_triangle_tree(vertices, triangles).distances(sample_triangles(corners, MEASURED_POINTS)[0])
         for corners, vertices, triangles in pairs
     )
     figures = {

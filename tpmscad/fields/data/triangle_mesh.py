@@ -1,8 +1,9 @@
 """Closed triangle meshes of files: STL, OBJ, PLY and 3MF, and of `trimesh` objects.
 
 Files are read by trimesh, which comes with the extra `tpmscad[triangles]`. A mesh is closed if the directions of the triangles
-cancel at every edge; the winding number of a point is then defined, parts may overlap, and triangles may meet at an edge in any
-even number. Small holes are closed by a fan of triangles round their centre; whatever was changed is told in a note.
+cancel at every edge; the winding number of a point is then defined, and triangles may meet at an edge in any even number. Solid
+is where the winding number is positive, and the mesh is made the boundary of that (`mesh_shells`). Small holes are closed by a
+fan of triangles round their centre; whatever was changed is told in a note.
 """
 
 from __future__ import annotations
@@ -20,6 +21,7 @@ from scipy.spatial import cKDTree
 
 from tpmscad._typing import Array, IntArray
 from tpmscad.errors import InvalidRequest, format_point
+from tpmscad.fields.data.mesh_shells import list_half_edges, list_open_edges, unite_shells
 
 MESH_SUFFIXES = (".stl", ".obj", ".ply", ".3mf")
 """Formats of triangle meshes."""
@@ -50,7 +52,7 @@ class TriangleMesh:
 
     @property
     def volume(self) -> float:
-        """The volume enclosed, parts that overlap counted twice."""
+        """The volume enclosed; of triangles as they are read, parts that overlap count twice."""
         a, b, c = np.moveaxis(self.corners - self.vertices.mean(axis=0), 1, 0)
         return float(np.einsum("ni,ni->", a, np.cross(b, c)) / 6.0)
 
@@ -90,15 +92,6 @@ def read_triangles(file: Path) -> TriangleMesh:
     return TriangleMesh(vertices, joined, name, notes)
 
 
-def list_open_edges(triangles: IntArray) -> IntArray:
-    """Half-edges (n, 2) that no half-edge in the opposite direction cancels."""
-    half = list_half_edges(triangles)
-    ahead = half[:, 0] < half[:, 1]
-    key, which = np.unique(np.sort(half, axis=1), axis=0, return_inverse=True)
-    balance = np.bincount(which.ravel(), np.where(ahead, 1, -1), len(key))
-    return half[(balance[which.ravel()] != 0) & (np.sign(balance[which.ravel()]) == np.where(ahead, 1, -1))]
-
-
 def read_triangle_mesh(source: Any) -> TriangleMesh:
     """The closed mesh of a file, or of an object with arrays `vertices` and `faces`.
 
@@ -136,12 +129,8 @@ def close_mesh(name: str, vertices: Array, triangles: IntArray, notes: tuple[str
         )
     if not abs(made.volume) > 0:
         raise InvalidRequest(f"{name} encloses no volume: a body is a closed mesh")
-    return made
-
-
-def list_half_edges(triangles: IntArray) -> IntArray:
-    """Start and end (3 m, 2) of the sides of triangles (m, 3), side by side."""
-    return np.concatenate([triangles[:, [0, 1]], triangles[:, [1, 2]], triangles[:, [2, 0]]])
+    vertices, triangles, told = unite_shells(name, made.vertices, made.triangles)
+    return replace(made, vertices=vertices, triangles=triangles, notes=(*made.notes, *told))
 
 
 def _read_file(file: Path) -> tuple[str, Array, IntArray, tuple[str, ...]]:
