@@ -133,9 +133,11 @@ class MeshSides:
         normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])[number]
         length = np.linalg.norm(normal, axis=1)
         step = SIDE_FRACTION * self.extent
-        wide = length > 100 * step * np.ptp(corners[number], axis=1).max(
+        side = np.roll(corners[number], -1, axis=1) - corners[number]
+        room = np.linalg.norm(np.cross(side, points[:, None] - corners[number]), axis=2)
+        wide = (room > 10 * step * np.linalg.norm(side, axis=2)).all(
             axis=1
-        )  # of others both sides may be beyond a neighbour
+        )  # else both sides may be beyond a neighbour
         self.points, self.number = points[wide], number[wide]
         aside = step * normal[wide] / length[wide, None]
         tree = build_triangle_tree(vertices, triangles)
@@ -226,7 +228,8 @@ def unite_shells(name: str, vertices: Array, triangles: IntArray) -> tuple[Array
             shells = sides.describe(sides.shells_with(sides.is_off))
             raise InvalidRequest(
                 f"{name} overlaps itself: triangles lie up to {depth.max():.3g} off the boundary of its solid, the farthest near "
-                f"{at} ({shells}); unite it to one outer surface in the program that made it (a Boolean union)"
+                f"{at} ({shells}); unite it to one outer surface in the program that made it (a Boolean union), and save "
+                "polygons as triangles"
             )
         if depth.max() > MIN_FOLD_FRACTION * sides.extent:
             notes.append(
