@@ -14,7 +14,7 @@ import numpy as np
 from tpmscad._typing import Array
 from tpmscad.api.argument_kinds import choice_of
 from tpmscad.errors import InvalidRequest
-from tpmscad.fields.data.stored_images import StoredImage
+from tpmscad.fields.data.stored_images import MILLIMETRES, StoredImage
 from tpmscad.fields.tape.evaluation import Triple
 
 FRAME_SIGNS = {"RAS": (1.0, 1.0, 1.0), "LAS": (-1.0, 1.0, 1.0), "LPS": (-1.0, -1.0, 1.0)}
@@ -27,10 +27,6 @@ FRAME_MEANING = (
     "Frame of the result. An image that states a frame of the patient is converted to RAS by default (x to the right, y "
     "anterior, z superior), or to LPS; ``file`` keeps the coordinates of the file."
 )
-
-MILLIMETRES = {"mm": 1.0, "cm": 10.0, "m": 1e3, "um": 1e-3, "µm": 1e-3, "nm": 1e-6, "in": 25.4, "inch": 25.4}
-MILLIMETRES |= {"meter": 1e3, "millimeter": 1.0, "micron": 1e-3, "micrometer": 1e-3}
-"""Units of length of image files, in mm."""
 
 AXIS_ALIGNMENT_TOL = 1e-4
 """Largest cosine between an image's axis and another coordinate axis: headers store directions in single precision."""
