@@ -32,6 +32,7 @@ from tpmscad.fields.data.grey_levels import describe_levels, fill_missing
 from tpmscad.fields.data.image_files import read_image
 from tpmscad.fields.data.image_frames import FRAME, FRAME_MEANING, Image
 from tpmscad.fields.data.label_values import describe_whole_numbers, list_labels
+from tpmscad.fields.data_box import DataBox
 from tpmscad.fields.field import Field
 from tpmscad.fields.kinds.volume_fraction_thresholds import SAMPLES_PER_AXIS, threshold_for
 from tpmscad.fields.periods_and_directions import as_periods
@@ -113,6 +114,10 @@ class SampledField(Field):
         x0, y0, z0 = (o - half * s for o, s, _ in axes)
         x1, y1, z1 = (o + (n - 1 + half) * s for o, s, n in axes)
         return (x0, y0, z0), (x1, y1, z1)
+
+    def data_box(self) -> DataBox:
+        """The box of the samples or cells."""
+        return DataBox.of_corners(self.domain, self.counts)
 
     def trace(self, x: Node, y: Node, z: Node) -> Node:
         """The formula on the nodes of a tape."""

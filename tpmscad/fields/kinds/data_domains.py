@@ -1,0 +1,154 @@
+"""Where fields of data end: data that are moved, or combined with other fields, are empty beyond the box of their samples.
+
+The spline through samples goes on beyond them, which a fit at the sides of their box needs. As a solid in a larger box, turned,
+or in a union, data end exactly in the planes of their box: the field is the maximum of theirs and of these planes. The planes are
+so steep that values within the box are those of the data but for a hundredth of a sample at its sides. Data without a solid at
+their border need none.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from tpmscad._typing import Array
+from tpmscad.errors import InvalidRequest
+from tpmscad.fields.data_box import DataBox
+from tpmscad.fields.field import Field, MinMaxField, ScaledField, multiply_fields
+from tpmscad.fields.kinds.booleans import RoundedMinMaxField, join_extremes
+from tpmscad.fields.kinds.primitive_regions import HalfSpaceRegion
+
+STEEPNESS = 100.0
+"""Greatest values of data at their border, in a sample, by which the planes of their box rise."""
+
+WIDER = 0.03
+"""Of the longest edge: by which the box of a fit is wider than turned data, whose edges would lie in its sides."""
+
+SAME_SIDE = 1e-9
+"""Of the longest edge: distance up to which sides of two boxes are one."""
+
+
+@dataclass(frozen=True, slots=True)
+class BoundedData(MinMaxField):
+    """Data (`first`) within planes of their box (`second`); the sign is that of a maximum."""
+
+    def data_box(self) -> DataBox | None:
+        """The box of the data."""
+        return self.first.data_box()
+
+
+def bound_data(field: Field) -> Field:
+    """The field with the data in its unions, intersections and complements bounded, where their solid reaches their border."""
+    if isinstance(field, BoundedData):
+        return field
+    box = field.data_box()
+    if box is not None:
+        values = field(box.border)
+        if not (values < 0).any():
+            return field
+        return _bound(field, box, STEEPNESS * float(np.abs(values).max()) / box.least_step)
+    if isinstance(field, MinMaxField | RoundedMinMaxField):
+        first, second = bound_data(field.first), bound_data(field.second)
+        return field if first is field.first and second is field.second else replace(field, first=first, second=second)
+    if isinstance(field, ScaledField):
+        inner = bound_data(field.field)
+        return field if inner is field.field else replace(field, field=inner)
+    return field
+
+
+def _bound(field: Field, box: DataBox, slope: float) -> BoundedData:
+    """Data within all sides of their box, whose planes rise by a slope."""
+    planes: list[Field] = []
+    for (px, py, pz), (nx, ny, nz) in ((point.tolist(), normal.tolist()) for point, normal in box.sides):
+        planes.append(multiply_fields(HalfSpaceRegion((px, py, pz), (nx, ny, nz)), slope))
+    return BoundedData(field, join_extremes(+1, planes), +1)
+
+
+def move_data(field: Field, move: Callable[[Field], Field]) -> Field:
+    """A field that `move` places, with the data in it bounded; unions, intersections and complements of data move by part."""
+    bounded = bound_data(field)
+    return _move_parts(bounded, move) if _list_bounded(bounded) else move(bounded)
+
+
+def _move_parts(field: Field, move: Callable[[Field], Field]) -> Field:
+    if isinstance(field, BoundedData):
+        moved = bound_data(move(field.first))
+        # a map that is no motion has no planes
+        return moved if isinstance(moved, BoundedData) else MinMaxField(moved, move(field.second), +1)
+    if type(field) is MinMaxField:
+        return replace(field, first=_move_parts(field.first, move), second=_move_parts(field.second, move))
+    if isinstance(field, ScaledField):
+        return replace(field, field=_move_parts(field.field, move))
+    return move(field)
+
+
+def _list_bounded(field: Field) -> list[BoundedData]:
+    """The data with planes in the unions, intersections and complements of a field."""
+    if isinstance(field, BoundedData):
+        return [field]
+    if isinstance(field, MinMaxField | RoundedMinMaxField):
+        return [*_list_bounded(field.first), *_list_bounded(field.second)]
+    return _list_bounded(field.field) if isinstance(field, ScaledField) else []
+
+
+def settle_data(field: Field, lo: Array, hi: Array) -> tuple[Field, Array, Array, tuple[str, ...]]:
+    """The field with its data bounded, the part [lo, hi] of a box in which its solid is made, and notes.
+
+    A box that reaches beyond all data of a solid ends in the sides of their box if these run along the axes, and just beyond it
+    else. Planes in the sides of the box, or beyond it, are left out. InvalidRequest if there are no data in the box.
+    """
+    field = bound_data(field)
+    bounded = _list_bounded(field)
+    if not bounded:
+        return field, lo, hi, ()
+    notes: tuple[str, ...] = ()
+    same = SAME_SIDE * float((hi - lo).max())
+    domain = field.domain
+    if domain is not None:
+        first, last = (np.array(corner) for corner in domain)
+        if (first > hi - same).any() or (last < lo + same).any():
+            raise InvalidRequest(
+                f"there are no data in the box from {tuple(lo.tolist())} to {tuple(hi.tolist())}: they reach from {domain[0]} to "
+                f"{domain[1]}"
+            )
+        beyond = (lo < first - same) | (hi > last + same)
+        if beyond.any():
+            notes = (f"the solid ends with the data, which reach from {_show(first)} to {_show(last)}",)
+        boxes = [box for each in bounded if (box := each.data_box()) is not None]
+        margin = 0.0 if all(box.is_aligned for box in boxes) else WIDER * float((last - first).max())
+        lo, hi = np.where(lo <= first + same, first - margin, lo), np.where(hi >= last - same, last + margin, hi)
+    return _leave_out_planes(field, lo, hi, same), lo, hi, notes
+
+
+def _show(point: Array) -> str:
+    return f"({', '.join(f'{c:.6g}' for c in point)})"
+
+
+def _leave_out_planes(field: Field, lo: Array, hi: Array, same: float) -> Field:
+    """The field without the planes of data that do not cut a box."""
+    if isinstance(field, BoundedData):
+        cut = [plane for plane in _list_planes(field.second) if _reach(plane, lo, hi) > same]
+        return BoundedData(field.first, join_extremes(+1, cut), +1) if cut else field.first
+    if isinstance(field, MinMaxField | RoundedMinMaxField):
+        return replace(
+            field,
+            first=_leave_out_planes(field.first, lo, hi, same),
+            second=_leave_out_planes(field.second, lo, hi, same),
+        )
+    if isinstance(field, ScaledField):
+        return replace(field, field=_leave_out_planes(field.field, lo, hi, same))
+    return field
+
+
+def _list_planes(field: Field) -> list[Field]:
+    return [*_list_planes(field.first), *_list_planes(field.second)] if isinstance(field, MinMaxField) else [field]
+
+
+def _reach(plane: Field, lo: Array, hi: Array) -> float:
+    """The greatest distance of a point of a box in front of a plane."""
+    assert isinstance(plane, ScaledField)
+    assert isinstance(plane.field, HalfSpaceRegion)
+    normal = np.array(plane.field.normal)
+    return float(np.where(normal > 0, hi, lo) @ normal - np.array(plane.field.point) @ normal)
