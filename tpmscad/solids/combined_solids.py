@@ -317,7 +317,7 @@ def _measure(field: Field, tol: float, operands: Sequence[Operand], how: str) ->
         max((f.continuity.curvature_jump for f in each), default=0.0),
         0,
     )
-    notes = tuple(dict.fromkeys(note for f in each for note in f.notes))
+    notes = dict.fromkeys((*collect_notes(field), *(note for f in each for note in f.notes)))
     return PatchMeasures(
         tol,
         deviation,
@@ -325,7 +325,7 @@ def _measure(field: Field, tol: float, operands: Sequence[Operand], how: str) ->
         continuity,
         figures={TO_FIELD: deviation.to_reference, FROM_FIELD: deviation.from_reference, **_list_deviations(operands)},
         checks=(check_field_tangent_jump(continuity.tangent_jump_deg),),
-        notes=(*collect_notes(field), *notes, how),
+        notes=(*notes, how),
     )
 
 

@@ -41,6 +41,11 @@ class AffineTransformedField(Field):
         ]
         return self.factor * self.field.trace(*coordinates)
 
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """What was assumed of the data."""
+        return tuple(getattr(self.field, "notes", ()))
+
     def data_box(self) -> DataBox | None:
         """The box of the data, moved."""
         box = self.field.data_box() if self.factor > 0 else None

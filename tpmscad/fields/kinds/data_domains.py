@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from tpmscad._typing import Array
+from tpmscad._typing import Array, BoxCorners
 from tpmscad.errors import InvalidRequest
 from tpmscad.fields.data_box import DataBox
 from tpmscad.fields.field import Field, MinMaxField, ScaledField, multiply_fields
@@ -33,6 +33,11 @@ SAME_SIDE = 1e-9
 @dataclass(frozen=True, slots=True)
 class BoundedData(MinMaxField):
     """Data (`first`) within planes of their box (`second`); the sign is that of a maximum."""
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """What was assumed of the data."""
+        return tuple(getattr(self.first, "notes", ()))
 
     def data_box(self) -> DataBox | None:
         """The box of the data."""
@@ -60,10 +65,24 @@ def bound_data(field: Field) -> Field:
 
 def _bound(field: Field, box: DataBox, slope: float) -> BoundedData:
     """Data within all sides of their box, whose planes rise by a slope."""
-    planes: list[Field] = []
-    for (px, py, pz), (nx, ny, nz) in ((point.tolist(), normal.tolist()) for point, normal in box.sides):
-        planes.append(multiply_fields(HalfSpaceRegion((px, py, pz), (nx, ny, nz)), slope))
-    return BoundedData(field, join_extremes(+1, planes), +1)
+    return BoundedData(field, join_extremes(+1, [multiply_fields(plane, slope) for plane in _make_planes(box)]), +1)
+
+
+def _make_planes(box: DataBox) -> list[Field]:
+    """The half-spaces behind the sides of a box."""
+    sides = ((point.tolist(), normal.tolist()) for point, normal in box.sides)
+    return [HalfSpaceRegion((px, py, pz), (nx, ny, nz)) for (px, py, pz), (nx, ny, nz) in sides]
+
+
+def bound_by_data(field: Field, data: Field) -> tuple[Field, BoxCorners]:
+    """A field that is graded by data, within their box if it is turned, and the box in which its solid is made."""
+    box = data.data_box()
+    assert box is not None
+    if box.is_aligned:
+        return field, box.domain
+    low, high = np.array(box.domain)
+    margin = WIDER * float((high - low).max())
+    return join_extremes(+1, [field, *_make_planes(box)]), ((low - margin).tolist(), (high + margin).tolist())
 
 
 def move_data(field: Field, move: Callable[[Field], Field]) -> Field:

@@ -34,6 +34,7 @@ from tpmscad.fields.data.image_frames import FRAME, FRAME_MEANING, Image
 from tpmscad.fields.data.label_values import describe_whole_numbers, list_labels
 from tpmscad.fields.data_box import DataBox
 from tpmscad.fields.field import Field
+from tpmscad.fields.kinds.coordinate_transforms import place_samples
 from tpmscad.fields.kinds.volume_fraction_thresholds import SAMPLES_PER_AXIS, threshold_for
 from tpmscad.fields.periods_and_directions import as_periods
 from tpmscad.fields.tape.evaluation import Triple
@@ -170,13 +171,14 @@ def sampled(
     frame: DataFrame = None,
     volume: DataVolume = None,
     array_name: DataArrayName = None,
-) -> SampledField:
+) -> Field:
     """Return the smooth field through samples on a uniform grid.
 
     Returns
     -------
-    SampledField
-        The field, twice continuously differentiable, with exact gradient; its `domain` is the box of the samples or cells.
+    Field
+        The field, twice continuously differentiable, with exact gradient; its `domain` is the box of the samples or cells. Of an
+        image whose axes are turned against x, y and z it is turned, and empty beyond its samples; the `domain` is a box around.
 
     Raises
     ------
@@ -242,7 +244,17 @@ def sampled(
             f"{name}: its surface is as rough as the samples are far apart, which is noise, or detail at their limit: "
             "smoothing=1, one sample, makes a solid of far fewer faces in a part of the time"
         )
-    return interpolate_samples(array, *placed, centred=bool(of_cells), notes=tuple(notes))
+    return place_image_samples(array, image, *placed, centred=bool(of_cells), notes=tuple(notes))
+
+
+def place_image_samples(
+    samples: Array, image: Image, spacing: Triple, first: Triple, *, centred: bool, notes: tuple[str, ...]
+) -> Field:
+    """The spline through samples of an image, turned as its axes are."""
+    if image.directions is None:
+        return interpolate_samples(samples, spacing, first, centred=centred, notes=notes)
+    field = interpolate_samples(samples, spacing, (0.0, 0.0, 0.0), centred=centred, notes=notes)
+    return place_samples(field, image.directions, np.array(first))
 
 
 def _is_rough(array: Array, spacing: Triple) -> bool:
