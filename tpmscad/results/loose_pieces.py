@@ -65,7 +65,8 @@ def drop_specks(field: Field, lo: Array, hi: Array, loose: str) -> tuple[Field, 
         low, high = np.array(field.domain)
         if (lo > low).any() or (hi < high).any():  # what the box cuts off moved data is not known by samples
             return field, NOTHING_DROPPED
-        cleaned, volumes = remove_specks(field.field, *np.array(field.field.domain), CHIP_VOLUME_FRACTION)
+        first, last = np.array(field.field.domain)
+        cleaned, volumes = remove_specks(field.field, first, last, CHIP_VOLUME_FRACTION)
         share = 1.0 / abs(float(np.linalg.det(field.matrix)))
         return replace(field, field=cleaned), DroppedPieces(tuple(share * volume for volume in volumes))
     if not isinstance(field, SampledField):

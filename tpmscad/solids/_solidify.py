@@ -159,7 +159,7 @@ def _make_in_box(
     stages: StageTimer,
 ) -> Model:
     """The solid of a field in the box [lo, hi]."""
-    domain = (lo, hi)
+    domain = (tuple(lo.tolist()), tuple(hi.tolist()))
     if has_meeting_quadrics(field, lo, hi, tol):
         return solidify_crossing(field, domain, tol, loose, stages, passive)
     field, specks = drop_specks(field, lo, hi, KEEP if passive.bodies else loose)

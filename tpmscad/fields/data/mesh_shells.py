@@ -76,7 +76,7 @@ def label_shells(vertices: Array, triangles: IntArray) -> IntArray:
     one, other = two.reshape(-1, 2).T
     if len(several):
         ends, opposite = np.sort(half[several], axis=1), np.roll(triangles, -2, axis=1).T.ravel()[several]
-        angle = _measure_angles(*(vertices[k] for k in (*ends.T, opposite)), edge[several])
+        angle = _measure_angles(vertices[ends[:, 0]], vertices[ends[:, 1]], vertices[opposite], edge[several])
         turn = np.lexsort((-direction[several], angle, edge[several]))
         pairs = _pair_sides(edge[several][turn], direction[several][turn])
         one, other = np.concatenate([np.stack([one, other]), several[turn][pairs].T], axis=1)

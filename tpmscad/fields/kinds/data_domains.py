@@ -88,7 +88,7 @@ def bound_by_data(field: Field, data: Field) -> tuple[Field, BoxCorners]:
 def move_data(field: Field, move: Callable[[Field], Field]) -> Field:
     """A field that `move` places, with the data in it bounded; unions, intersections and complements of data move by part."""
     bounded = bound_data(field)
-    return _move_parts(bounded, move) if _list_bounded(bounded) else move(bounded)
+    return _move_parts(bounded, move) if list_bounded(bounded) else move(bounded)
 
 
 def _move_parts(field: Field, move: Callable[[Field], Field]) -> Field:
@@ -103,13 +103,13 @@ def _move_parts(field: Field, move: Callable[[Field], Field]) -> Field:
     return move(field)
 
 
-def _list_bounded(field: Field) -> list[BoundedData]:
+def list_bounded(field: Field) -> list[BoundedData]:
     """The data with planes in the unions, intersections and complements of a field."""
     if isinstance(field, BoundedData):
         return [field]
     if isinstance(field, MinMaxField | RoundedMinMaxField):
-        return [*_list_bounded(field.first), *_list_bounded(field.second)]
-    return _list_bounded(field.field) if isinstance(field, ScaledField) else []
+        return [*list_bounded(field.first), *list_bounded(field.second)]
+    return list_bounded(field.field) if isinstance(field, ScaledField) else []
 
 
 def settle_data(field: Field, lo: Array, hi: Array) -> tuple[Field, Array, Array, tuple[str, ...]]:
@@ -119,7 +119,7 @@ def settle_data(field: Field, lo: Array, hi: Array) -> tuple[Field, Array, Array
     else. Planes in the sides of the box, or beyond it, are left out. InvalidRequest if there are no data in the box.
     """
     field = bound_data(field)
-    bounded = _list_bounded(field)
+    bounded = list_bounded(field)
     if not bounded:
         return field, lo, hi, ()
     notes: tuple[str, ...] = ()
