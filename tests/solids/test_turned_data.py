@@ -12,6 +12,7 @@ import pytest
 import tpmscad
 from tpmscad import fields
 from tpmscad.errors import InvalidRequest
+from tpmscad.fields.kinds.data_domains import list_bounded, settle_data
 
 pytestmark = pytest.mark.kernel
 RNG = np.random.default_rng(5)
@@ -195,6 +196,21 @@ def test_data_without_a_solid_at_their_border_need_no_planes() -> None:
     within = fields.sampled(sample("within"), tuple(STEP), level=0.0)
     assert type(fields.rotate(within, "x", 20)).__name__ == "AffineTransformedField"
     assert np.allclose(fields.translate(within, (1, 2, 3)).domain, np.array(within.domain) + np.array([1, 2, 3]))
+
+
+def test_labels_that_divide_an_oblique_image_end_with_it_and_have_its_planes_once(tmp_path: Path) -> None:
+    halves = np.where(np.indices(COUNTS)[0] < COUNTS[0] // 2, 1, 2).astype(np.uint8)
+    parts = fields.label_partition(write_nifti(tmp_path, halves))
+    low, high = np.array(parts.domain)
+    points = RNG.uniform(low - 2, high + 2, (20_000, 3))
+    own = (points - FIRST) @ TURN / STEP
+    in_cells = ((own > -0.5) & (own < np.array(COUNTS) - 0.5)).all(axis=1)
+    near_end = np.abs(np.abs(own - (np.array(COUNTS) - 1) / 2) - np.array(COUNTS) / 2).min(axis=1) < 1e-3
+    for number, region in parts.regions.items():
+        is_own = in_cells & ((own[:, 0] < COUNTS[0] // 2 - 0.5) == (number == 1))
+        sure = ~near_end & (np.abs(own[:, 0] - (COUNTS[0] // 2 - 0.5)) > 0.3)
+        assert ((region(points) < 0) == is_own)[sure].all()
+        assert len(list_bounded(settle_data(region, low, high)[0])) == 1
 
 
 @pytest.mark.parametrize("move", ["as it is", "quarter turn"])

@@ -12,8 +12,8 @@ from tpmscad._typing import Array, BoxCorners
 POINTS_PER_SAMPLE = 2
 """Points along a side of the box for each sample, at which the data are looked at there."""
 
-ALIGNED = 1e-12
-"""Of an edge: components along other axes that round-off explains."""
+ALIGNED, SAME = 1e-12, 1e-9
+"""Of an edge: components along other axes, and differences of two boxes, that round-off explains."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -66,6 +66,11 @@ class DataBox:
     def least_step(self) -> float:
         """The least distance of neighbouring samples."""
         return float((np.linalg.norm(self.edges, axis=1) / np.maximum(self.counts, 1)).min())
+
+    def is_same(self, other: DataBox) -> bool:
+        """Whether another box is this one, up to round-off."""
+        tol = SAME * float(np.abs(self.edges).max())
+        return bool(np.abs(self.corner - other.corner).max() <= tol and np.abs(self.edges - other.edges).max() <= tol)
 
     def take_back(self, matrix: Array, shift: Array) -> DataBox:
         """The box of the points p with matrix p + shift in this one."""

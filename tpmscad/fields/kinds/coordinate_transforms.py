@@ -238,7 +238,7 @@ def place_field(field: Field, matrix: tuple[Triple, Triple, Triple], shift: Trip
 
 def place_samples(field: Field, directions: Array, first: Array) -> Field:
     """Data whose own axes run along directions, the columns of (3, 3), from a point (3,): placed, and not resampled."""
-    back: Array = np.linalg.inv(directions)
+    back = np.asarray(np.linalg.inv(directions), float)
     return place_field(field, _as_rows(back), _as_vector(-back @ first), 1.0)
 
 

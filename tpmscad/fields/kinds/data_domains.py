@@ -32,7 +32,12 @@ SAME_SIDE = 1e-9
 
 @dataclass(frozen=True, slots=True)
 class BoundedData(MinMaxField):
-    """Data (`first`) within planes of their box (`second`); the sign is that of a maximum."""
+    """Data (`first`), or unions, intersections and differences of data in one box, within its planes (`second`).
+
+    The sign is that of a maximum.
+    """
+
+    box: DataBox
 
     @property
     def notes(self) -> tuple[str, ...]:
@@ -41,11 +46,32 @@ class BoundedData(MinMaxField):
 
     def data_box(self) -> DataBox | None:
         """The box of the data."""
-        return self.first.data_box()
+        return self.box
+
+    @property
+    def domain(self) -> BoxCorners | None:
+        """The box along the axes that holds that of the data."""
+        return self.box.domain
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Probe(Field):
+    """A field of which only the box of its data matters."""
+
+    box: DataBox
+
+    def data_box(self) -> DataBox | None:
+        """The box."""
+        return self.box
 
 
 def bound_data(field: Field) -> Field:
     """The field with the data in its unions, intersections and complements bounded, where their solid reaches their border."""
+    return _share_planes(_bound_parts(field))
+
+
+def _bound_parts(field: Field) -> Field:
+    """The field with the planes of each of its data."""
     if isinstance(field, BoundedData):
         return field
     box = field.data_box()
@@ -55,17 +81,39 @@ def bound_data(field: Field) -> Field:
             return field
         return _bound(field, box, STEEPNESS * float(np.abs(values).max()) / box.least_step)
     if isinstance(field, MinMaxField | RoundedMinMaxField):
-        first, second = bound_data(field.first), bound_data(field.second)
+        first, second = _bound_parts(field.first), _bound_parts(field.second)
         return field if first is field.first and second is field.second else replace(field, first=first, second=second)
     if isinstance(field, ScaledField):
-        inner = bound_data(field.field)
+        inner = _bound_parts(field.field)
         return field if inner is field.field else replace(field, field=inner)
     return field
 
 
 def _bound(field: Field, box: DataBox, slope: float) -> BoundedData:
     """Data within all sides of their box, whose planes rise by a slope."""
-    return BoundedData(field, join_extremes(+1, [multiply_fields(plane, slope) for plane in _make_planes(box)]), +1)
+    planes = [multiply_fields(plane, slope) for plane in _make_planes(box)]
+    return BoundedData(field, join_extremes(+1, planes), +1, box)
+
+
+def _share_planes(field: Field) -> Field:
+    """The field whose parts of data in one box have its planes once: those of two parts would coincide."""
+    bounded = list_bounded(field)
+    if len(bounded) < 2:
+        return field
+    if field.domain is not None and all(each.box.is_same(bounded[0].box) for each in bounded):
+        return replace(bounded[0], first=_strip_planes(field))
+    if isinstance(field, MinMaxField | RoundedMinMaxField):
+        return replace(field, first=_share_planes(field.first), second=_share_planes(field.second))
+    return replace(field, field=_share_planes(field.field)) if isinstance(field, ScaledField) else field
+
+
+def _strip_planes(field: Field) -> Field:
+    """The field without the planes of its data."""
+    if isinstance(field, BoundedData):
+        return field.first
+    if isinstance(field, MinMaxField | RoundedMinMaxField):
+        return replace(field, first=_strip_planes(field.first), second=_strip_planes(field.second))
+    return replace(field, field=_strip_planes(field.field)) if isinstance(field, ScaledField) else field
 
 
 def _make_planes(box: DataBox) -> list[Field]:
@@ -93,9 +141,12 @@ def move_data(field: Field, move: Callable[[Field], Field]) -> Field:
 
 def _move_parts(field: Field, move: Callable[[Field], Field]) -> Field:
     if isinstance(field, BoundedData):
-        moved = bound_data(move(field.first))
-        # a map that is no motion has no planes
-        return moved if isinstance(moved, BoundedData) else MinMaxField(moved, move(field.second), +1)
+        first, probe = _move_parts(field.first, move), move(_Probe(field.box))
+        box = probe.data_box()
+        if box is None:  # a map that is no motion: its planes are bent
+            return MinMaxField(first, move(field.second), +1)
+        slope = max(abs(plane.factor) for plane in _list_planes(field.second) if isinstance(plane, ScaledField))
+        return _bound(first, box, slope)
     if type(field) is MinMaxField:
         return replace(field, first=_move_parts(field.first, move), second=_move_parts(field.second, move))
     if isinstance(field, ScaledField):
@@ -135,8 +186,7 @@ def settle_data(field: Field, lo: Array, hi: Array) -> tuple[Field, Array, Array
         beyond = (lo < first - same) | (hi > last + same)
         if beyond.any():
             notes = (f"the solid ends with the data, which reach from {_show(first)} to {_show(last)}",)
-        boxes = [box for each in bounded if (box := each.data_box()) is not None]
-        margin = 0.0 if all(box.is_aligned for box in boxes) else WIDER * float((last - first).max())
+        margin = 0.0 if all(each.box.is_aligned for each in bounded) else WIDER * float((last - first).max())
         lo, hi = np.where(lo <= first + same, first - margin, lo), np.where(hi >= last - same, last + margin, hi)
     return _leave_out_planes(field, lo, hi, same), lo, hi, notes
 
@@ -149,7 +199,7 @@ def _leave_out_planes(field: Field, lo: Array, hi: Array, same: float) -> Field:
     """The field without the planes of data that do not cut a box."""
     if isinstance(field, BoundedData):
         cut = [plane for plane in _list_planes(field.second) if _reach(plane, lo, hi) > same]
-        return BoundedData(field.first, join_extremes(+1, cut), +1) if cut else field.first
+        return replace(field, second=join_extremes(+1, cut)) if cut else field.first
     if isinstance(field, MinMaxField | RoundedMinMaxField):
         return replace(
             field,
