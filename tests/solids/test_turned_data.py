@@ -6,12 +6,14 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+import build123d as bd
 import numpy as np
 import pytest
 
 import tpmscad
 from tpmscad import fields
 from tpmscad.errors import InvalidRequest
+from tpmscad.fields.data.field_notes import find_least_spacing
 from tpmscad.fields.kinds.data_domains import list_bounded, settle_data
 
 pytestmark = pytest.mark.kernel
@@ -224,6 +226,17 @@ def test_a_box_beyond_data_along_the_axes_makes_the_solid_of_their_own_box(move:
     assert wide.envelope.volume == pytest.approx(float(np.prod(high - low + 7)))
     with pytest.raises(InvalidRequest, match="no data in the box"):
         tpmscad.solidify(field, (high + 1, high + 9), tol=0.3)
+
+
+def test_a_field_of_data_that_fills_a_body_ends_with_them() -> None:
+    body = bd.Pos(*MIDDLE) * bd.Box(30, 20, 8)
+    volume, _ = integrate("cut")
+    assert tpmscad.infill(body, CUT, tol=0.3).volume == pytest.approx(volume, rel=0.02)
+
+
+def test_spacings_of_scaled_data_are_scaled() -> None:
+    scaled = fields.scale(fields.rotate(CUT, "x", 20), 3.0) & fields.scale(CUT, 5.0)
+    assert (find_least_spacing(CUT), find_least_spacing(scaled)) == (1.0, pytest.approx(3.0))
 
 
 def test_turned_data_are_a_body_that_ends_with_them() -> None:

@@ -9,8 +9,8 @@ import numpy as np
 
 from tpmscad._typing import Array, BoxCorners
 
-POINTS_PER_SAMPLE = 2
-"""Points along a side of the box for each sample, at which the data are looked at there."""
+POINTS_PER_SPACING = 2
+"""Points along a side of the box for each spacing, at which the data are looked at there."""
 
 ALIGNED, SAME = 1e-12, 1e-9
 """Of an edge: components along other axes, and differences of two boxes, that round-off explains."""
@@ -18,7 +18,7 @@ ALIGNED, SAME = 1e-12, 1e-9
 
 @dataclass(frozen=True, slots=True, eq=False)
 class DataBox:
-    """A box of samples: its corner, its edges, the rows of (3, 3), in any direction, and the samples along each."""
+    """A box of samples: its corner, its edges, the rows of (3, 3), in any direction, and the spacings along each."""
 
     corner: Array
     edges: Array
@@ -55,7 +55,7 @@ class DataBox:
     @property
     def border(self) -> Array:
         """Points (n, 3) on the sides, closer than the samples."""
-        steps = [np.linspace(0.0, 1.0, POINTS_PER_SAMPLE * n + 1) for n in self.counts]
+        steps = [np.linspace(0.0, 1.0, POINTS_PER_SPACING * n + 1) for n in self.counts]
         parts = []
         for axis in range(3):
             ends = [np.array([0.0, 1.0]) if k == axis else steps[k] for k in range(3)]
@@ -65,7 +65,7 @@ class DataBox:
     @property
     def least_step(self) -> float:
         """The least distance of neighbouring samples."""
-        return float((np.linalg.norm(self.edges, axis=1) / np.maximum(self.counts, 1)).min())
+        return float((np.linalg.norm(self.edges, axis=1) / self.counts).min())
 
     def is_same(self, other: DataBox) -> bool:
         """Whether another box is this one, up to round-off."""

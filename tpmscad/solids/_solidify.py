@@ -23,7 +23,7 @@ from tpmscad.api.shared_kinds import DOMAIN, EXECUTOR, FIELD, POSITIVE, SHAPE
 from tpmscad.brep.boundary_representation import Brep
 from tpmscad.errors import CrossingSurfaces, InvalidRequest
 from tpmscad.fields.field import Field, as_field
-from tpmscad.fields.kinds.data_domains import bound_data, settle_data
+from tpmscad.fields.kinds.data_domains import bound_data_in_body, settle_data
 from tpmscad.fields.kinds.linear_extension import extend_level_sets_linearly
 from tpmscad.kernel.body_import.cad_body import read_body
 from tpmscad.kernel.boolean.boolean_operations import OcctSolids
@@ -137,7 +137,7 @@ def solidify(
             raise InvalidRequest("an executor is for boxes; a body is filled by one process: leave executor out")
         body = read_body(domain)
         bounds = enclosing_box(body.shape)
-        matter = extend_level_sets_linearly(bound_data(as_field(field)), *bounds)
+        matter = extend_level_sets_linearly(bound_data_in_body(as_field(field), *bounds), *bounds)
         return infill(body, matter, tol=tol, loose=loose, progress=progress)
     stages = StageTimer(progress)
     passive = PassiveRegions.read(keep, clear)

@@ -26,8 +26,8 @@ STEEPNESS = 100.0
 WIDER = 0.03
 """Of the longest edge: by which the box of a fit is wider than turned data, whose edges would lie in its sides."""
 
-SAME_SIDE = 1e-9
-"""Of the longest edge: distance up to which sides of two boxes are one."""
+SAME_SIDE, SAME_SIDE_OF_BODY = 1e-9, 1e-6
+"""Of the longest edge: distance up to which sides of two boxes are one; of the kernel's box of a body, which is wider."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -188,7 +188,18 @@ def settle_data(field: Field, lo: Array, hi: Array) -> tuple[Field, Array, Array
             notes = (f"the solid ends with the data, which reach from {_show(first)} to {_show(last)}",)
         margin = 0.0 if all(each.box.is_aligned for each in bounded) else WIDER * float((last - first).max())
         lo, hi = np.where(lo <= first + same, first - margin, lo), np.where(hi >= last - same, last + margin, hi)
-    return _leave_out_planes(field, lo, hi, same), lo, hi, notes
+    settled = _leave_out_planes(field, lo, hi, same)
+    if not notes and domain is None and (left := list_bounded(settled)):
+        ends = "; ".join(
+            f"from {_show(np.array(a))} to {_show(np.array(b))}" for a, b in (each.box.domain for each in left)
+        )
+        notes = (f"data in it end within the box, at theirs: {ends}",)
+    return settled, lo, hi, notes
+
+
+def bound_data_in_body(field: Field, lo: Array, hi: Array) -> Field:
+    """The field with its data bounded, without the planes that do not cut a body in the box [lo, hi]."""
+    return _leave_out_planes(bound_data(field), lo, hi, SAME_SIDE_OF_BODY * float((hi - lo).max()))
 
 
 def _show(point: Array) -> str:

@@ -118,7 +118,7 @@ class SampledField(Field):
 
     def data_box(self) -> DataBox:
         """The box of the samples or cells."""
-        return DataBox.of_corners(self.domain, self.counts)
+        return DataBox.of_corners(self.domain, tuple(max(1, n - 1 + self.centred) for n in self.counts))
 
     def trace(self, x: Node, y: Node, z: Node) -> Node:
         """The formula on the nodes of a tape."""
