@@ -89,7 +89,7 @@ CALLED_LATE = {
 """Rooms above that methods of results import when they are called."""
 
 FLOORS = {
-    "fields": (("tape",), ("periods_and_directions", "field"), ("kinds", "data"), ("analysis",)),
+    "fields": (("tape",), ("periods_and_directions", "data_box", "field"), ("kinds", "data"), ("analysis",)),
     "blending": (("weights",), ("composition",), ("optimise",)),
     "levelset": (("fit", "quadmesh"), ("boundary_level_sets",), ("periodic",)),
     "trimming": (("operands",), ("intersect",), ("classify",), ("rebuild",)),

@@ -91,11 +91,22 @@ def test_a_nifti_file_of_one_volume_in_time_is_a_volume_and_one_of_several_is_re
         read_image(write_nifti(tmp_path / "two.nii", values=np.stack([VALUES] * 2, axis=-1)))
 
 
-def test_a_turned_image_is_refused(tmp_path: Path) -> None:
+@pytest.mark.parametrize("axes", [[[0.8, -0.6, 0], [0.6, 0.8, 0], [0, 0, 1]], [[1, 0, 0], [0, 1, 0.4], [0, 0, 1.1]]])
+def test_every_sample_lies_where_the_axes_of_the_file_take_it(axes: list[list[float]], tmp_path: Path) -> None:
+    """Turned axes, and those of a tilted gantry, which are not square to each other; two of the three stored backwards."""
     affine = np.eye(4)
-    affine[:2, :2] = [[0.8, -0.6], [0.6, 0.8]]
-    with pytest.raises(InvalidRequest, match="resample"):
-        read_image(write_nifti(tmp_path / "a.nii", affine))
+    affine[:3, :3], affine[:3, 3] = np.array(axes) * (-0.5, 0.4, -0.7), ORIGIN
+    field = fields.sampled(write_nifti(tmp_path / "a.nii", affine))
+    index = np.moveaxis(np.indices(VALUES.shape), 0, -1)[1:-1, 1:-1, 1:-1]
+    np.testing.assert_allclose(field(index @ affine[:3, :3].T + ORIGIN), VALUES[1:-1, 1:-1, 1:-1], atol=1e-6)
+
+
+def test_axes_in_one_plane_are_refused(tmp_path: Path) -> None:
+    nrrd = pytest.importorskip("nrrd")
+    flat = {"space directions": [[1.0, 0, 0], [0, 1, 0], [1, 1, 0]], "space origin": ORIGIN}
+    nrrd.write(str(tmp_path / "a.nrrd"), VALUES, {"space dimension": 3, **flat})
+    with pytest.raises(InvalidRequest, match=r"axes of a\.nrrd lie in one plane"):
+        read_image(tmp_path / "a.nrrd")
 
 
 def test_nrrd_with_exchanged_axes(tmp_path: Path) -> None:

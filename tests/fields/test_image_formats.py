@@ -457,3 +457,71 @@ class TestLevels:
             fields.sampled(values, level=9)
         with pytest.raises(InvalidRequest, match=r"grey values: it needs `level`.* from 2 to 6; Otsu's .* is 4\)"):
             fields.labels(values, label="all")
+
+
+class TestSeveralThings:
+    """What a file holds beside the samples that are read is chosen by an argument, applied, refused or told."""
+
+    @staticmethod
+    def write_stacks(path: Path, *stacks: np.ndarray) -> Path:
+        tifffile = pytest.importorskip("tifffile")
+        with tifffile.TiffWriter(path) as writer:
+            for stack in stacks:
+                writer.write(stack.T, photometric="minisblack")
+        return path
+
+    def test_of_several_stacks_of_pictures_one_is_chosen(self, tmp_path: Path) -> None:
+        path = self.write_stacks(tmp_path / "a.tif", VALUES, VALUES + 1)
+        with pytest.raises(InvalidRequest, match=r"a\.tif holds 2 stacks of pictures: choose one, volume=0 to 1"):
+            read_image(path)
+        second = read_image(path, volume=1)
+        np.testing.assert_array_equal(second.values, VALUES + 1)
+        assert "a.tif: stack 1 of 2 was taken" in second.notes
+
+    def test_single_pictures_are_a_stack_if_they_have_one_size(self, tmp_path: Path) -> None:
+        layers = [VALUES[:, :, k] for k in range(VALUES.shape[2])]
+        np.testing.assert_array_equal(read_image(self.write_stacks(tmp_path / "a.tif", *layers)).values, VALUES)
+        with pytest.raises(InvalidRequest, match=r"pictures of several sizes, 1 of .* 1 of .* no stack"):
+            read_image(self.write_stacks(tmp_path / "b.tif", layers[0], layers[0][1:]))
+        beside = read_image(self.write_stacks(tmp_path / "c.tif", VALUES, layers[0][1:]))
+        assert "c.tif: 1 single pictures beside its stacks were left out" in beside.notes
+
+    def test_each_axis_of_ome_has_its_own_unit(self, tmp_path: Path) -> None:
+        tifffile = pytest.importorskip("tifffile")
+        stated = {"axes": "ZYX", "PhysicalSizeX": 500.0, "PhysicalSizeY": 0.5, "PhysicalSizeYUnit": "mm"}
+        stated |= {"PhysicalSizeZ": 0.2, "PhysicalSizeZUnit": "cm"}
+        tifffile.imwrite(tmp_path / "a.ome.tif", VALUES.T, ome=True, photometric="minisblack", metadata=stated)
+        assert read_image(tmp_path / "a.ome.tif").spacing == pytest.approx((0.5, 0.5, 2.0))
+
+    def test_slope_and_offset_of_metaimage_are_applied(self, tmp_path: Path) -> None:
+        write_mhd(tmp_path / "a.mhd")
+        plain = read_image(tmp_path / "a.mhd").values
+        text = (tmp_path / "a.mhd").read_text()
+        scale = "ElementToIntensityFunctionSlope = 2\nElementToIntensityFunctionOffset = -3\n"
+        (tmp_path / "a.mhd").write_text(text.replace("ElementDataFile", f"{scale}ElementDataFile"))
+        np.testing.assert_allclose(read_image(tmp_path / "a.mhd").values, 2.0 * plain - 3.0)
+
+    def test_axes_of_nrrd_that_are_no_space_number_volumes(self, tmp_path: Path) -> None:
+        nrrd = pytest.importorskip("nrrd")
+        colours = np.stack([VALUES, VALUES + 1, VALUES + 2])
+        kinds = {"kinds": ["RGB-color", "domain", "domain", "domain"]}
+        nrrd.write(str(tmp_path / "a.nrrd"), colours, kinds)
+        nrrd.write(
+            str(tmp_path / "b.nrrd"), np.stack([colours, colours], axis=-1), {"kinds": [*kinds["kinds"], "list"]}
+        )
+        for name, count in (("a.nrrd", 3), ("b.nrrd", 6)):
+            with pytest.raises(InvalidRequest, match=f"holds {count} volumes"):
+                read_image(tmp_path / name)
+            np.testing.assert_array_equal(read_image(tmp_path / name, volume=1).values, VALUES + 1)
+        nrrd.write(str(tmp_path / "c.nrrd"), VALUES, {"axis mins": [5.0, 6.0, 7.0]})
+        assert any(
+            "axis mins, which are not read: give `spacing`, `origin`" in n
+            for n in read_image(tmp_path / "c.nrrd").notes
+        )
+
+    def test_arrays_that_are_no_samples_are_told_and_complex_ones_refused(self, tmp_path: Path) -> None:
+        np.savez(tmp_path / "a.npz", density=VALUES, spacing=SPACING)
+        assert any("its arrays 'spacing' are not read" in note for note in read_image(tmp_path / "a.npz").notes)
+        np.save(tmp_path / "a.npy", VALUES.astype(complex))
+        with pytest.raises(InvalidRequest, match=r"a\.npy holds complex numbers, .* save one quantity"):
+            read_image(tmp_path / "a.npy")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -13,7 +14,7 @@ from tpmscad.brep.winding_numbers import winding_numbers
 from tpmscad.errors import InvalidRequest
 from tpmscad.fields.analysis.solid_bounds import bound_solid
 from tpmscad.fields.data.triangle_distance import build_triangle_tree, grid_winding_numbers
-from tpmscad.fields.data.triangle_mesh import close_mesh
+from tpmscad.fields.data.triangle_mesh import close_mesh, read_triangle_mesh
 
 trimesh = pytest.importorskip("trimesh")
 RNG = np.random.default_rng(3)
@@ -74,6 +75,94 @@ def test_the_deviation_stated_is_that_of_the_triangles() -> None:
         assert np.isclose(field.rms_deviation, np.sqrt(np.mean(measured**2)), rtol=0.2)
     assert fine.max_deviation < 0.5 * coarse.max_deviation < 0.5
     assert "12 triangles" in coarse.notes[0]
+
+
+def turned(mesh: trimesh.Trimesh) -> trimesh.Trimesh:
+    made = mesh.copy()
+    made.invert()
+    return made
+
+
+def make_crossing_tube() -> SimpleNamespace:
+    """A tube along a figure of eight, whose arms cross in the middle."""
+    t, a = np.linspace(0, 2 * np.pi, 120, endpoint=False), np.linspace(0, 2 * np.pi, 16, endpoint=False)
+    side = np.stack([-6 * np.cos(2 * t), 10 * np.cos(t), 0 * t], axis=1)
+    side /= np.linalg.norm(side, axis=1)[:, None]
+    ring = np.cos(a)[:, None] * side[:, None] + np.sin(a)[:, None] * np.array([0.0, 0.0, 1.0])
+    vertices = np.stack([10 * np.sin(t), 3 * np.sin(2 * t), 0 * t], axis=1)[:, None] + 1.5 * ring
+    k = np.arange(120 * 16).reshape(120, 16)
+    ahead, beside, both = np.roll(k, -1, 0), np.roll(k, -1, 1), np.roll(k, (-1, -1), (0, 1))
+    faces = np.concatenate([np.stack([k, both, ahead], axis=-1), np.stack([k, beside, both], axis=-1)])
+    return SimpleNamespace(vertices=vertices.reshape(-1, 3), faces=faces.reshape(-1, 3))
+
+
+BALL, CORE, SEED, NEIGHBOUR = ball(), ball(3.0), ball(1.5), ball(4.0, at=(6, -2, 0.5))
+CUBE, BESIDE = trimesh.creation.box((4, 4, 4)), trimesh.creation.box((4, 4, 4)).apply_translation((4, 0, 0))
+LENS = np.pi * (5 + 4 - 5) ** 2 * (25 + 2 * 5 * 4 - 3 * 16 + 2 * 5 * 5 - 3 * 25 + 6 * 4 * 5) / (12 * 5)
+"""Volume of the lens of balls of radii 5 and 4 whose centres are 5 apart."""
+FULL, SHELL, PAIR = 500 / 3 * np.pi, (500 - 108) / 3 * np.pi, (500 + 256) / 3 * np.pi - LENS
+SHELLS: dict[str, tuple[list[trimesh.Trimesh], float, str, tuple[float, ...]]] = {
+    "nested": ([BALL, CORE], FULL, "within other shells .* left out: shell 2 of 2, 6 wide", (3, 0, 0)),
+    "three nested": ([BALL, CORE, SEED], FULL, "left out: shell 2 of 3, .*; shell 3 of 3", (1.5, 0, 0)),
+    "cavity": ([BALL, turned(CORE)], SHELL, "", ()),
+    "core in a cavity": ([BALL, turned(CORE), SEED], SHELL + 4.5 * np.pi, "", ()),
+    "all inside out": ([turned(BALL), CORE], SHELL, "was inside out", ()),
+    "one inside out": (
+        [ball(at=(20, 0, 0)), turned(CORE)],
+        FULL + 36 * np.pi,
+        "faces inwards was reversed: shell 2",
+        (),
+    ),
+    "overlapping": (
+        [BALL, NEIGHBOUR],
+        PAIR,
+        "overlap or touch .* shell 1 of 2, 10 wide .*; shell 2 of 2, 8 wide",
+        (3, 0, 0),
+    ),
+    "overlapping and nested": ([BALL, NEIGHBOUR, CORE], PAIR, "one solid", (3, 0, 0)),
+    "cavity in one of two": ([BALL, turned(SEED), ball(3.0, at=(7, -2, 0.5))], 0.0, "one solid", ()),
+    "twice": ([BALL, BALL], FULL, "several times", ()),
+    "touching": ([CUBE, BESIDE], 128.0, "overlap or touch", (2, 0.2, 0.1)),
+    "touching alike": (
+        [trimesh.Trimesh(CUBE.vertices * (-1, 1, 1), CUBE.faces[:, ::-1]), BESIDE],
+        128.0,
+        "cancel",
+        (2, 0, 0),
+    ),
+}
+
+
+@pytest.mark.parametrize("name", SHELLS)
+def test_the_distance_is_that_from_the_boundary_of_what_the_shells_make_together(name: str) -> None:
+    parts, volume, words, deep = SHELLS[name]
+    mesh = read_triangle_mesh(trimesh.util.concatenate(parts))
+    field = fields.mesh(trimesh.util.concatenate(parts))
+    if volume:
+        assert mesh.volume == pytest.approx(volume, rel=0.02)
+    assert any(re.search(words, note) for note in mesh.notes) if words else not mesh.notes
+    assert field.max_deviation < 0.1
+    # by each shell alone, the winding number is positive where f < 0, and no triangle is nearer than f says
+    points = RNG.uniform(mesh.vertices.min(axis=0), mesh.vertices.max(axis=0), (2000, 3))
+    winding = sum(winding_numbers(part.vertices, part.faces, points) for part in parts)
+    sure = np.abs(field(points)) > 0.3
+    if "inside" not in name:
+        assert ((winding > 0) == (field(points) < 0))[sure].all()
+    if deep:
+        assert field(np.array(deep) + (np.array([1.0, -2.0, 0.5]) if volume != 128 else 0.0)) < -1.4
+
+
+def test_a_shell_that_overlaps_itself_is_refused_with_its_place() -> None:
+    with pytest.raises(InvalidRequest, match=r"overlaps itself: .* off the boundary .*shell 1 of 1, .*Boolean union"):
+        fields.mesh(make_crossing_tube())
+
+
+def test_winding_numbers_about_points_are_those_of_rays_in_general_directions() -> None:
+    both = trimesh.util.concatenate([ball(), turned(ball(2.0)), ball(2.0, at=(5.0, 0.0, 0.0))])
+    points = RNG.uniform(-8, 8, (3000, 3))
+    points[:500, :2] = both.vertices[:500, :2]  # below and above vertices
+    found = build_triangle_tree(both.vertices, both.faces).winding_numbers(points)
+    assert {0, 1, 2} <= set(np.unique(found))
+    assert (found == winding_numbers(both.vertices, both.faces, points)).all()
 
 
 def test_the_spacing_is_refined_until_a_thin_part_is_kept() -> None:

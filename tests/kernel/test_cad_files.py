@@ -403,3 +403,27 @@ def test_all_solids_are_filled_each_by_itself_under_its_name(assembly: Path, tmp
 def test_fluid_domains_take_one_solid_only(assembly: Path) -> None:
     with pytest.raises(tpmscad.InvalidRequest, match="solid 'all' is unknown; choose one of 'largest';"):
         tpmscad.fluid_domains(assembly, "schwarz_p", cell=5, thickness=1.0, solid="all")
+
+
+@pytest.mark.parametrize(("in_inches", "sizes", "far"), [(2, (10.0, 25.4), 62.7), (0, (10.0, 1.0), 1270.5)])
+def test_parts_of_an_assembly_in_several_units_have_their_own_true_sizes(
+    in_inches: int, sizes: tuple[float, float], far: float, tmp_path: Path
+) -> None:
+    """The contexts of geometry are those of the assembly, of its first part and of its second."""
+    path = tmp_path / "rig.step"
+    bd.export_step(bd.Compound(children=[bd.Box(10, 10, 10), bd.Pos(50, 0, 0) * bd.Box(1, 2, 3)]), path)
+    text = path.read_text()
+    length = re.findall(r"#(\d+) = \( LENGTH_UNIT\(\) NAMED_UNIT\(\*\) SI_UNIT\(\.MILLI\.,\.METRE\.\) \);", text)
+    inch = "(CONVERSION_BASED_UNIT('INCH',#9001) LENGTH_UNIT() NAMED_UNIT(#9002));"
+    text = re.sub(rf"#{length[in_inches]} = [^;]*;", f"#{length[in_inches]} = {inch}", text)
+    more = (
+        "#9001 = LENGTH_MEASURE_WITH_UNIT(LENGTH_MEASURE(25.4),#9003);\n#9002 = DIMENSIONAL_EXPONENTS(1.,0.,0.,0.,0.,0.,0.);\n"
+        "#9003 = (LENGTH_UNIT() NAMED_UNIT(*) SI_UNIT(.MILLI.,.METRE.));\n"
+    )
+    path.write_text(text.replace("DATA;\n", f"DATA;\n{more}", 1))
+    found = [np.ptp(np.array(read_body(path, number).report.bounds), axis=0) for number in (1, 2)]
+    assert np.allclose([size[0] for size in found], sizes)
+    assert np.allclose(found[1], sizes[1] * np.array([1, 2, 3]))
+    report = tpmscad.check_step(path)
+    assert {unit.lower() for unit in report.units} == {"millimetre", "inch"}
+    assert report.shape.bounds[1][0] == pytest.approx(far)

@@ -33,7 +33,10 @@ level = -0.3
 numbers = st.floats(-1e100, 1e100) | st.integers(-(10**30), 10**30)
 
 
-@given(numbers | st.booleans() | st.lists(numbers, min_size=2, max_size=4).map(tuple))
+rows_of_numbers = st.lists(numbers, min_size=2, max_size=4).map(tuple)
+
+
+@given(numbers | st.booleans() | rows_of_numbers | st.lists(rows_of_numbers, min_size=2, max_size=3).map(tuple))
 def test_the_text_of_a_value_is_read_as_the_value(value: Any) -> None:
     assert parse_cell("cell", format_cell(value)) == value
 
@@ -97,9 +100,16 @@ def test_csv_parquet_data_frame_and_dictionaries_give_the_same_designs(tmp_path:
         ([{**ROW, "cells": (2, 2)}], r"row 1, column cells: cells \(2, 2\) must be"),
         ([{**ROW, "surface": "gyriod"}], "row 1, column surface: .*gyriod"),
         ([{"cell": 10, "thickness": 1}], "row 1, column surface: is empty"),
+        ([{"kind": "octet", "diameter": 1}], "row 1, column cell: is empty"),
+        ([{**ROW, "diameter": 1}], "row 1, column diameter: 1 is for struts: name their cell in the column kind"),
+        ([{**ROW, "thickness": np.sum}], "row 1, column thickness: it takes a function, which a table cannot hold"),
+        ([{**ROW, "surface": lambda p: p[..., 0]}], "row 1, column surface"),
         ([{**ROW, "skin": 1}], "row 1, column skin: 1 is for a body"),
-        ([{**ROW, "body": "part.step", "boundary": "box"}], "row 1, column boundary: box is for a box, not a body"),
-        ([{**ROW, "body": object()}], "row 1, column body: .*path of a STEP file"),
+        (
+            [{**ROW, "body": "part.step", "boundary": "box"}],
+            "row 1, column boundary: box is for a surface in a box, not a body",
+        ),
+        ([{**ROW, "body": object()}], "row 1, column body: .*path of a file"),
         ([ROW, {**ROW, "thickness": 2}, {**ROW, "cell": 10.0}], "rows 1 and 3 have the same parameters"),
         ([{**ROW, "file": "a.step"}, {**ROW, "cell": 9, "file": "a.step"}], "rows 1 and 2 have the same file"),
         ([{**ROW, "file": "a_{skin}.step"}], "row 1, column file: .*takes the cells of its row"),
@@ -186,6 +196,22 @@ def test_a_line_of_results_that_was_cut_off_is_not_taken_for_a_row(tmp_path: Pat
     for cut in range(len(whole) - 1, whole.rindex(b"gyroid"), -1):
         path.write_bytes(whole[:cut])
         assert len(open_results(path, ("surface", "cell")).rows) == 1
+
+
+def test_what_is_asked_for_and_what_is_measured_have_columns_of_their_own(tmp_path: Path) -> None:
+    path = tmp_path / "results.csv"
+    table = open_results(path, ("cell", "porosity"))
+    table.write([])
+    table.append({"cell": 5, "porosity": 0.75}, {"met": True, "porosity": 0.7503})
+    assert len(set(table.columns)) == len(table.columns)
+    assert open_results(path, ("cell", "porosity")) == table
+    (row,) = table.rows.values()
+    assert (row["requested_porosity"], row["porosity"]) == ("0.75", "0.7503")
+    old = path.read_text().replace("requested_porosity", "porosity")
+    path.write_text(old)
+    with pytest.raises(InvalidRequest, match=r"the column porosity twice: .* overwritten .* new file"):
+        open_results(path, ("cell", "porosity"))
+    assert path.read_text() == old
 
 
 def test_a_file_that_is_no_table_of_results_is_left_alone(tmp_path: Path) -> None:

@@ -16,8 +16,12 @@ import pytest
 
 import tpmscad
 from tpmscad import cli, surfaces
+from tpmscad.api.arguments import arguments_of
 from tpmscad.errors import InvalidRequest, TpmscadError
-from tpmscad.sweeps.results_table import FIGURES
+from tpmscad.sweeps.cell_text import format_cell, parse_cell
+from tpmscad.sweeps.design_runs import MAKERS
+from tpmscad.sweeps.parameter_table import KEYWORDS, NOT_IN_A_TABLE, read_table
+from tpmscad.sweeps.results_table import FIGURES, name_column
 
 pytestmark = pytest.mark.kernel
 
@@ -127,6 +131,69 @@ def test_a_recipe_is_made_with_the_changed_keys(folder: Path) -> None:
     (ball,) = tpmscad.sweep([{"recipe": "ball.toml", "field.radius": 5, "tol": None}]).rows
     assert ball["volume"] == pytest.approx(4 / 3 * math.pi * 125, rel=5e-3)
     assert ball["porosity"] == pytest.approx(1 - ball["volume"] / 12**3)
+
+
+CELLS: dict[str, dict[str, Any]] = {
+    "lattice": {
+        "surface": "gyroid", "cells": (2, 1, 1), "cell": (5, 6, 7), "thickness": 0.5, "offset": (-0.2, 0.3),
+        "volume_fraction": 0.3, "porosity": 0.7, "pore_size": 2, "reference": "nodal", "phase": (0.25, 0, 0), "tol": 0.2,
+        "kind": "skeletal", "side": "+", "loose": "keep", "boundary": "natural",
+    },
+    "infill": {
+        "body": "part.step", "surface": "gyroid", "cell": 5, "thickness": 0.5, "offset": -0.1, "volume_fraction": 0.3,
+        "porosity": 0.7, "pore_size": 2, "reference": "minimal", "phase": (0, 0.25, 0), "tol": 0.2, "kind": "skeletal",
+        "side": "+", "loose": "keep", "solid": "largest", "box": ((0, 0, 0), (5, 6, 7)), "rotation": (0, 0, 45), "skin": 1,
+        "open_faces": ">Z,<Z",
+    },
+    "struts": {
+        "kind": "octet", "cell": 5, "cells": 2, "diameter": 0.5, "volume_fraction": 0.3, "porosity": 0.7, "node_radius": 0.4,
+        "angle": 20, "tol": 0.2, "loose": "keep",
+    },
+}  # fmt: skip
+"""By function: a cell for each of its keywords that a table may have."""
+
+
+@pytest.mark.parametrize("function", CELLS)
+def test_every_keyword_is_a_column_that_is_kept_and_found_again(
+    function: str, folder: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    cells = CELLS[function]
+    assert (
+        cells.keys() == KEYWORDS[function].keys() == arguments_of(getattr(tpmscad, function)).keys() - {*NOT_IN_A_TABLE}
+    )
+    needed = {name: cells[name] for name, argument in KEYWORDS[function].items() if argument.is_required}
+    rows = [needed, *({**needed, name: value} for name, value in cells.items() if name not in needed)]
+    taken: list[Any] = []
+    failures: list[Exception] = [InvalidRequest("too thick"), KeyError("a"), MemoryError(), OSError(28, "disk full")]
+
+    def fail(parameters: Any) -> Any:
+        taken.append(parameters)
+        raise failures[len(taken) % len(failures)]
+
+    monkeypatch.setitem(MAKERS, function, fail)
+    results = tpmscad.sweep(rows)
+    assert [{**row} for row in taken] == [read_table([row]).designs[0].parameters for row in rows]
+    assert {row["error"] for row in results.rows} == {"InvalidRequest", "UnexpectedError", "OutOfMemory", "FileError"}
+    for row, found in zip(rows, results.rows, strict=True):
+        given = {name: found[name_column(name)] for name in cells}
+        assert {n: v for n, v in given.items() if v is not None} == {
+            n: parse_cell(n, format_cell(v)) for n, v in row.items()
+        }
+        assert found["porosity"] is None
+    names = list(cells)
+    with (folder / "table.csv").open("w", newline="") as file:
+        csv.writer(file).writerows([names, *([format_cell(row.get(name)) for name in names] for row in rows)])
+    assert tpmscad.sweep("table.csv").reused == len(rows) == len(taken)
+
+
+def test_a_porosity_that_is_asked_for_stands_beside_the_one_measured(folder: Path) -> None:
+    table = [{"surface": "schwarz_p", "cell": CELL, "tol": TOL, "porosity": 0.75, "boundary": "natural"}]
+    table += [{"kind": "cubic", "tol": 0.1, "cell": CELL, "porosity": 0.9}]
+    for reused in (0, 2):
+        results = tpmscad.sweep(table)
+        assert (results.met, results.reused) == (True, reused)
+        assert results.column("requested_porosity") == [0.75, 0.9]
+        assert results.column("porosity") == [pytest.approx(0.75, abs=2e-3), pytest.approx(0.9, abs=1e-6)]
 
 
 @pytest.mark.slow

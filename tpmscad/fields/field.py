@@ -17,10 +17,11 @@ from typing import Annotated, Any
 
 import numpy as np
 
-from tpmscad._typing import Array
+from tpmscad._typing import Array, BoxCorners
 from tpmscad.api.public_calls import call_for_array, validate_call
 from tpmscad.api.shared_kinds import BOX, FIELD, FUNCTION, FUNCTION_OF_POINTS_OR_XYZ, NUMBER, POSITIVE
 from tpmscad.errors import InvalidRequest
+from tpmscad.fields.data_box import DataBox
 from tpmscad.fields.tape.evaluation import FieldEvaluation, FieldJet, Triple, is_grid, stack_points
 from tpmscad.fields.tape.function_calls import (
     DIFFERENCE_STEP,
@@ -50,6 +51,19 @@ class Field(FieldEvaluation):
     __slots__ = ()
     __array_ufunc__ = None
     """Makes a NumPy number on the left of an operator leave the operation to the field."""
+
+    def data_box(self) -> DataBox | None:
+        """The box of the samples of a field that is made of data alone, moved or not; None of other fields."""
+        return None
+
+    @property
+    def domain(self) -> BoxCorners | None:
+        """A box that holds the solid of fields of data, ((x0, y0, z0), (x1, y1, z1)), model units; None of others.
+
+        Data that are moved, or combined with other fields, are empty beyond the box of their samples, which this one holds.
+        """
+        box = self.data_box()
+        return None if box is None else box.domain
 
     def __add__(self, other: FieldLike) -> SumField:
         return SumField(self, as_field(other))
@@ -136,6 +150,11 @@ class BinaryField(Field):
 class SumField(BinaryField):
     """first + second."""
 
+    def data_box(self) -> DataBox | None:
+        """The box of data to which a constant is added."""
+        parts = ((self.first, self.second), (self.second, self.first))
+        return next((data.data_box() for data, other in parts if isinstance(other, ConstantField)), None)
+
     def trace(self, x: Node, y: Node, z: Node) -> Node:
         """The formula on the nodes of a tape."""
         return self.first.trace(x, y, z) + self.second.trace(x, y, z)
@@ -146,6 +165,10 @@ class ScaledField(UnaryField):
     """factor * field."""
 
     factor: float
+
+    def data_box(self) -> DataBox | None:
+        """The box of data times a positive number; the complement of data has none."""
+        return self.field.data_box() if self.factor > 0 else None
 
     def trace(self, x: Node, y: Node, z: Node) -> Node:
         """The formula on the nodes of a tape."""
@@ -177,6 +200,17 @@ class MinMaxField(BinaryField):
     """Maximum (sign +1) or minimum (sign -1) of two fields; the gradient is that of the first where both are equal."""
 
     sign: int
+
+    @property
+    def domain(self) -> BoxCorners | None:
+        """The box of the data of a union, if all of it are data, or of an intersection."""
+        boxes = [domain for part in (self.first, self.second) if (domain := part.domain) is not None]
+        if not boxes or (self.sign < 0 and len(boxes) < 2):
+            return None
+        low, high = np.array(boxes, float).transpose(1, 0, 2)
+        if self.sign > 0:
+            low, high = low.max(axis=0)[None], np.maximum(low.max(axis=0), high.min(axis=0))[None]
+        return tuple(low.min(axis=0).tolist()), tuple(high.max(axis=0).tolist())
 
     def trace(self, x: Node, y: Node, z: Node) -> Node:
         """The formula on the nodes of a tape."""

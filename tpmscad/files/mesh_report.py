@@ -11,7 +11,8 @@ import numpy as np
 from tpmscad._typing import BoxCorners
 from tpmscad.brep.triangles.closed_mesh import SolidMesh
 from tpmscad.errors import InvalidRequest
-from tpmscad.fields.data.triangle_mesh import close_mesh, list_open_edges, read_triangles
+from tpmscad.fields.data.mesh_shells import list_open_edges
+from tpmscad.fields.data.triangle_mesh import close_mesh, read_triangles
 from tpmscad.kernel.measure.shape_report import note_missing_unit
 from tpmscad.result_display import fit_lines, format_html_table, split_columns
 from tpmscad.results.result_summary import count_pieces, format_size, round_corners
@@ -35,13 +36,13 @@ class MeshReport:
     open_sides : int
         Sides of triangles that no neighbour in the opposite direction cancels; 0 if the mesh is closed.
     volume : float or None
-        Volume enclosed, mm3, negative if the mesh is inside out; None if it is open.
+        Volume enclosed, mm3, negative if the mesh is inside out; None if it is open. What lies in several shells counts as often.
     area : float
         Area of the triangles, mm2.
     bounds : pair of (float, float, float)
         Opposite corners of the box.
     healing : tuple of str
-        What filling the mesh would repair, in words, or why it cannot; empty if nothing is wrong.
+        What filling the mesh would repair, in words, shells that overlap too, or why it cannot; empty if nothing is wrong.
     notes : tuple of str
         What a user should know of the file: another unit or none, triangles without area.
     """
@@ -107,12 +108,10 @@ def report_mesh(path: Path) -> MeshReport:
     open_sides = len(list_open_edges(found.triangles))
     low, high = found.vertices.min(axis=0).tolist(), found.vertices.max(axis=0).tolist()
     volume = None if open_sides else solid.volume
-    healing: tuple[str, ...] = ()
-    if volume is None or not volume > 0:
-        try:
-            healing = close_mesh(found.name, found.vertices, found.triangles).notes
-        except InvalidRequest as error:
-            healing = (f"impossible: {error}",)
+    try:
+        healing = close_mesh(found.name, found.vertices, found.triangles).notes
+    except InvalidRequest as error:
+        healing = (f"impossible: {error}",)
     pieces = len(np.unique(solid.component))
     units = ("mm",) if path.suffix.lower() in SUFFIXES_WITH_UNIT else ()
     return MeshReport(

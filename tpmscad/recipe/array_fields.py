@@ -13,9 +13,12 @@ from tpmscad import fields
 from tpmscad._typing import BoxCorners
 from tpmscad.errors import InvalidRequest
 from tpmscad.fields import Field
-from tpmscad.fields.data.field_notes import DEFAULT_TOL_SPACINGS
+from tpmscad.fields.data.field_notes import DEFAULT_TOL_SPACINGS, find_least_spacing
 from tpmscad.fields.data.image_files import read_image
+from tpmscad.fields.kinds.coordinate_transforms import place_samples
+from tpmscad.fields.kinds.data_domains import bound_by_data
 from tpmscad.fields.kinds.label_partitions import LabelPartition
+from tpmscad.fields.kinds.sampled_data import SampledField
 from tpmscad.solids.field_patches import limit_tol_to_walls
 
 DEFAULT_TOL_CELLS = 0.01
@@ -72,7 +75,10 @@ def make_array_field(
         raise InvalidRequest(
             "give either `level` or `volume_fraction`, for grey values, or `label`, for a segmentation"
         )
-    return field, field.domain, _choose_tol(tol, field.spacing)
+    domain, spacing = field.domain, find_least_spacing(field)
+    assert domain is not None
+    assert spacing is not None
+    return field, domain, _choose_tol(tol, (spacing,))
 
 
 def _choose_tol(tol: float | None, spacing: tuple[float, ...]) -> float:
@@ -110,17 +116,21 @@ def _grade_lattice(
     centred = given.get("centred", image.centred)
     smoothing = given.get("smoothing", 0.0)
     density = fields.sampled(limited, spacing, origin, centred=bool(centred), smoothing=smoothing)
+    assert isinstance(density, SampledField)
     outside = int((limited != densities).sum())
     told = (
         f"{path.name}: a {surface} sheet with the densities as volume fractions, {outside} of {densities.size} of which were "
         f"limited to {LEAST_FRACTION:g} to {GREATEST_FRACTION:g}"
     )
     density = replace(density, notes=(*image.notes, *density.notes, told))
-    phi = fields.tpms(surface, cell)
+    phi, placed = fields.tpms(surface, cell), density
+    if image.directions is not None:
+        own = replace(density, origin=(0.0, 0.0, 0.0))
+        placed = place_samples(own, image.directions, np.array(density.origin))
     span = (LEAST_FRACTION - OVERSHOOT, GREATEST_FRACTION + OVERSHOOT)
-    thresholds = fields.graded_threshold(phi, density, span, "sheet")
+    thresholds = fields.graded_threshold(phi, placed, span, "sheet")
     assert isinstance(thresholds, tuple)
-    lattice, domain = fields.sheet(phi, *thresholds), density.domain
+    lattice, domain = bound_by_data(fields.sheet(phi, *thresholds), placed)
     if tol is None:
         low, high = (np.array(corner) for corner in domain)
         tol = limit_tol_to_walls(lattice, low, high, DEFAULT_TOL_CELLS * float(np.min(cell)))

@@ -9,12 +9,16 @@ kernel and files agree.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
+
+import numpy as np
 
 from tpmscad._typing import Array
 from tpmscad.brep.boundary_representation import Brep
 from tpmscad.fields.field import Field
+from tpmscad.fields.kinds.coordinate_transforms import AffineTransformedField
+from tpmscad.fields.kinds.data_domains import BoundedData
 from tpmscad.fields.kinds.sample_specks import remove_specks
 from tpmscad.fields.kinds.sampled_data import SampledField
 from tpmscad.kernel.boolean.boolean_operations import estimate_volume
@@ -52,7 +56,20 @@ NOTHING_DROPPED = DroppedPieces()
 
 def drop_specks(field: Field, lo: Array, hi: Array, loose: str) -> tuple[Field, DroppedPieces]:
     """A field of samples without the specks of its solid in a box, and what was left out; other fields as they are."""
-    if loose == KEEP or not isinstance(field, SampledField):
+    if loose == KEEP:
+        return field, NOTHING_DROPPED
+    if isinstance(field, BoundedData):
+        first, dropped = drop_specks(field.first, lo, hi, loose)
+        return replace(field, first=first), dropped
+    if isinstance(field, AffineTransformedField) and isinstance(field.field, SampledField):
+        low, high = np.array(field.domain)
+        if (lo > low).any() or (hi < high).any():  # what the box cuts off moved data is not known by samples
+            return field, NOTHING_DROPPED
+        first, last = np.array(field.field.domain)
+        cleaned, volumes = remove_specks(field.field, first, last, CHIP_VOLUME_FRACTION)
+        share = 1.0 / abs(float(np.linalg.det(field.matrix)))
+        return replace(field, field=cleaned), DroppedPieces(tuple(share * volume for volume in volumes))
+    if not isinstance(field, SampledField):
         return field, NOTHING_DROPPED
     cleaned, volumes = remove_specks(field, lo, hi, CHIP_VOLUME_FRACTION)
     return cleaned, DroppedPieces(volumes)

@@ -13,6 +13,7 @@ from tpmscad.api.public_calls import validate_options
 from tpmscad.errors import CrossingSurfaces, InvalidRequest, TrimmingError
 from tpmscad.fields.analysis.crease_network import describe_creases, trace_creases
 from tpmscad.fields.field import Field, as_field
+from tpmscad.fields.kinds.data_domains import bound_data_in_body
 from tpmscad.kernel.body_import.cad_body import CadBody, read_bodies
 from tpmscad.kernel.boolean.boolean_operations import OcctSolids
 from tpmscad.kernel.boolean.cut_faces import UNKNOWN, label_cut_solids
@@ -106,18 +107,19 @@ def _fill(options: InfillOptions, read: CadBody, stages: StageTimer) -> Model:
         distance = lattice_distance(request, None, turn)
     else:
         _reject_lattice_options(options)
-        if skin is None and options.tol is not None and _has_meeting_quadrics(as_field(surface), read, options.tol):
-            return _infill_crossing(as_field(surface), read, options, stages)
+        surface = bound_data_in_body(as_field(surface), *enclosing_box(read.shape))
+        if skin is None and options.tol is not None and _has_meeting_quadrics(surface, read, options.tol):
+            return _infill_crossing(surface, read, options, stages)
         try:
             block, name = build_field_block(surface, read, options.tol, stages), "field infill"
         except CrossingSurfaces as error:
             if skin is not None:
-                creases = trace_creases(as_field(surface), *enclosing_box(read.shape))
+                creases = trace_creases(surface, *enclosing_box(read.shape))
                 raise InvalidRequest(
                     f"{describe_creases(creases) or error}: within a skin the field must be smooth; round it (`width` of a "
                     "smooth intersection or union), or leave skin out, and make it one of the field's operands"
                 ) from error
-            return _infill_crossing(as_field(surface), read, options, stages)
+            return _infill_crossing(surface, read, options, stages)
         distance = field_distance(surface)
     return fill_body(block, read, skin, openings, options.loose, stages, name, distance)
 
@@ -146,6 +148,7 @@ def _infill_field_body(body: FieldBody, options: InfillOptions, stages: StageTim
         distance = lattice_distance(request, None, turn)
     else:
         _reject_lattice_options(options)
+        surface = bound_data_in_body(as_field(surface), *enclosing_box(body.cad.shape))
         block, name = build_field_block(surface, body.cad, options.tol, stages), "field infill"
         distance = field_distance(surface)
     try:

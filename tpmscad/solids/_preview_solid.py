@@ -15,9 +15,11 @@ from tpmscad.api.public_calls import validate_call
 from tpmscad.api.shared_kinds import DOMAIN, FIELD, POSITIVE
 from tpmscad.fields import volume_fraction
 from tpmscad.fields.field import Field, as_field
+from tpmscad.fields.kinds.data_domains import bound_data, settle_data
 from tpmscad.fields.kinds.linear_extension import extend_level_sets_linearly
 from tpmscad.kernel.body_import.cad_body import read_body
 from tpmscad.kernel.occt.bounding_boxes import enclosing_box
+from tpmscad.levelset.field_solid import validate_box
 from tpmscad.solids._solidify import is_numeric_box, parse_corners
 from tpmscad.solids.field_patches import check_field_in_box
 from tpmscad.solids.lattice_block import expand_body_box
@@ -42,10 +44,11 @@ def preview_solid(
     tol: Annotated[float, POSITIVE.described_as(example="0.01"), "The tolerance of `solidify`, model units."],
 ) -> SolidPreview:
     """The preview of ``solidify(field, domain, tol=tol)``; it raises what `solidify` would raise before its fits."""
-    field = as_field(field)
+    field = bound_data(as_field(field))
     if is_numeric_box(domain):
-        low, high = parse_corners(domain)
-        check_field_in_box(field, low, high, tol)
+        low, high = validate_box(*parse_corners(domain), tol)
+        settled, first, last, _ = settle_data(field, low, high)
+        check_field_in_box(settled, first, last, tol)
     else:
         body = read_body(domain)
         low, high = enclosing_box(body.shape)

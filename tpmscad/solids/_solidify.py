@@ -23,6 +23,7 @@ from tpmscad.api.shared_kinds import DOMAIN, EXECUTOR, FIELD, POSITIVE, SHAPE
 from tpmscad.brep.boundary_representation import Brep
 from tpmscad.errors import CrossingSurfaces, InvalidRequest
 from tpmscad.fields.field import Field, as_field
+from tpmscad.fields.kinds.data_domains import bound_data_in_body, settle_data
 from tpmscad.fields.kinds.linear_extension import extend_level_sets_linearly
 from tpmscad.kernel.body_import.cad_body import read_body
 from tpmscad.kernel.boolean.boolean_operations import OcctSolids
@@ -136,18 +137,36 @@ def solidify(
             raise InvalidRequest("an executor is for boxes; a body is filled by one process: leave executor out")
         body = read_body(domain)
         bounds = enclosing_box(body.shape)
-        return infill(
-            body, extend_level_sets_linearly(as_field(field), *bounds), tol=tol, loose=loose, progress=progress
-        )
+        matter = extend_level_sets_linearly(bound_data_in_body(as_field(field), *bounds), *bounds)
+        return infill(body, matter, tol=tol, loose=loose, progress=progress)
     stages = StageTimer(progress)
     passive = PassiveRegions.read(keep, clear)
-    if has_meeting_quadrics(as_field(field), *validate_box(*parse_corners(domain), tol), tol):
-        return solidify_crossing(as_field(field), domain, tol, loose, stages, passive)
-    field, specks = drop_specks(as_field(field), *parse_corners(domain), KEEP if passive.bodies else loose)
+    field, lo, hi, told = settle_data(as_field(field), *validate_box(*parse_corners(domain), tol))
+    envelope = Envelope.of_box("the field's box", *parse_corners(domain))
+    model = _make_in_box(field, lo, hi, tol, loose, executor, passive, stages)
+    certificate = replace(model.certificate, notes=(*told, *model.certificate.notes)) if told else model.certificate
+    return replace(model, certificate=certificate, envelope=envelope)
+
+
+def _make_in_box(
+    field: Field,
+    lo: Array,
+    hi: Array,
+    tol: float,
+    loose: str,
+    executor: Executor | None,
+    passive: PassiveRegions,
+    stages: StageTimer,
+) -> Model:
+    """The solid of a field in the box [lo, hi]."""
+    domain = (tuple(lo.tolist()), tuple(hi.tolist()))
+    if has_meeting_quadrics(field, lo, hi, tol):
+        return solidify_crossing(field, domain, tol, loose, stages, passive)
+    field, specks = drop_specks(field, lo, hi, KEEP if passive.bodies else loose)
     try:
-        found = fit_field_patches(field, *parse_corners(domain), tol, stages, executor=executor)
+        found = fit_field_patches(field, lo, hi, tol, stages, executor=executor)
     except CrossingSurfaces:
-        return solidify_crossing(as_field(field), domain, tol, loose, stages, passive)
+        return solidify_crossing(field, domain, tol, loose, stages, passive)
     with stages("build"):
         built = build_solids(found.fitted.brep, found.moments)
     with stages("check"):

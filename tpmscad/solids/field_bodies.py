@@ -20,10 +20,11 @@ from tpmscad.brep.triangles.closed_mesh import SolidMesh
 from tpmscad.errors import CrossingSurfaces, InvalidRequest, KernelError, LevelSetError
 from tpmscad.fields.analysis.solid_bounds import bound_solid
 from tpmscad.fields.data.field_notes import DEFAULT_TOL_SPACINGS, find_least_spacing
-from tpmscad.fields.data.triangle_distance import build_triangle_tree
+from tpmscad.fields.data.triangle_distance import build_triangle_tree, sample_triangles
 from tpmscad.fields.data.triangle_mesh import is_mesh_object, is_mesh_path
 from tpmscad.fields.field import Field
-from tpmscad.fields.kinds.triangle_meshes import MeshField, mesh, sample_triangles
+from tpmscad.fields.kinds.data_domains import settle_data
+from tpmscad.fields.kinds.triangle_meshes import MeshField, mesh
 from tpmscad.kernel.body_import.cad_body import CadBody, read_body
 from tpmscad.kernel.build.primitive_solids import PrimitiveRegion
 from tpmscad.kernel.build.solids import BrepSolids, build_solids
@@ -117,7 +118,7 @@ def reject_solid(solid: int | str | None) -> None:
 
 def find_field_box(field: Field, box: BoxCorners | None, name: str) -> tuple[Array, Array]:
     """The box in which the solid of a field is fitted: as given, the domain of its data, or found; InvalidRequest without."""
-    given = box if box is not None else getattr(field, "domain", None)
+    given = box if box is not None else field.domain
     if given is not None:
         low, high = (np.array(corner, float) for corner in given)
         return low, high
@@ -139,7 +140,17 @@ def fit_field_body(
     A mesh is followed no closer than its field follows the triangles, and data, where `tol` `is_default`, not to the last digit.
     """
     name = field.mesh.name if isinstance(field, MeshField) else "the field"
-    low, high = find_field_box(field, box, name)
+    field, low, high, told = settle_data(field, *find_field_box(field, box, name))
+    body = _fit_body(field, low, high, tol, stages, name, is_default)
+    if not told or not isinstance(body, FieldBody):
+        return body
+    return replace(body, measures=replace(body.measures, notes=(*body.measures.notes, *told)))
+
+
+def _fit_body(
+    field: Field, low: Array, high: Array, tol: float, stages: StageTimer, name: str, is_default: bool
+) -> FieldBody | CadBody:
+    """The body of a field in a box."""
     spacing = find_least_spacing(field) if is_default else None
     closest = tol if spacing is None else max(tol, DEFAULT_TOL_SPACINGS * spacing)
     if isinstance(field, MeshField):
@@ -219,7 +230,7 @@ def _measure_distances(body: FieldBody) -> PatchMeasures:
         (source.corners, made.points, made.triangles),
     )
     there, back = (
-        build_triangle_tree(vertices, triangles).distances(sample_triangles(corners, MEASURED_POINTS))
+        build_triangle_tree(vertices, triangles).distances(sample_triangles(corners, MEASURED_POINTS)[0])
         for corners, vertices, triangles in pairs
     )
     figures = {

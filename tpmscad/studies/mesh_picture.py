@@ -7,7 +7,8 @@ from pathlib import Path
 from tpmscad.brep.triangles.closed_mesh import SolidMesh
 from tpmscad.brep.triangles.smooth_groups import label_smooth_groups
 from tpmscad.errors import InvalidRequest
-from tpmscad.fields.data.triangle_mesh import list_open_edges, read_triangles
+from tpmscad.fields.data.mesh_shells import list_open_edges
+from tpmscad.fields.data.triangle_mesh import read_triangles
 from tpmscad.kernel.render.palette import SURFACE_COLOUR, numbered_colour
 from tpmscad.kernel.render.picture import draw_scene
 from tpmscad.kernel.render.scene import Scene

@@ -161,10 +161,11 @@ def sweep(
         ANYTHING,
         "One design a row: a CSV file, a Parquet file (``pip install 'tpmscad[tables]'``), dictionaries, or a data "
         "frame of pandas. The columns are keywords of `lattice`; in rows with a `body`, the path of a STEP file, "
-        "those of `infill`. In rows with a `recipe`, a TOML file for ``tpmscad blend`` or ``tpmscad solidify``, the "
-        "columns are keys of that recipe, such as ``tol`` or ``structures[0].level``. An empty cell is the default. "
-        "The column `file` names the file of the solid (.step, .stl, .3mf, ...), with other columns and the number of "
-        "the row in braces: ``{surface}_{thickness}_{row:03d}.step``.",
+        "those of `infill`; in rows whose `kind` is one of struts, those of `struts`. In rows with a `recipe`, a TOML "
+        "file for ``tpmscad blend`` or ``tpmscad solidify``, the columns are keys of that recipe, such as ``tol`` or "
+        "``structures[0].level``. An empty cell is the default. The column `file` names the file of the solid (.step, "
+        ".stl, .3mf, ...), with other columns and the number of the row in braces: "
+        "``{surface}_{thickness}_{row:03d}.step``.",
     ],
     executor: Annotated[
         Executor | None,
@@ -201,7 +202,8 @@ def sweep(
 
     The results are the same, in the order of the table, whoever makes them. After an interruption the same call goes on: designs
     whose parameters are in the results already, and whose files are there, are not made again. A design that cannot be made is a
-    row with its error, too, and the others go on.
+    row with its error, too, and the others go on. Columns of figures hold what was measured: a parameter of such a name, as a
+    porosity that is asked for, is in the column `requested_porosity`.
 
     Returns
     -------

@@ -1,6 +1,7 @@
 """Values in the cells of a table: text to a value and back.
 
-A cell holds a number, several numbers with commas between them, `true` or `false`, or text. The text of a value is what results
+A cell holds a number, several numbers with commas between them, rows of such numbers with semicolons between them (the corners of
+a box), `true` or `false`, or text. The text of a value is what results
 are matched by: equal values have equal text, and the text is read as the value.
 """
 
@@ -30,12 +31,19 @@ def parse_cell(column: str, text: str) -> Any:
     text = text.strip()
     if column in TEXT_COLUMNS:
         return text
-    parts = [part.strip() for part in text.split(",")]
     if text.lower() in BOOLEANS:
         return BOOLEANS[text.lower()]
-    numbers = [_parse_number(part) for part in parts]
-    if None in numbers:
+    rows = [_parse_numbers(row) for row in text.split(";")]
+    if None in rows:
         return text
+    return tuple(rows) if len(rows) > 1 else rows[0]
+
+
+def _parse_numbers(text: str) -> tuple[int | float, ...] | int | float | None:
+    """A number, or several with commas between them; None for anything else."""
+    numbers = [number for part in text.split(",") if (number := _parse_number(part.strip())) is not None]
+    if len(numbers) <= text.count(","):
+        return None
     return tuple(numbers) if len(numbers) > 1 else numbers[0]
 
 
@@ -64,5 +72,6 @@ def format_cell(value: Any) -> str:
         number = float(value)
         return str(int(number)) if number.is_integer() and abs(number) < 1e15 else repr(number)
     if isinstance(value, list | tuple | np.ndarray):
-        return ",".join(map(format_cell, value))
+        nested = any(isinstance(part, list | tuple | np.ndarray) for part in value)
+        return (";" if nested else ",").join(map(format_cell, value))
     return str(value)

@@ -13,12 +13,14 @@ from typing import Any
 
 import numpy as np
 
-from tpmscad.errors import NotMet
+from tpmscad.api.public_calls import translate_error
+from tpmscad.errors import NotMet, TpmscadError
 from tpmscad.recipe.blend_recipe import BlendRecipe
 from tpmscad.recipe.recipe_runs import BlendRun, SolidRun, read_recipe, run_blend_recipe
 from tpmscad.results.model import Model
 from tpmscad.solids._infill import infill
 from tpmscad.solids._lattice import lattice
+from tpmscad.solids._struts import struts
 from tpmscad.studies._homogenize import homogenize
 from tpmscad.studies._measure import measure
 
@@ -53,7 +55,8 @@ FIGURES: Mapping[str, type] = {
     "message": str,
     "seconds": float,
 }
-"""The columns of results after those of the parameters, and their types; one that was not measured is empty."""
+"""The columns of results after those of the parameters, and their types; one that was not measured is empty. A parameter of
+such a name has a column of another one (`results_table.name_column`)."""
 
 METRICS = ("smallest_wall", "smallest_pore", "hydraulic_diameter")
 """The figures that are measured on demand only, as they take longer than most lattices."""
@@ -85,7 +88,7 @@ def run_design(
             figures |= _homogenize(model)
         figures["met"] = True
     except Exception as error:  # whatever it is, it is the result of this row, and the others go on
-        figures |= describe_failure(error)
+        figures |= describe_failure(error if isinstance(error, TpmscadError) else translate_error("the design", error))
     return figures | {"seconds": round(time.perf_counter() - begun, 3)}
 
 
@@ -138,6 +141,10 @@ def _make_infill(parameters: Mapping[str, Any]) -> Model:
     return infill(**parameters, progress=False)
 
 
+def _make_struts(parameters: Mapping[str, Any]) -> Model:
+    return struts(**parameters, progress=False)
+
+
 def _make_from_recipe(parameters: Mapping[str, Any]) -> Model:
     changes = {name: value for name, value in parameters.items() if name != "recipe"}
     recipe = read_recipe(Path(parameters["recipe"]), changes)
@@ -153,9 +160,10 @@ def _be_silent(stage: str, done: float) -> None:
     """A progress that shows nothing."""
 
 
-MAKERS: Mapping[str, Callable[[Mapping[str, Any]], Model]] = {
+MAKERS: dict[str, Callable[[Mapping[str, Any]], Model]] = {
     "lattice": _make_lattice,
     "infill": _make_infill,
+    "struts": _make_struts,
     "blend": _make_from_recipe,
     "solidify": _make_from_recipe,
 }

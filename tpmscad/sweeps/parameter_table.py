@@ -1,9 +1,10 @@
 """The table of a sweep: one design a row, read and validated as a whole before any work.
 
-A column is a keyword of `tpmscad.lattice`, or of `tpmscad.infill` in rows with a `body`. In rows with a `recipe`, a TOML file of
-`tpmscad blend` or `tpmscad solidify`, a column is the path of a key of that recipe, such as `tol` or `structures[0].level`, whose
-value it replaces. The column `file` names the file of the solid; in braces it takes other columns and the number of the row. An
-empty cell stands for the keyword's default. InvalidRequest names the row and the column of what is wrong.
+A column is a keyword of `tpmscad.lattice`; of `tpmscad.infill` in rows with a `body`; of `tpmscad.struts` in rows whose `kind`
+is one of struts. In rows with a `recipe`, a TOML file of `tpmscad blend` or `tpmscad solidify`, a column is the path of a key of
+that recipe, such as `tol` or `structures[0].level`, whose value it replaces. The column `file` names the file of the solid; in
+braces it takes other columns and the number of the row. An empty cell stands for the keyword's default. InvalidRequest names the
+row and the column of what is wrong.
 """
 
 from __future__ import annotations
@@ -28,19 +29,31 @@ from tpmscad.recipe.blend_recipe import BlendRecipe
 from tpmscad.recipe.recipe_runs import read_recipe
 from tpmscad.solids._infill import infill
 from tpmscad.solids._lattice import lattice
+from tpmscad.solids._struts import struts
+from tpmscad.strut_cells import KINDS
 from tpmscad.sweeps.cell_text import format_cell, is_blank, parse_cell
+from tpmscad.sweeps.results_table import Key, format_parameters, key_of
 
 FILE = "file"
 NOT_IN_A_TABLE = ("map", "progress")
 """Keywords that take functions only."""
 
+FUNCTIONS_TOLD = "it takes a function, which a table cannot hold: make such designs one by one"
+
 KEYWORDS: Mapping[str, Mapping[str, Argument]] = {
     function.__name__: {
         name: argument for name, argument in arguments_of(function).items() if name not in NOT_IN_A_TABLE
     }
-    for function in (lattice, infill)
+    for function in (infill, struts, lattice)
 }
 """The columns by the function that a row calls."""
+
+PURPOSES = {
+    "infill": "a body: name its file in the column body",
+    "struts": "struts: name their cell in the column kind",
+    "lattice": "a surface in a box, not a body or struts",
+}
+"""What a function makes, in the message on a column that the function of a row does not take."""
 
 TABLE_FORMATS = (".csv", ".parquet")
 MAX_LISTED_ROWS = 5
@@ -56,9 +69,9 @@ class Design:
     file: Path | None = None
 
     @property
-    def key(self) -> frozenset[tuple[str, str]]:
+    def key(self) -> Key:
         """What results are matched by: the names and the text of all parameters."""
-        return frozenset((name, format_cell(value)) for name, value in self.parameters.items())
+        return key_of(format_parameters(self.parameters))
 
 
 @dataclass(frozen=True, slots=True)
@@ -153,14 +166,14 @@ def _read_parquet(path: Path) -> list[dict[str, Any]]:
 
 def _check_columns(columns: Sequence[str], has_recipes: bool) -> None:
     """InvalidRequest for a column that no row can use."""
-    known = list(dict.fromkeys([*KEYWORDS["lattice"], *KEYWORDS["infill"], "recipe", FILE]))
+    known = list(dict.fromkeys([*KEYWORDS["lattice"], *KEYWORDS["infill"], *KEYWORDS["struts"], "recipe", FILE]))
     for name in columns:
         if name in known or has_recipes:
             continue
         near = [SYNONYMS.get(name.lower(), ""), *get_close_matches(name, known, n=1)]
         meant = next((word for word in near if word), "")
         if name in NOT_IN_A_TABLE:
-            hint = "it takes a function, which a table cannot hold: make such designs one by one"
+            hint = FUNCTIONS_TOLD
         else:
             hint = f"it is called {meant}" if meant else f"the columns are {', '.join(known)}"
         raise InvalidRequest(f"column {name!r} is unknown; {hint}")
@@ -172,26 +185,39 @@ def _read_design(number: int, row: Mapping[str, Any]) -> Design:
     if "recipe" in given:
         function, parameters = _read_recipe_row(number, given)
     else:
-        function = "infill" if "body" in given else "lattice"
+        function = "infill" if "body" in given else "struts" if _names_struts(given) else "lattice"
+        missing = next((a.name for a in KEYWORDS[function].values() if a.is_required and a.name not in given), None)
+        if missing is not None:
+            meant = KEYWORDS[function][missing].kind.text
+            if missing == "surface":
+                meant = f"the name of one, such as gyroid; or struts in the column kind: {', '.join(KINDS)}"
+            raise InvalidRequest(f"row {number}, column {missing}: is empty; give {meant}")
         parameters = {name: _read_keyword(number, function, name, value) for name, value in given.items()}
-        if "surface" not in parameters:
-            raise InvalidRequest(f"row {number}, column surface: is empty; name a surface, such as gyroid")
-        with _locate_errors(number, "surface"):
-            find_surface(parameters["surface"])
+        if "surface" in parameters:
+            with _locate_errors(number, "surface"):
+                find_surface(parameters["surface"])
     return Design(number, function, parameters, _name_file(number, row.get(FILE), given))
+
+
+def _names_struts(given: Mapping[str, Any]) -> bool:
+    """Whether a row is one of struts, by its kind of cell."""
+    return "surface" not in given and isinstance(given.get("kind"), str) and given["kind"] in KINDS
 
 
 def _read_keyword(number: int, function: str, name: str, value: Any) -> Any:
     """A keyword of a function in its final form."""
     if name not in KEYWORDS[function]:
-        other = "a body: name its STEP file in the column body" if name in KEYWORDS["infill"] else "a box, not a body"
+        other = next(PURPOSES[each] for each, known in KEYWORDS.items() if name in known)
         raise InvalidRequest(
             f"row {number}, column {name}: {format_cell(value)} is for {other}, or leave the cell empty"
         )
     with _locate_errors(number, name):
         if name == "body" and not isinstance(value, str | Path):
-            raise InvalidRequest("give the path of a STEP file: results are matched by the text of their parameters")
-        return read_value(name, KEYWORDS[function][name].kind, value)
+            raise InvalidRequest("give the path of a file: results are matched by the text of their parameters")
+        found = read_value(name, KEYWORDS[function][name].kind, value)
+        if callable(found):
+            raise InvalidRequest(FUNCTIONS_TOLD)
+        return found
 
 
 def _read_recipe_row(number: int, given: Mapping[str, Any]) -> tuple[str, dict[str, Any]]:

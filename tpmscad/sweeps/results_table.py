@@ -19,6 +19,9 @@ from tpmscad.errors import InvalidRequest
 from tpmscad.sweeps.cell_text import format_cell
 from tpmscad.sweeps.design_runs import FIGURES
 
+REQUESTED = "requested_"
+"""Before the name of a parameter that a figure has, too: the column of its name holds what was measured."""
+
 Key = frozenset[tuple[str, str]]
 TextRow = dict[str, str]
 
@@ -38,7 +41,7 @@ class ResultsTable:
 
     def append(self, parameters: Mapping[str, Any], figures: Mapping[str, Any]) -> None:
         """Add a finished row to the end of the file."""
-        row = {name: format_cell(value) for name, value in {**parameters, **figures}.items()}
+        row = format_parameters(parameters) | {name: format_cell(value) for name, value in figures.items()}
         self.rows[key_of(row)] = row
         with self.path.open("a", encoding="utf-8", newline="") as file:
             file.write(self._format_lines([row]))
@@ -61,6 +64,16 @@ class ResultsTable:
         return text.getvalue()
 
 
+def name_column(parameter: str) -> str:
+    """The column of a parameter: its name, unless a figure has it, as a porosity may be asked for and is measured."""
+    return REQUESTED + parameter if parameter in FIGURES else parameter
+
+
+def format_parameters(parameters: Mapping[str, Any]) -> TextRow:
+    """The text of parameters by their columns."""
+    return {name_column(name): format_cell(value) for name, value in parameters.items()}
+
+
 def key_of(row: Mapping[str, str]) -> Key:
     """What a row is known by: the names and the text of its parameters."""
     return frozenset((name, text) for name, text in row.items() if name not in FIGURES and text)
@@ -68,8 +81,9 @@ def key_of(row: Mapping[str, str]) -> Key:
 
 def open_results(path: Path, parameters: Sequence[str]) -> ResultsTable:
     """The rows that an earlier run has left; none if there is no file. InvalidRequest if the file holds something else."""
+    columns = [name_column(name) for name in parameters]
     if not path.exists():
-        return ResultsTable(path, tuple(parameters))
+        return ResultsTable(path, tuple(columns))
     text = path.read_bytes().decode("utf-8", "replace")
     whole = text[: text.rfind("\n") + 1]  # a line without its end was cut off
     lines = list(csv.reader(io.StringIO(whole, newline="")))
@@ -78,7 +92,13 @@ def open_results(path: Path, parameters: Sequence[str]) -> ResultsTable:
         raise InvalidRequest(
             f"{path} is no table of results of a sweep: give the name of a new file, or remove this one"
         )
-    table = ResultsTable(path, tuple(dict.fromkeys([*parameters, *head[: -len(FIGURES)]])))
+    earlier = head[: -len(FIGURES)]
+    if lost := [name for name in earlier if name in FIGURES]:
+        raise InvalidRequest(
+            f"{path} has the column {lost[0]} twice: what was asked for there is overwritten by what was measured; give the name "
+            "of a new file, or remove this one"
+        )
+    table = ResultsTable(path, tuple(dict.fromkeys([*columns, *earlier])))
     for cells in lines[1:]:
         if len(cells) == len(head):
             row = {name: cell for name, cell in zip(head, cells, strict=True) if cell}

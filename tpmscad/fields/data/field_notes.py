@@ -19,7 +19,11 @@ def collect_notes(field: Any) -> tuple[str, ...]:
 
 def find_least_spacing(field: Field) -> float | None:
     """The least spacing of samples that a field is made of, model units; None of formulas."""
-    return min((min(part.spacing) for part in _iterate_parts(field) if hasattr(part, "spacing")), default=None)
+    boxes = [(part, box) for part in _iterate_parts(field) if (box := part.data_box()) is not None]
+    # a moved part counts as it lies, and not as its own field does, too
+    inner = {id(each) for part, _ in boxes for each in _iterate_parts(part) if each is not part}
+    steps = (min(getattr(part, "spacing", (box.least_step,))) for part, box in boxes if id(part) not in inner)
+    return min(steps, default=None)
 
 
 def _iterate_parts(field: Any) -> Iterator[Any]:

@@ -41,7 +41,12 @@ def read_npz(file: Path, choice: ImageChoice) -> StoredImage:
     """The array of a name in an archive of NumPy, or the only one of three or four dimensions."""
     with np.load(file, allow_pickle=False) as archive:
         names = [name for name in archive.files if archive[name].ndim in (3, 4)]
-        return StoredImage(np.asarray(archive[select_name(file.name, names, choice.array_name)]))
+        taken = select_name(file.name, names, choice.array_name)
+        others = ", ".join(repr(name) for name in archive.files if name not in names)
+        notes = (
+            (f"its arrays {others} are not read: give `spacing` and `origin` if they state a place",) if others else ()
+        )
+        return StoredImage(np.asarray(archive[taken]), notes=notes)
 
 
 def read_raw(file: Path, choice: ImageChoice) -> StoredImage:
@@ -115,7 +120,14 @@ def read_image(
     except InvalidRequest:
         raise
     except Exception as error:
-        raise InvalidRequest(f"{file.name} cannot be read as {suffix}: {type(error).__name__}: {error}") from error
+        raise InvalidRequest(
+            f"{file.name} cannot be read as {suffix}: it is damaged, or of another format ({type(error).__name__}); save it again"
+        ) from error
+    if stored.values.dtype.kind not in "biuf":
+        kind = "complex numbers" if stored.values.dtype.kind == "c" else f"values of the type {stored.values.dtype}"
+        raise InvalidRequest(
+            f"{file.name} holds {kind}, where one real number for each voxel is needed: save one quantity of them"
+        )
     count = stored.values.shape[3] if stored.values.ndim == 4 else 1
     number = select_volume(file.name, count, None if stored.is_chosen else volume)
     if stored.values.ndim == 4:
@@ -123,7 +135,8 @@ def read_image(
         stored = replace(stored, values=stored.values[..., number], notes=told)
     if stored.values.ndim != 3:
         raise InvalidRequest(
-            f"{file.name} holds an array of shape {stored.values.shape}: three dimensions of one number each are needed"
+            f"{file.name} holds an array of shape {stored.values.shape}: three dimensions of one number each are needed; save a "
+            "stack of them, or one of its parts"
         )
     return place_image(file.name, stored, frame)
 

@@ -2,7 +2,7 @@
 
 A medical image states a frame of the patient, named by the directions in which x, y and z increase. The model is in RAS: x to the
 right, y anterior, z superior, as NIfTI has it; DICOM, ITK and most NRRD files are in LPS, with x and y the other way round.
-Images whose axes are turned against x, y and z are refused, because a uniform grid along the axes could not hold them unchanged.
+Samples of images whose axes are turned against x, y and z stay on their grid, whose directions are told: the field is turned.
 """
 
 from __future__ import annotations
@@ -10,11 +10,12 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.optimize import linear_sum_assignment
 
 from tpmscad._typing import Array
 from tpmscad.api.argument_kinds import choice_of
 from tpmscad.errors import InvalidRequest
-from tpmscad.fields.data.stored_images import StoredImage
+from tpmscad.fields.data.stored_images import MILLIMETRES, StoredImage
 from tpmscad.fields.tape.evaluation import Triple
 
 FRAME_SIGNS = {"RAS": (1.0, 1.0, 1.0), "LAS": (-1.0, 1.0, 1.0), "LPS": (-1.0, -1.0, 1.0)}
@@ -28,18 +29,19 @@ FRAME_MEANING = (
     "anterior, z superior), or to LPS; ``file`` keeps the coordinates of the file."
 )
 
-MILLIMETRES = {"mm": 1.0, "cm": 10.0, "m": 1e3, "um": 1e-3, "µm": 1e-3, "nm": 1e-6, "in": 25.4, "inch": 25.4}
-MILLIMETRES |= {"meter": 1e3, "millimeter": 1.0, "micron": 1e-3, "micrometer": 1e-3}
-"""Units of length of image files, in mm."""
-
 AXIS_ALIGNMENT_TOL = 1e-4
-"""Largest cosine between an image's axis and another coordinate axis: headers store directions in single precision."""
+"""Largest cosine between an image's axis and another coordinate axis, up to which it is along its own: headers store directions
+in single precision."""
+
+LEAST_SPREAD = 1e-3
+"""Volume of the cell of an image's unit axes, below which they lie in one plane."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Image:
     """Samples (nx, ny, nz), their spacing and the position of the first, model units; None where the file has none.
 
+    `directions` (3, 3): the unit vectors along the axes of the samples, its columns; None if they are x, y and z.
     `centred`: whether the samples belong to cells (True) or points (False), None if the file does not say. `notes` tell how
     frame and unit were read.
     """
@@ -49,6 +51,7 @@ class Image:
     origin: Triple | None = None
     centred: bool | None = None
     notes: tuple[str, ...] = ()
+    directions: Array | None = None
 
 
 def place_image(name: str, stored: StoredImage, frame: str | None) -> Image:
@@ -63,8 +66,13 @@ def place_image(name: str, stored: StoredImage, frame: str | None) -> Image:
     if stored.affine is None or stored.values.ndim != 3:
         return Image(stored.values, centred=stored.centred, notes=tuple(notes))
     affine = np.diag([*(scale * signs), 1.0]) @ stored.affine
-    values, spacing, origin = _align_with_axes(name, stored.values, affine)
-    return Image(values, spacing, origin, stored.centred, tuple(notes))
+    values, spacing, origin, directions = _align_with_axes(name, stored.values, affine)
+    if directions is not None:
+        turn = np.degrees(np.arccos(np.clip(np.abs(np.diag(directions)).min(), 0.0, 1.0)))
+        notes.append(
+            f"{name}: its axes are turned by up to {turn:.4g} degrees against x, y and z; the field is turned, and not resampled"
+        )
+    return Image(values, spacing, origin, stored.centred, tuple(notes), directions)
 
 
 def _convert_frame(name: str, stated: str, wanted: str | None) -> tuple[Array, str]:
@@ -90,28 +98,34 @@ def _convert_frame(name: str, stated: str, wanted: str | None) -> tuple[Array, s
     return keeps, f"{name}: no frame stated{f' ({stated})' if stated else ''}; coordinates as in the file"
 
 
-def _align_with_axes(name: str, values: Array, affine: Array) -> tuple[Array, Triple, Triple]:
-    """The samples with their axes in the order and direction of x, y and z, their spacing, and the position of the first."""
+def _align_with_axes(name: str, values: Array, affine: Array) -> tuple[Array, Triple, Triple, Array | None]:
+    """The samples with their axes in the order and direction of x, y and z, their spacing, and the position of the first.
+
+    Of axes that are turned against x, y and z, the nearest; the last result are then their directions, as of an `Image`.
+    """
     matrix, origin = affine[:3, :3], affine[:3, 3].astype(float)
     lengths = np.linalg.norm(matrix, axis=0)
     if not (np.isfinite(affine).all() and (lengths > 0).all()):
         raise InvalidRequest(f"{name} states a spacing of {lengths.tolist()}, which must be positive")
-    cosines = np.abs(matrix / lengths)
-    order = cosines.argmax(axis=0)
-    off_axis = np.sort(cosines, axis=0)[1].max()
-    if sorted(order.tolist()) != [0, 1, 2] or off_axis > AXIS_ALIGNMENT_TOL:
+    directions = matrix / lengths
+    if abs(np.linalg.det(directions)) < LEAST_SPREAD:
         raise InvalidRequest(
-            f"the axes of {name} are turned against x, y and z (cosine {off_axis:.3g}): resample the image along the axes "
-            "first, or give its array alone (.npy) and rotate the field"
+            f"the axes of {name} lie in one plane: {directions.T.round(4).tolist()}; save the image again"
         )
+    order = linear_sum_assignment(-np.abs(directions.T))[1]
+    along = np.zeros((3, 3), bool)
+    along[order, np.arange(3)] = True
+    off_axis = np.abs(directions[~along]).max()
     for axis in range(3):
         if matrix[order[axis], axis] < 0:
             origin = origin + matrix[:, axis] * (values.shape[axis] - 1)
             values = np.flip(values, axis)
     inverse = np.argsort(order)
     spacing = lengths[inverse]
+    signs = np.sign(matrix[order, np.arange(3)])
     return (
         np.ascontiguousarray(np.transpose(values, inverse)),
         (float(spacing[0]), float(spacing[1]), float(spacing[2])),
         (float(origin[0]), float(origin[1]), float(origin[2])),
+        (directions * signs)[:, inverse] if off_axis > AXIS_ALIGNMENT_TOL else None,
     )

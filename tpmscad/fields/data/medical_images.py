@@ -6,6 +6,7 @@ slope and intercept of every slice. The slices are placed here, by the positions
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 from typing import Any
 
@@ -24,6 +25,15 @@ from tpmscad.fields.data.stored_images import (
 NRRD_FRAMES = {"right-anterior-superior": "RAS", "left-anterior-superior": "LAS", "left-posterior-superior": "LPS"}
 NRRD_FRAMES |= {short.lower(): short for short in NRRD_FRAMES.values()}
 """Frames of the patient by the names of NRRD's field "space", in lower case."""
+
+NRRD_IGNORED = ("axis mins", "axis maxs", "old min", "old max")
+"""Fields of NRRD that place or scale its samples, of which a note tells that they are not read."""
+
+METAIMAGE_SCALE = rb"^ElementToIntensityFunction(Slope|Offset)\s*=\s*(\S+)"
+"""Lines of a header of MetaImage that SimpleITK does not apply."""
+
+MAX_METAIMAGE_HEAD = 1 << 16
+"""Bytes in which the header of a MetaImage ends."""
 
 INSTANCE_NUMBER, SERIES_DESCRIPTION = "0020|0013", "0008|103e"
 """Tags of DICOM, as SimpleITK writes them."""
@@ -47,13 +57,14 @@ def read_nifti(file: Path, choice: ImageChoice) -> StoredImage:
 
 
 def read_nrrd(file: Path, choice: ImageChoice) -> StoredImage:
-    """An NRRD file; an axis without a direction in space numbers the volumes."""
+    """An NRRD file; axes without a direction in space number the volumes."""
     nrrd = load_reader("nrrd", "pynrrd")
     values, header = nrrd.read(str(file))
     axes = list(range(values.ndim))
-    if values.ndim == 4:
-        axes.remove(_find_axis_of_volumes(header))
-        values = np.moveaxis(values, list(set(range(4)) - set(axes)), -1)
+    if values.ndim > 3:
+        axes = _find_axes_of_space(header, values.ndim)
+        others = [axis for axis in range(values.ndim) if axis not in axes]
+        values = np.transpose(values, (*axes, *others)).reshape(*(values.shape[axis] for axis in axes), -1, order="F")
     affine = np.eye(4)
     if "space directions" in header:
         affine[:3, :3] = np.asarray(header["space directions"], float)[axes].T
@@ -69,18 +80,25 @@ def read_nrrd(file: Path, choice: ImageChoice) -> StoredImage:
     words = header.get("centerings", header.get("centers", ()))
     centring = {str(words[axis]) for axis in axes} if len(words) else set()
     centred = True if centring == {"cell"} else False if centring == {"node"} else None
-    return StoredImage(values, affine, frame, "".join(units), centred)
+    ignored = [key for key in NRRD_IGNORED if key in header]
+    notes = (
+        (f"it states {', '.join(ignored)}, which are not read: give `spacing`, `origin` or `level` by them",)
+        if ignored
+        else ()
+    )
+    return StoredImage(values, affine, frame, "".join(units), centred, notes)
 
 
-def _find_axis_of_volumes(header: Any) -> int:
-    """The axis of four that has no direction, or no spacing; else the last."""
+def _find_axes_of_space(header: Any, count: int) -> list[int]:
+    """The three axes of several that have a direction, or a spacing, or are of the kind of space; else the first three."""
     for key in ("space directions", "spacings"):
         if key in header:
-            rows = np.asarray(header[key], float).reshape(4, -1)
-            without = np.flatnonzero(~np.isfinite(rows).all(axis=1))
-            if len(without) == 1:
-                return int(without[0])
-    return 3
+            rows = np.asarray(header[key], float).reshape(count, -1)
+            found = np.flatnonzero(np.isfinite(rows).all(axis=1))
+            if len(found) == 3:
+                return [int(axis) for axis in found]
+    kinds = [axis for axis, kind in enumerate(header.get("kinds", ())) if str(kind) in ("domain", "space")]
+    return kinds if len(kinds) == 3 else [0, 1, 2]
 
 
 def _known(unit: str) -> str:
@@ -97,9 +115,15 @@ def read_metaimage(file: Path, choice: ImageChoice) -> StoredImage:
             f"{file.name} holds {image.GetNumberOfComponentsPerPixel()} numbers for each voxel, not one"
         )
     values = np.transpose(sitk.GetArrayFromImage(image))
+    with file.open("rb") as opened:
+        head = opened.read(MAX_METAIMAGE_HEAD).partition(b"ElementDataFile")[0]
+    stated = {name: float(number) for name, number in re.findall(METAIMAGE_SCALE, head, re.MULTILINE)}
+    slope, offset = stated.get(b"Slope", 1.0), stated.get(b"Offset", 0.0)
+    if (slope, offset) != (1.0, 0.0):
+        values = slope * values + offset
     if values.ndim < 3:
         return StoredImage(values)
-    return StoredImage(values, _affine_of(image), "LPS")
+    return StoredImage(values.reshape(*values.shape[:3], -1) if values.ndim > 4 else values, _affine_of(image), "LPS")
 
 
 def _affine_of(image: Any) -> Array:

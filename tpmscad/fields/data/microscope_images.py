@@ -12,7 +12,7 @@ import numpy as np
 
 from tpmscad._typing import Array
 from tpmscad.errors import InvalidRequest
-from tpmscad.fields.data.stored_images import ImageChoice, StoredImage, load_reader
+from tpmscad.fields.data.stored_images import MILLIMETRES, ImageChoice, StoredImage, load_reader, select_volume
 
 PICTURE_SUFFIXES = (".tif", ".tiff")
 """Pictures that make a stack in a folder."""
@@ -25,11 +25,36 @@ def read_tiff(file: Path, choice: ImageChoice) -> StoredImage:
     """A stack of TIFF pages: x along the rows, y down the columns, z from page to page; spacing of ImageJ or OME-XML."""
     tifffile = load_reader("tifffile", "tifffile")
     with tifffile.TiffFile(file) as tif:
-        series = tif.series[0]
-        notes = (f"holds {len(tif.series)} series of pictures, the first was taken",) if len(tif.series) > 1 else ()
-        values, axes = series.asarray(), series.axes
+        stacks = [series for series in tif.series if series.ndim > 2] or _join_pictures(file.name, tif.series)
+        is_chosen = len(stacks) > 1
+        number = select_volume(file.name, len(stacks), choice.volume, "stacks of pictures") if is_chosen else 0
+        first = stacks[number]
+        series = first[0] if isinstance(first, list) else first
+        told = f"stack {number} of {len(stacks)} was taken" if is_chosen else ""
+        if isinstance(first, list):
+            values, axes = np.stack([each.asarray() for each in first]), f"Z{series.axes}"
+        else:
+            values, axes = series.asarray(), series.axes
+            if len(stacks) < len(tif.series):
+                told += (
+                    f"{'; ' * is_chosen}{len(tif.series) - len(stacks)} single pictures beside its stacks were left out"
+                )
         spacing, unit = _read_spacing(tif, series.keyframe)
-    return StoredImage(_order_axes(file.name, values, axes), _scaling(spacing), "", unit, notes=notes)
+    notes = (told,) if told else ()
+    return StoredImage(
+        _order_axes(file.name, values, axes), _scaling(spacing), "", unit, notes=notes, is_chosen=is_chosen
+    )
+
+
+def _join_pictures(name: str, series: Sequence[Any]) -> list[Any]:
+    """The series of single pictures of one size as one stack; InvalidRequest if they differ. One picture is itself."""
+    shapes = {tuple(each.shape): sum(other.shape == each.shape for other in series) for each in series}
+    if len(shapes) > 1:
+        listed = ", ".join(f"{count} of {' x '.join(map(str, shape))}" for shape, count in shapes.items())
+        raise InvalidRequest(
+            f"{name} holds pictures of several sizes, {listed} pixels, and no stack: save those of one size alone"
+        )
+    return [list(series)] if len(series) > 1 else list(series)
 
 
 def _order_axes(name: str, values: Array, axes: str) -> Array:
@@ -53,7 +78,14 @@ def _read_spacing(tif: Any, page: Any) -> tuple[Sequence[float] | None, str]:
         sizes = [float(pixels.get(f"PhysicalSize{axis}", 0)) for axis in "XYZ"] if pixels is not None else [0.0]
         if pixels is None or min(sizes) <= 0:
             return None, ""
-        return sizes, pixels.get("PhysicalSizeXUnit", DEFAULT_OME_UNIT)
+        units = [pixels.get(f"PhysicalSize{axis}Unit", DEFAULT_OME_UNIT) for axis in "XYZ"]
+        if len(set(units)) == 1:
+            return sizes, units[0]
+        if set(units) - MILLIMETRES.keys():
+            raise InvalidRequest(
+                f"{Path(tif.filename).name} states pixels in {', '.join(units)}: save it in one unit of length"
+            )
+        return [size * MILLIMETRES[unit] for size, unit in zip(sizes, units, strict=True)], "mm"
     stated = tif.imagej_metadata or {}
     resolutions = [page.tags.get(f"{axis}Resolution") for axis in "XY"]
     if not float(stated.get("spacing", 0)) or None in resolutions or not all(tag.value[0] for tag in resolutions):

@@ -13,6 +13,10 @@ from tpmscad.errors import InvalidRequest
 POSITION_TOL_SPACINGS = 1e-2
 """In spacings: differences of positions that rounding in a file explains."""
 
+MILLIMETRES = {"mm": 1.0, "cm": 10.0, "m": 1e3, "um": 1e-3, "µm": 1e-3, "nm": 1e-6, "in": 25.4, "inch": 25.4}
+MILLIMETRES |= {"meter": 1e3, "millimeter": 1.0, "micron": 1e-3, "micrometer": 1e-3}
+"""Units of length of image files, in mm."""
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class StoredImage:

@@ -1,8 +1,8 @@
-"""Distances of points from the triangles of a mesh, and winding numbers of a closed mesh on a grid.
+"""Distances of points from the triangles of a mesh, and winding numbers of a closed mesh about points and on a grid.
 
 The nearest triangle is found in a tree of boxes, whose leaves hold a few triangles and whose nodes are split at the median of
 the centres along the longest edge. The nearest point of one triangle is that of C. Ericson, Real-Time Collision Detection
-(2005), 5.1.5. Winding numbers are counted along the grid lines of the third axis: a line changes the number where it crosses a
+(2005), 5.1.5. Winding numbers are counted along lines of the third axis: a line changes the number where it crosses a
 triangle, and both triangles at an edge decide by the same floating-point operations on which side of it a line passes; a line
 through an edge is moved aside by an infinitesimal length (H. Edelsbrunner, E. P. Muecke, Simulation of Simplicity, 1990).
 """
@@ -52,6 +52,26 @@ class TriangleTree:
             self.corners, self.low, self.high, self.child, self.first, self.last, points, distance, feet, found
         )
         return distance, feet, self.order[found]
+
+    def winding_numbers(self, points: Array) -> IntArray:
+        """Winding numbers (n,) of the mesh, which is closed, about points (n, 3) that lie on none of its triangles."""
+        points, found = np.ascontiguousarray(points, dtype=float), np.zeros(len(points), np.int64)
+        _wind_points(self.corners, self.low, self.high, self.child, self.first, self.last, points, found)
+        return found
+
+
+def sample_triangles(corners: Array, count: int) -> tuple[Array, IntArray]:
+    """About `count` points (n, 3) on triangles (m, 3, 3), evenly by area, and the triangle (n,) of each."""
+    area = 0.5 * np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1)
+    ends = np.cumsum(area)
+    at = (np.arange(count) + 0.5) / count * ends[-1]
+    t = np.minimum(np.searchsorted(ends, at), len(corners) - 1)
+    # a low-discrepancy sequence of two dimensions (M. Roberts, 2018), folded into the triangle
+    u, v = np.modf(0.5 + np.outer([0.7548776662466927, 0.5698402909980532], np.arange(count)))[0]
+    outside = u + v > 1
+    u, v = np.where(outside, 1 - u, u)[:, None], np.where(outside, 1 - v, v)[:, None]
+    a, b, c = np.moveaxis(corners[t], 1, 0)
+    return a + u * (b - a) + v * (c - a), t
 
 
 def build_triangle_tree(vertices: Array, triangles: IntArray) -> TriangleTree:
@@ -211,6 +231,42 @@ def _sign_of_side(side, ax, ay, bx, by):  # type: ignore[no-untyped-def]
     return np.sign(ay - by) if ay != by else np.sign(bx - ax)
 
 
+@njit_inner
+def _cross(a, b, c, x, y):  # type: ignore[no-untyped-def]
+    """The sign of the triangle a, b, c where the line at x, y along the third axis crosses it, else 0, and the height there."""
+    wc = _side(a[0], a[1], b[0], b[1], x, y)
+    wa = _side(b[0], b[1], c[0], c[1], x, y)
+    wb = _side(c[0], c[1], a[0], a[1], x, y)
+    sa = _sign_of_side(wa, b[0], b[1], c[0], c[1])
+    sb = _sign_of_side(wb, c[0], c[1], a[0], a[1])
+    sc = _sign_of_side(wc, a[0], a[1], b[0], b[1])
+    if sa == sb == sc and wa + wb + wc != 0.0:
+        return (1 if sa > 0 else -1), (wa * a[2] + wb * b[2] + wc * c[2]) / (wa + wb + wc)
+    return 0, 0.0
+
+
+@njit_cached
+def _wind_points(corners, low, high, child, first, last, points, found):  # type: ignore[no-untyped-def]
+    """Fill the winding numbers about points; see `TriangleTree`."""
+    waiting = np.empty(MAX_DEPTH, np.int64)
+    for p in range(len(points)):
+        x, y, z = points[p, 0], points[p, 1], points[p, 2]
+        waiting[0], top = 0, 1
+        while top > 0:
+            top -= 1
+            node = waiting[top]
+            if not (low[node, 0] <= x <= high[node, 0] and low[node, 1] <= y <= high[node, 1] and z <= high[node, 2]):
+                continue
+            if child[node] > 0:
+                waiting[top], waiting[top + 1] = child[node], child[node] + 1
+                top += 2
+                continue
+            for t in range(first[node], last[node]):
+                sign, height = _cross(corners[t, 0], corners[t, 1], corners[t, 2], x, y)
+                if sign != 0 and height > z:
+                    found[p] += sign
+
+
 @njit_cached
 def _count_crossings(vertices, triangles, x, y, z, count):  # type: ignore[no-untyped-def]
     """Add to `count`, at the first grid point above each crossing of a grid line and a triangle, the sign of the latter.
@@ -226,13 +282,7 @@ def _count_crossings(vertices, triangles, x, y, z, count):  # type: ignore[no-un
         j1 = min(len(y) - 1, int(np.floor((max(a[1], b[1], c[1]) - y[0]) / hy)) + 1)
         for i in range(i0, i1 + 1):
             for j in range(j0, j1 + 1):
-                wc = _side(a[0], a[1], b[0], b[1], x[i], y[j])
-                wa = _side(b[0], b[1], c[0], c[1], x[i], y[j])
-                wb = _side(c[0], c[1], a[0], a[1], x[i], y[j])
-                sa = _sign_of_side(wa, b[0], b[1], c[0], c[1])
-                sb = _sign_of_side(wb, c[0], c[1], a[0], a[1])
-                sc = _sign_of_side(wc, a[0], a[1], b[0], b[1])
-                if sa == sb == sc and wa + wb + wc != 0.0:
-                    height = (wa * a[2] + wb * b[2] + wc * c[2]) / (wa + wb + wc)
+                sign, height = _cross(a, b, c, x[i], y[j])
+                if sign != 0:
                     k = min(max(int(np.ceil((height - z[0]) / hz)), 0), len(z))
-                    count[i, j, k] += 1 if sa > 0 else -1
+                    count[i, j, k] += sign

@@ -1,13 +1,13 @@
 """Closed triangle meshes of files: STL, OBJ, PLY and 3MF, and of `trimesh` objects.
 
-Files are read by trimesh, which comes with the extra `tpmscad[triangles]`. A mesh is closed if the directions of the triangles
-cancel at every edge; the winding number of a point is then defined, parts may overlap, and triangles may meet at an edge in any
-even number. Small holes are closed by a fan of triangles round their centre; whatever was changed is told in a note.
+A mesh is closed if the directions of the triangles
+cancel at every edge; the winding number of a point is then defined, and triangles may meet at an edge in any even number. Solid
+is where the winding number is positive, and the mesh is made the boundary of that (`mesh_shells`). Small holes are closed by a
+fan of triangles round their centre; whatever was changed is told in a note.
 """
 
 from __future__ import annotations
 
-import importlib
 import os
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -20,12 +20,11 @@ from scipy.spatial import cKDTree
 
 from tpmscad._typing import Array, IntArray
 from tpmscad.errors import InvalidRequest, format_point
+from tpmscad.fields.data.mesh_files import READERS, read_mesh_file
+from tpmscad.fields.data.mesh_shells import list_half_edges, list_open_edges, unite_shells
 
-MESH_SUFFIXES = (".stl", ".obj", ".ply", ".3mf")
+MESH_SUFFIXES = tuple(READERS)
 """Formats of triangle meshes."""
-
-MILLIMETRES = {"millimeter": 1.0, "micron": 1e-3, "centimeter": 10.0, "meter": 1e3, "inch": 25.4, "foot": 304.8}
-"""Units of 3MF files, in millimetres."""
 
 WELD_FRACTION = 1e-6
 """Of the largest extent: distance up to which vertices are one, if the mesh is open without; STL files round to 6e-8 of it."""
@@ -50,7 +49,7 @@ class TriangleMesh:
 
     @property
     def volume(self) -> float:
-        """The volume enclosed, parts that overlap counted twice."""
+        """The volume enclosed; of triangles as they are read, parts that overlap count twice."""
         a, b, c = np.moveaxis(self.corners - self.vertices.mean(axis=0), 1, 0)
         return float(np.einsum("ni,ni->", a, np.cross(b, c)) / 6.0)
 
@@ -77,7 +76,7 @@ def read_triangles(file: Path) -> TriangleMesh:
 
     InvalidRequest if the file is missing, unreadable or empty. A note tells how many triangles are left out as they have no area.
     """
-    name, vertices, triangles, notes = _read_file(file)
+    name, vertices, triangles, notes = read_mesh_file(file)
     _require_triangles(name, vertices, triangles)
     vertices, joined = _weld(vertices, triangles, 0.0)
     if lost := len(triangles) - len(joined):
@@ -90,15 +89,6 @@ def read_triangles(file: Path) -> TriangleMesh:
     return TriangleMesh(vertices, joined, name, notes)
 
 
-def list_open_edges(triangles: IntArray) -> IntArray:
-    """Half-edges (n, 2) that no half-edge in the opposite direction cancels."""
-    half = list_half_edges(triangles)
-    ahead = half[:, 0] < half[:, 1]
-    key, which = np.unique(np.sort(half, axis=1), axis=0, return_inverse=True)
-    balance = np.bincount(which.ravel(), np.where(ahead, 1, -1), len(key))
-    return half[(balance[which.ravel()] != 0) & (np.sign(balance[which.ravel()]) == np.where(ahead, 1, -1))]
-
-
 def read_triangle_mesh(source: Any) -> TriangleMesh:
     """The closed mesh of a file, or of an object with arrays `vertices` and `faces`.
 
@@ -107,7 +97,7 @@ def read_triangle_mesh(source: Any) -> TriangleMesh:
     if is_mesh_object(source):
         name, vertices, triangles, notes = "the mesh", source.vertices, source.faces, ()
     elif isinstance(source, str | os.PathLike):
-        name, vertices, triangles, notes = _read_file(Path(source))
+        name, vertices, triangles, notes = read_mesh_file(Path(source))
     else:
         raise InvalidRequest(
             f"{type(source).__name__} is no mesh: give the path of a file, {', '.join(MESH_SUFFIXES)}, or an object with arrays "
@@ -136,36 +126,8 @@ def close_mesh(name: str, vertices: Array, triangles: IntArray, notes: tuple[str
         )
     if not abs(made.volume) > 0:
         raise InvalidRequest(f"{name} encloses no volume: a body is a closed mesh")
-    return made
-
-
-def list_half_edges(triangles: IntArray) -> IntArray:
-    """Start and end (3 m, 2) of the sides of triangles (m, 3), side by side."""
-    return np.concatenate([triangles[:, [0, 1]], triangles[:, [1, 2]], triangles[:, [2, 0]]])
-
-
-def _read_file(file: Path) -> tuple[str, Array, IntArray, tuple[str, ...]]:
-    """Name, vertices (k, 3), triangles (m, 3) and notes of a file."""
-    if file.suffix.lower() not in MESH_SUFFIXES:
-        raise InvalidRequest(f"{file.name} is no mesh that can be read: choose one of {', '.join(MESH_SUFFIXES)}")
-    if not file.is_file():
-        raise InvalidRequest(f"there is no file {file}")
-    try:
-        trimesh = importlib.import_module("trimesh")
-    except ImportError:
-        raise InvalidRequest("reading a mesh needs trimesh: pip install 'tpmscad[triangles]'") from None
-    try:
-        scene = trimesh.load_scene(str(file), process=False)
-        mesh, unit = scene.to_mesh(), scene.units
-        vertices, triangles = np.asarray(mesh.vertices, float), np.asarray(mesh.faces, np.int64)
-    except Exception as error:
-        raise InvalidRequest(
-            f"{file.name} cannot be read as {file.suffix.lower()}: {type(error).__name__}: {error}"
-        ) from error
-    factor = MILLIMETRES.get(str(unit), 1.0)
-    if factor == 1.0:
-        return file.name, vertices, triangles, ()
-    return file.name, factor * vertices, triangles, (f"{file.name} is in the unit {unit}: converted to millimetres",)
+    vertices, triangles, told = unite_shells(name, made.vertices, made.triangles)
+    return replace(made, vertices=vertices, triangles=triangles, notes=(*made.notes, *told))
 
 
 def _require_triangles(name: str, vertices: Array, triangles: IntArray) -> None:

@@ -42,6 +42,11 @@ def read_vtk(file: Path, choice: ImageChoice) -> StoredImage:
     if scalars is None or scalars.GetNumberOfTuples() == 0:
         raise InvalidRequest(f"{file.name} holds no array of numbers on an image of three dimensions")
     values = np.asarray(load_reader("vtkmodules.util.numpy_support", "vtk").vtk_to_numpy(scalars))
+    if values.ndim > 1:
+        raise InvalidRequest(
+            f"the array {scalars.GetName()!r} of {file.name} holds {values.shape[1]} numbers at each place, where one is needed: "
+            "save one component, or the magnitude"
+        )
     if data.IsA("vtkImageData"):
         return _place_image_data(data, values, bool(of_cells), notes)
     return _place_on_grid(file, data, values, bool(of_cells), notes)
@@ -93,14 +98,12 @@ def _place_image_data(data: Any, values: Array, of_cells: bool, notes: tuple[str
         origin, shape = origin + matrix @ np.full(3, 0.5), tuple(n - 1 for n in shape)
     affine = np.eye(4)
     affine[:3, :3], affine[:3, 3] = matrix, origin + matrix @ np.array(data.GetExtent()[::2])
-    values = values.reshape(shape, order="F") if values.ndim == 1 else values
+    values = values.reshape(shape, order="F")
     return StoredImage(values, affine, centred=of_cells, notes=notes)
 
 
 def _place_on_grid(file: Path, data: Any, values: Array, of_cells: bool, notes: tuple[str, ...]) -> StoredImage:
     """The values of a mesh on the uniform grid of its points or of the centres of its cells, NaN where it has none."""
-    if values.ndim != 1:
-        raise InvalidRequest(f"{file.name} holds {values.shape[1]} numbers at each place, where one is needed")
     if of_cells:
         kinds = {data.GetCellType(i) for i in range(data.GetNumberOfCells())}
         if not kinds <= BRICKS.keys():

@@ -8,12 +8,14 @@ from typing import Annotated, Any
 
 import numpy as np
 
-from tpmscad._typing import Array
+from tpmscad._typing import Array, BoxCorners
 from tpmscad.api.argument_kinds import POINT
 from tpmscad.api.public_calls import call_for_array, validate_call
 from tpmscad.api.shared_kinds import DIRECTION, FIELD, FUNCTION, MAP, NUMBER, POSITIVE
 from tpmscad.errors import InvalidRequest
+from tpmscad.fields.data_box import DataBox
 from tpmscad.fields.field import Field, FieldLike, as_field
+from tpmscad.fields.kinds.data_domains import move_data
 from tpmscad.fields.periods_and_directions import Direction, as_unit_vector
 from tpmscad.fields.tape.evaluation import FieldJet, Triple, stack_points
 from tpmscad.fields.tape.function_calls import DIFFERENCE_STEP, DerivativeCheck, central_differences
@@ -38,6 +40,24 @@ class AffineTransformedField(Field):
             for row, shift in zip(self.matrix, self.shift, strict=True)
         ]
         return self.factor * self.field.trace(*coordinates)
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """What was assumed of the data."""
+        return tuple(getattr(self.field, "notes", ()))
+
+    def data_box(self) -> DataBox | None:
+        """The box of the data, moved."""
+        box = self.field.data_box() if self.factor > 0 else None
+        return None if box is None else box.take_back(np.array(self.matrix), np.array(self.shift))
+
+    @property
+    def domain(self) -> BoxCorners | None:
+        """The box of the data, or one around the moved box of what they are combined with."""
+        box, inner = self.data_box(), self.field.domain
+        if box is not None or inner is None or self.factor <= 0:
+            return None if box is None else box.domain
+        return DataBox.of_corners(inner, (1, 1, 1)).take_back(np.array(self.matrix), np.array(self.shift)).domain
 
     def periods(self) -> Triple | None:
         """Periods along the axes, or None."""
@@ -113,13 +133,13 @@ def warp(
         POSITIVE.described_as(example="0.001"),
         "Step of the central differences of fourth order, in model units.",
     ] = DIFFERENCE_STEP,
-) -> MappedField:
+) -> Field:
     """Return the field p -> f(map(p)).
 
     Returns
     -------
-    MappedField
-        The field. It is not periodic.
+    Field
+        The field. It is not periodic. Data are empty where the map leaves the box of their samples.
 
     Raises
     ------
@@ -135,20 +155,21 @@ def warp(
     ...     return np.stack([np.hypot(p[:, 0], p[:, 1]), 10 * np.arctan2(p[:, 1], p[:, 0]), p[:, 2]], axis=-1)
     >>> ring = fields.warp(fields.tpms("gyroid", 2 * np.pi), unroll)
     """
-    return MappedField(as_field(field), map, jacobian, step, DerivativeCheck("the Jacobian of the map"))
+    check = DerivativeCheck("the Jacobian of the map")
+    return move_data(as_field(field), lambda part: MappedField(part, map, jacobian, step, check))
 
 
 @validate_call()
 def translate(
     field: Annotated[FieldLike, FIELD, "The field."],
     vector: Annotated[Sequence[float], POINT, "Translation, in model units."],
-) -> AffineTransformedField:
+) -> Field:
     """Return the field translated by a vector.
 
     Returns
     -------
-    AffineTransformedField
-        The translated field; periods stay.
+    Field
+        The translated field; periods stay. Data keep a `domain`, beyond which they are empty.
 
     Examples
     --------
@@ -158,7 +179,7 @@ def translate(
     -1.0
     """
     x, y, z = vector
-    return AffineTransformedField(as_field(field), IDENTITY, (-x, -y, -z), 1.0)
+    return place_field(as_field(field), IDENTITY, (-x, -y, -z), 1.0)
 
 
 @validate_call()
@@ -169,13 +190,13 @@ def rotate(
         float, NUMBER.described_as(example="20"), "Angle in degrees, counter-clockwise seen from the tip of the axis."
     ],
     center: Annotated[Sequence[float], POINT, "Point on the axis, in model units."] = (0.0, 0.0, 0.0),
-) -> AffineTransformedField:
+) -> Field:
     """Return the field rotated about an axis.
 
     Returns
     -------
-    AffineTransformedField
-        The rotated field.
+    Field
+        The rotated field. Data keep a `domain`, beyond which they are empty.
 
     Examples
     --------
@@ -188,7 +209,7 @@ def rotate(
     turn = np.deg2rad(angle)
     cross = np.array([[0.0, -n[2], n[1]], [n[2], 0.0, -n[0]], [-n[1], n[0], 0.0]])
     back = np.eye(3) - np.sin(turn) * cross + (1 - np.cos(turn)) * (cross @ cross)
-    return AffineTransformedField(as_field(field), _as_rows(back), _as_vector(c - back @ c), 1.0)
+    return place_field(as_field(field), _as_rows(back), _as_vector(c - back @ c), 1.0)
 
 
 @validate_call()
@@ -198,13 +219,13 @@ def scale(
         float, POSITIVE, "Scale factor, positive. The values are scaled too, so that a signed distance remains one."
     ],
     center: Annotated[Sequence[float], POINT, "Fixed point, in model units."] = (0.0, 0.0, 0.0),
-) -> AffineTransformedField:
+) -> Field:
     """Return the field scaled about a center.
 
     Returns
     -------
-    AffineTransformedField
-        The scaled field.
+    Field
+        The scaled field. Data keep a `domain`, beyond which they are empty.
 
     Examples
     --------
@@ -214,7 +235,18 @@ def scale(
     -3.0
     """
     c = np.array(center)
-    return AffineTransformedField(as_field(field), _as_rows(np.eye(3) / factor), _as_vector(c - c / factor), factor)
+    return place_field(as_field(field), _as_rows(np.eye(3) / factor), _as_vector(c - c / factor), factor)
+
+
+def place_field(field: Field, matrix: tuple[Triple, Triple, Triple], shift: Triple, factor: float) -> Field:
+    """The field factor * f(matrix p + shift), empty beyond the box of data; see `data_domains`."""
+    return move_data(field, lambda part: AffineTransformedField(part, matrix, shift, factor))
+
+
+def place_samples(field: Field, directions: Array, first: Array) -> Field:
+    """Data whose own axes run along directions, the columns of (3, 3), from a point (3,): placed, and not resampled."""
+    back = np.asarray(np.linalg.inv(directions), float)
+    return place_field(field, _as_rows(back), _as_vector(-back @ first), 1.0)
 
 
 def _as_rows(matrix: Array) -> tuple[Triple, Triple, Triple]:

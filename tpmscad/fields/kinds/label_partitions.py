@@ -28,9 +28,8 @@ from tpmscad.fields.kinds.sampled_data import (
     DataSource,
     DataSpacing,
     DataVolume,
-    SampledField,
-    interpolate_samples,
     place_data,
+    place_image_samples,
     read_data,
 )
 from tpmscad.fields.kinds.segmentation_labels import select_labels, separate_voxels
@@ -103,11 +102,13 @@ def label_partition(
     nearest = distance_transform_edt(~inside, steps, return_distances=False, return_indices=True)
     owner = image.values[tuple(nearest)]
 
-    def separate(part: BoolArray) -> SampledField:
+    def separate(part: BoolArray) -> Field:
         values = float(np.cbrt(np.prod(steps))) * separate_voxels(part)[0]
-        return interpolate_samples(values, steps, first, centred=True, notes=notes)
+        return place_image_samples(values, image, steps, first, centred=True, notes=notes)
 
     rest: Field | None = None if inside.all() else separate(inside)
+    if rest is None and image.directions is not None:  # all of a turned box, beyond which nothing is solid
+        rest = place_image_samples(-np.ones(inside.shape), image, steps, first, centred=True, notes=notes)
     regions: dict[int, Field] = {}
     for number in wanted[:-1].tolist():
         own = separate(owner == number)
@@ -115,5 +116,6 @@ def label_partition(
         rest = -own if rest is None else MinMaxField(rest, -own, 1)
     assert rest is not None
     regions[int(wanted[-1])] = rest
-    box = interpolate_samples(np.zeros(inside.shape), steps, first, centred=True)
-    return LabelPartition(regions, box.domain, steps)
+    domain = place_image_samples(np.zeros(inside.shape), image, steps, first, centred=True, notes=()).domain
+    assert domain is not None
+    return LabelPartition(regions, domain, steps)

@@ -32,7 +32,9 @@ from tpmscad.fields.data.grey_levels import describe_levels, fill_missing
 from tpmscad.fields.data.image_files import read_image
 from tpmscad.fields.data.image_frames import FRAME, FRAME_MEANING, Image
 from tpmscad.fields.data.label_values import describe_whole_numbers, list_labels
+from tpmscad.fields.data_box import DataBox
 from tpmscad.fields.field import Field
+from tpmscad.fields.kinds.coordinate_transforms import place_samples
 from tpmscad.fields.kinds.volume_fraction_thresholds import SAMPLES_PER_AXIS, threshold_for
 from tpmscad.fields.periods_and_directions import as_periods
 from tpmscad.fields.tape.evaluation import Triple
@@ -114,6 +116,10 @@ class SampledField(Field):
         x1, y1, z1 = (o + (n - 1 + half) * s for o, s, n in axes)
         return (x0, y0, z0), (x1, y1, z1)
 
+    def data_box(self) -> DataBox:
+        """The box of the samples or cells."""
+        return DataBox.of_corners(self.domain, tuple(max(1, n - 1 + self.centred) for n in self.counts))
+
     def trace(self, x: Node, y: Node, z: Node) -> Node:
         """The formula on the nodes of a tape."""
         half = 0.5 * self.centred
@@ -165,13 +171,14 @@ def sampled(
     frame: DataFrame = None,
     volume: DataVolume = None,
     array_name: DataArrayName = None,
-) -> SampledField:
+) -> Field:
     """Return the smooth field through samples on a uniform grid.
 
     Returns
     -------
-    SampledField
-        The field, twice continuously differentiable, with exact gradient; its `domain` is the box of the samples or cells.
+    Field
+        The field, twice continuously differentiable, with exact gradient; its `domain` is the box of the samples or cells. Of an
+        image whose axes are turned against x, y and z it is turned, and empty beyond its samples; the `domain` is a box around.
 
     Raises
     ------
@@ -237,7 +244,17 @@ def sampled(
             f"{name}: its surface is as rough as the samples are far apart, which is noise, or detail at their limit: "
             "smoothing=1, one sample, makes a solid of far fewer faces in a part of the time"
         )
-    return interpolate_samples(array, *placed, centred=bool(of_cells), notes=tuple(notes))
+    return place_image_samples(array, image, *placed, centred=bool(of_cells), notes=tuple(notes))
+
+
+def place_image_samples(
+    samples: Array, image: Image, spacing: Triple, first: Triple, *, centred: bool, notes: tuple[str, ...]
+) -> Field:
+    """The spline through samples of an image, turned as its axes are."""
+    if image.directions is None:
+        return interpolate_samples(samples, spacing, first, centred=centred, notes=notes)
+    field = interpolate_samples(samples, spacing, (0.0, 0.0, 0.0), centred=centred, notes=notes)
+    return place_samples(field, image.directions, np.array(first))
 
 
 def _is_rough(array: Array, spacing: Triple) -> bool:

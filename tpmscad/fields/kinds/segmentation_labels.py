@@ -26,6 +26,7 @@ from tpmscad.api.shared_kinds import LABEL
 from tpmscad.errors import InvalidRequest
 from tpmscad.fields.data.grey_levels import describe_levels
 from tpmscad.fields.data.label_values import format_labels, list_labels
+from tpmscad.fields.field import Field
 from tpmscad.fields.kinds.sampled_data import (
     DataArrayName,
     DataFrame,
@@ -33,9 +34,9 @@ from tpmscad.fields.kinds.sampled_data import (
     DataSource,
     DataSpacing,
     DataVolume,
-    SampledField,
     interpolate_samples,
     place_data,
+    place_image_samples,
     read_data,
 )
 from tpmscad.fields.kinds.volume_fraction_thresholds import cube_volumes_below
@@ -79,13 +80,13 @@ def labels(
     frame: DataFrame = None,
     volume: DataVolume = None,
     array_name: DataArrayName = None,
-) -> SampledField:
+) -> Field:
     """Return the region of a label of a segmentation, with a smooth surface within half a voxel.
 
     Returns
     -------
-    SampledField
-        About the distance from the surface, model units; its `domain` is the box of the voxels.
+    Field
+        About the distance from the surface, model units; its `domain` is the box of the voxels, or one around turned voxels.
 
     Raises
     ------
@@ -124,7 +125,7 @@ def labels(
         reference += (
             f"; its volume is {100 * share:.1f} % of that of the voxels, some of which make parts too thin for less"
         )
-    return interpolate_samples(size * values, steps, first, centred=True, notes=(*image.notes, reference))
+    return place_image_samples(size * values, image, steps, first, centred=True, notes=(*image.notes, reference))
 
 
 def select_labels(name: str, values: Array, label: int | Sequence[int] | str) -> tuple[BoolArray, str]:

@@ -2,9 +2,9 @@
 
 The distance from triangles has a crease at every edge, which no smooth patch can follow. It is sampled on a uniform grid instead,
 exactly, and a cubic spline interpolates the samples: facets much smaller than the spacing disappear, and sharp edges are rounded
-over about one spacing. Solid is where the mesh winds round a point at least once, so that parts may overlap. The spacing is
-refined until the samples have the Euler characteristic of the mesh; what the field is off from the triangles is measured
-on these, and stated.
+over about one spacing. Solid is where the mesh winds round a point at least once; the distance is that from the boundary of this
+solid (`fields.data.mesh_shells`). The spacing is refined until the samples have the Euler characteristic of the mesh; what the
+field is off from the triangles is measured on these, and stated.
 """
 
 from __future__ import annotations
@@ -19,7 +19,12 @@ from tpmscad._typing import Array, IntArray
 from tpmscad.api.public_calls import validate_call
 from tpmscad.api.shared_kinds import MESH, POSITIVE
 from tpmscad.errors import InvalidRequest
-from tpmscad.fields.data.triangle_distance import TriangleTree, build_triangle_tree, grid_winding_numbers
+from tpmscad.fields.data.triangle_distance import (
+    TriangleTree,
+    build_triangle_tree,
+    grid_winding_numbers,
+    sample_triangles,
+)
 from tpmscad.fields.data.triangle_mesh import TriangleMesh, read_triangle_mesh
 from tpmscad.fields.kinds.sampled_data import SampledField, interpolate_samples
 from tpmscad.topology.cubical_betti import euler_characteristic
@@ -91,7 +96,9 @@ def mesh(
 
     Notes
     -----
-    Small holes are closed, and triangles that face the wrong way are reversed; `notes` tell what was done.
+    Small holes are closed, and triangles that face the wrong way are reversed. Solid is where the mesh winds round a point at
+    least once: shells that overlap become one solid, and those that lie within others facing the same way are left out; a shell
+    that overlaps itself is refused. `notes` tell what was done.
 
     Examples
     --------
@@ -191,8 +198,10 @@ def _choose_grid(mesh: TriangleMesh, tree: TriangleTree, size: float) -> tuple[_
     first = grid = _Grid(mesh, tree, size / FIRST_SPACINGS)
     wanted = mesh.euler_characteristic / 2  # of the solid, whose boundary has twice as much
     while grid.count <= MAX_SEARCHED_SAMPLES:
-        if (grid.winding > 1).any():  # parts overlap: the characteristic of what they make together is not known
-            return grid, (f"{mesh.name}: parts that overlap are one solid",)
+        if (
+            grid.winding > 1
+        ).any():  # triangles cross near the boundary: the characteristic of what they bound is not known
+            return grid, ()
         if euler_characteristic(np.where(grid.winding > 0, -1.0, 1.0)) == wanted:
             return grid, ()
         grid = _Grid(mesh, tree, grid.spacing / REFINEMENT)
@@ -203,22 +212,8 @@ def _choose_grid(mesh: TriangleMesh, tree: TriangleTree, size: float) -> tuple[_
     return first, (note,)
 
 
-def sample_triangles(corners: Array, count: int) -> Array:
-    """About `count` points (n, 3) on triangles (m, 3, 3), by area, with the corners of all triangles."""
-    area = 0.5 * np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1)
-    ends = np.cumsum(area)
-    at = (np.arange(count) + 0.5) / count * ends[-1]
-    t = np.searchsorted(ends, at)
-    # a low-discrepancy sequence of two dimensions (M. Roberts, 2018), folded into the triangle
-    u, v = np.modf(0.5 + np.outer([0.7548776662466927, 0.5698402909980532], np.arange(count)))[0]
-    outside = u + v > 1
-    u, v = np.where(outside, 1 - u, u)[:, None], np.where(outside, 1 - v, v)[:, None]
-    a, b, c = np.moveaxis(corners[np.minimum(t, len(corners) - 1)], 1, 0)
-    return a + u * (b - a) + v * (c - a)
-
-
 def _measure_triangles(spline: SampledField, mesh: TriangleMesh) -> Array:
     """Distances (n,) of points on the triangles from the level set, to first order, each for an equal part of the area."""
-    points = sample_triangles(mesh.corners, MEASURED_POINTS)
+    points, _ = sample_triangles(mesh.corners, MEASURED_POINTS)
     slope = np.linalg.norm(spline.gradient(points), axis=1)
     return spline(points) / np.maximum(slope, 0.5)

@@ -57,6 +57,9 @@ MAX_NAMED_SOLIDS = 100
 FITTING_PRECISION = 1e-7
 """Millimetres: OCCT's own confusion, below which edges and faces count as one."""
 
+UNIT_NAMES = {1e-3: "micrometre", 1.0: "millimetre", 10.0: "centimetre", 1e3: "metre", 25.4: "INCH", 304.8: "FOOT"}
+"""Names of units of length by their length in mm."""
+
 MESH_SUFFIXES = (".stl", ".3mf", ".obj", ".ply", ".glb")
 MESH_REMEDY = " (it is a mesh of triangles: export the part as .step to check, measure or draw it)"
 """What to do with a file of triangles where a STEP file is read."""
@@ -209,23 +212,37 @@ def silence_occt() -> Iterator[None]:
 
 
 def _length_units(reader: STEPControl_Reader) -> tuple[str, ...]:
-    """Names of the length units of the file, which OCCT reads as mm if it states none."""
+    """Names of the length units of the file, which OCCT reads as mm if it states none.
+
+    OCCT names those of the roots; parts of an assembly may have others, of which it takes account.
+    """
     length, angle, solid_angle = (convert.string_sequence() for _ in range(3))
     reader.FileUnits(length, angle, solid_angle)
-    names = (length.Value(i).ToCString() for i in range(1, length.Length() + 1))
-    return tuple(name for name in names if name)
+    names = [name for i in range(1, length.Length() + 1) if (name := length.Value(i).ToCString())]
+    factors = sorted({round(units.LengthFactor(), 9) for units in _list_units(reader)})
+    if names and len(factors) > len(names):
+        known = {name.lower() for name in names}
+        every = (UNIT_NAMES.get(factor, f"{factor:g} mm") for factor in factors)
+        names += [name for name in every if name.lower() not in known]
+    return tuple(names)
 
 
-def _stated_accuracy(reader: STEPControl_Reader) -> float | None:
-    """The largest uncertainty of lengths that a file states, mm; None if it states none."""
-    model, stated = reader.StepModel(), []
+def _list_units(reader: STEPControl_Reader) -> Iterator[STEPConstruct_UnitContext]:
+    """The units of each context of geometry in a file, with its uncertainty."""
+    model = reader.StepModel()
     for context in (model.Value(i) for i in range(1, model.NbEntities() + 1)):
         if isinstance(context, GeometricContext):
             units = STEPConstruct_UnitContext()
             units.ComputeFactors(context.GlobalUnitAssignedContext())
             units.ComputeTolerance(context.GlobalUncertaintyAssignedContext())
-            if units.HasUncertainty():
-                stated.append(float(units.Uncertainty() * units.LengthFactor()))
+            yield units
+
+
+def _stated_accuracy(reader: STEPControl_Reader) -> float | None:
+    """The largest uncertainty of lengths that a file states, mm; None if it states none."""
+    stated = [
+        float(units.Uncertainty() * units.LengthFactor()) for units in _list_units(reader) if units.HasUncertainty()
+    ]
     return max(stated, default=None)
 
 
