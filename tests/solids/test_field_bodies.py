@@ -235,7 +235,7 @@ def test_a_mesh_that_is_not_fitted_is_sampled_at_another_spacing_unless_one_is_g
         return fit(field, *args)
 
     monkeypatch.setattr(field_bodies, "_fit_body", refuse_once)
-    body = fit_field_body(nested, None, 0.1, StageTimer(None), is_default=False)
+    body = fit_field_body(nested, None, 0.3, StageTimer(None), is_default=False)
     assert isinstance(body, FieldBody)
     assert tried == [nested.spacing[0], pytest.approx(2**-0.5 * nested.spacing[0])]
     assert any("sampled at another spacing" in note for note in body.measures.notes)
@@ -243,4 +243,4 @@ def test_a_mesh_that_is_not_fitted_is_sampled_at_another_spacing_unless_one_is_g
     assert len(body.built.nesting.volume) == 1  # one shell, without a cavity at the inner triangles
     tried.clear()
     with pytest.raises(LevelSetError, match="folded"):
-        fit_field_body(fields.mesh(ball, spacing=0.4), None, 0.1, StageTimer(None), is_default=False)
+        fit_field_body(fields.mesh(ball, spacing=0.8), None, 0.3, StageTimer(None), is_default=False)
