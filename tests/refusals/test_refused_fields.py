@@ -293,6 +293,7 @@ FILES: dict[str, tuple[str, Any, str]] = {
     "broken": ("a.npy", b"no array", "cannot be read as"),
     "flat": ("a.npy", np.zeros((3, 3)), "three dimensions of one number"),
     "broken NRRD": ("a.nrrd", b"NRRD0004\n", "cannot be read as"),
+    "complex": ("a.npy", np.zeros((3, 4, 5), complex), "holds complex numbers"),
 }
 
 

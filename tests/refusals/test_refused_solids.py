@@ -243,6 +243,10 @@ BODIES: dict[str, Row] = {
         lambda: tpmscad.solidify(GYROID, ((1, 1, 1), (0, 0, 0)), tol=0.1),
         "each coordinate of the first corner must be below",
     ),
+    "box beyond the data": (
+        lambda: tpmscad.solidify(fields.sampled(-np.ones((5, 5, 5))), ((9,) * 3, (12,) * 3), tol=0.1),
+        "no data in the box",
+    ),
     "tol beyond the box": (lambda: tpmscad.solidify(GYROID, ((0,) * 3, (1,) * 3), tol=2), "below the box's shortest"),
     "no surface": (
         lambda: tpmscad.solidify(fields.sphere((9, 9, 9), 1.0), ((0,) * 3, (1,) * 3), tol=0.1),

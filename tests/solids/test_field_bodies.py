@@ -13,7 +13,7 @@ import tpmscad
 from tpmscad import fields
 from tpmscad.errors import InvalidRequest, LevelSetError
 from tpmscad.results.model import Model
-from tpmscad.solids import field_skin
+from tpmscad.solids import field_bodies, field_skin
 from tpmscad.solids.field_bodies import FieldBody, fit_field_body
 from tpmscad.stage_timer import StageTimer
 
@@ -218,3 +218,29 @@ def test_a_field_of_planes_and_spheres_is_an_exact_body() -> None:
 def test_what_is_no_body_is_refused(body: Any, changed: dict[str, Any], words: str) -> None:
     with pytest.raises(InvalidRequest, match=words):
         tpmscad.infill(body, **{**GYROID, **changed})
+
+
+def test_a_mesh_that_is_not_fitted_is_sampled_at_another_spacing_unless_one_is_given(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    ball = trimesh.creation.icosphere(3, 5.0)
+    core = trimesh.creation.icosphere(3, 3.0)
+    nested = fields.mesh(trimesh.util.concatenate([ball, core]))  # both outward: a full ball
+    fit, tried = field_bodies._fit_body, []
+
+    def refuse_once(field: Any, *args: Any) -> Any:
+        tried.append(field.spacing[0])
+        if len(tried) == 1:
+            raise LevelSetError("folded")
+        return fit(field, *args)
+
+    monkeypatch.setattr(field_bodies, "_fit_body", refuse_once)
+    body = fit_field_body(nested, None, 0.3, StageTimer(None), is_default=False)
+    assert isinstance(body, FieldBody)
+    assert tried == [nested.spacing[0], pytest.approx(2**-0.5 * nested.spacing[0])]
+    assert any("sampled at another spacing" in note for note in body.measures.notes)
+    assert body.cad.volume == pytest.approx(ball.volume, rel=0.01)
+    assert len(body.built.nesting.volume) == 1  # one shell, without a cavity at the inner triangles
+    tried.clear()
+    with pytest.raises(LevelSetError, match="folded"):
+        fit_field_body(fields.mesh(ball, spacing=0.8), None, 0.3, StageTimer(None), is_default=False)

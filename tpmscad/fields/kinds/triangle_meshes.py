@@ -54,9 +54,13 @@ MEASURED_POINTS = 20_000
 
 @dataclass(frozen=True, slots=True, eq=False)
 class MeshField(SampledField):
-    """The interpolated distance of a mesh, with the mesh itself and its distance from the field's level set."""
+    """The interpolated distance of a mesh, with the mesh itself and its distance from the field's level set.
+
+    is_spacing_given: whether the spacing was asked for, so that no other is tried.
+    """
 
     mesh: TriangleMesh = field(kw_only=True)
+    is_spacing_given: bool = field(kw_only=True)
     max_deviation: float = field(kw_only=True)
     rms_deviation: float = field(kw_only=True)
 
@@ -115,6 +119,19 @@ def mesh(
     tree = build_triangle_tree(found.vertices, found.triangles)
     size = float(np.ptp(found.vertices, axis=0).max())
     grid, notes = (_Grid(found, tree, spacing), ()) if spacing is not None else _choose_grid(found, tree, size)
+    return _interpolate_grid(grid, notes, spacing is not None)
+
+
+def resample_mesh(source: MeshField, factor: float) -> MeshField:
+    """The field of the same mesh at a multiple of its spacing."""
+    tree = build_triangle_tree(source.mesh.vertices, source.mesh.triangles)
+    note = f"{source.mesh.name}: it was sampled at another spacing, as its surface could not be fitted at {source.spacing[0]:.3g}"
+    return _interpolate_grid(_Grid(source.mesh, tree, factor * source.spacing[0]), (note,), False)
+
+
+def _interpolate_grid(grid: _Grid, notes: tuple[str, ...], is_spacing_given: bool) -> MeshField:
+    """The field of a grid; InvalidRequest if it has too many samples, or none within the mesh."""
+    found = grid.mesh
     if grid.count > MAX_MESH_SAMPLES:
         least = grid.spacing * (grid.count / MAX_MESH_SAMPLES) ** (1 / 3)
         raise InvalidRequest(
@@ -138,6 +155,7 @@ def mesh(
         spline.origin,
         notes=(*found.notes, how, *notes),
         mesh=found,
+        is_spacing_given=is_spacing_given,
         max_deviation=largest,
         rms_deviation=rms,
     )
