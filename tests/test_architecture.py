@@ -122,12 +122,15 @@ def room(path: Path) -> str:
     return row_of(".".join(path.relative_to(ROOT).with_suffix("").parts))
 
 
+parse = functools.cache(ast.parse)
+
+
 @functools.cache
 def read(source: str) -> tuple[set[str], bool, set[str]]:
     """Every absolute dotted name imported anywhere in a module, `from a import b` as a.b; whether it has a docstring; the names
     that are imported with the module itself.
     """
-    tree, names = ast.parse(source), set()
+    tree, names = parse(source), set()
     for node in ast.walk(tree):
         if isinstance(node, ast.Import):
             names |= {alias.name for alias in node.names}
@@ -193,7 +196,7 @@ def repeated_stems(paths: list[Path]) -> dict[str, int]:
 
 def repeated_classes(sources: list[str]) -> dict[str, int]:
     """Names of classes that are defined more than once."""
-    names = Counter(node.name for s in sources for node in ast.walk(ast.parse(s)) if isinstance(node, ast.ClassDef))
+    names = Counter(node.name for s in sources for node in ast.walk(parse(s)) if isinstance(node, ast.ClassDef))
     return {name: n for name, n in names.items() if n > 1}
 
 

@@ -36,6 +36,7 @@ def test_saddles_of_the_cubic_surfaces_have_closed_forms() -> None:
 
 
 @pytest.mark.parametrize(("name", "reference"), BOTH)
+@pytest.mark.slow
 def test_a_coarse_grid_counts_one_piece_well_within_every_range_and_not_outside(name: str, reference: str) -> None:
     """Levels nearer to an end than the two connectivities tell apart are left out."""
     values = samples(name, reference)

@@ -22,6 +22,7 @@ def run(script: str, folder: Path) -> None:
     assert tpmscad.check_step(folder / written).ok
 
 
+@pytest.mark.documentation
 @pytest.mark.parametrize(
     "script",
     [

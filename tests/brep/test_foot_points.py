@@ -127,6 +127,7 @@ def beside(carrier: FreeFormSurface, count: int, seed: int = 3) -> tuple[Array, 
     return carrier(*uv) + distance[:, None] * normal, uv.T, distance, normal
 
 
+@pytest.mark.slow
 def test_no_point_of_the_surface_is_nearer_than_the_foot(carrier: FreeFormSurface) -> None:
     points = points_about(carrier, 4000)
     found = carrier.foot_points(points)

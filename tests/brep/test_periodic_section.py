@@ -49,6 +49,7 @@ def section_of(kind: str) -> PeriodicSection:
 
 
 @pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.slow
 def test_the_covered_rectangle_is_solid_where_the_function_is_negative(kind: str) -> None:
     section = section_of(kind)
     low, high = np.array([-5.3, 2.1]), np.array([6.4, 13.2])

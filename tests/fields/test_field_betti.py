@@ -153,6 +153,7 @@ def test_grids_without_lines_through_all_necks_count_only_where_the_count_is_con
     assert compute_betti_numbers(BALL, LO, HI) == (1, 0, 0), "a field without necks needs no more lines"
 
 
+@pytest.mark.slow
 def test_the_characteristic_of_a_grid_is_the_sum_of_its_blocks(monkeypatch: pytest.MonkeyPatch) -> None:
     """Also where the solid reaches the box's sides, and where blocks are left out."""
     noise = np.random.default_rng(3).normal(size=(8, 7, 6))
@@ -165,6 +166,7 @@ def test_the_characteristic_of_a_grid_is_the_sum_of_its_blocks(monkeypatch: pyte
             assert betti_numbers._sum_blocks(field, LO, HI, cells) == whole
 
 
+@pytest.mark.slow
 def test_tunnels_that_coarse_grids_show_are_not_counted_where_finer_ones_deny_them() -> None:
     """A tilted lens, .1 thick in its middle: its rim falls apart on grids of .04."""
     lens = fields.expression("x^2 + y^2 + ((z - 0.31*x - 0.17*y)/0.05)^2 - 1")

@@ -156,6 +156,7 @@ CROSS = [fields.cylinder((0, 0, 0), 1.0, axis) for axis in "xy"]
         (fields.cylinder((0, 0, 0), 1.0, (1, 1, 1)) & fields.box((-1.5,) * 3, (1.5,) * 3), None),
     ],
 )
+@pytest.mark.slow
 def test_volumes_of_solids_that_cross_are_those_of_one_field(field: Field, volume: float | None) -> None:
     lo, hi = np.full(3, -2.0), np.full(3, 2.0)
     found, error = integrate_volume(field, lo, hi, 4 / 64)

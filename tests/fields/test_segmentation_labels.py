@@ -83,6 +83,7 @@ def test_no_surface_lies_among_voxels_of_one_kind(mask: np.ndarray) -> None:
         assert (part | ~full).all()
 
 
+@pytest.mark.slow
 def test_the_surface_lies_within_half_a_voxel_of_the_voxels_faces(mask: np.ndarray) -> None:
     field = fields.labels(mask)
     axes = [(np.arange(n * FINE) + 0.5) / FINE - 0.5 for n in mask.shape]

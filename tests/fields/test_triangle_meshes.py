@@ -53,6 +53,7 @@ def test_winding_numbers_of_a_grid_are_those_of_its_points() -> None:
     assert (found.ravel() == winding_numbers(both.vertices, both.faces, points.reshape(-1, 3))).all()
 
 
+@pytest.mark.slow
 def test_the_field_of_a_ball_is_its_distance() -> None:
     field = fields.mesh(ball(subdivisions=4))
     centre = np.array([1.0, -2.0, 0.5])
@@ -133,6 +134,7 @@ SHELLS: dict[str, tuple[list[trimesh.Trimesh], float, str, tuple[float, ...]]] =
 
 
 @pytest.mark.parametrize("name", SHELLS)
+@pytest.mark.slow
 def test_the_distance_is_that_from_the_boundary_of_what_the_shells_make_together(name: str) -> None:
     parts, volume, words, deep = SHELLS[name]
     mesh = read_triangle_mesh(trimesh.util.concatenate(parts))

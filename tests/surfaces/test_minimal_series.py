@@ -144,6 +144,7 @@ def test_the_range_is_that_of_the_values(name: str) -> None:
 
 
 @pytest.mark.parametrize("name", MIRRORED)
+@pytest.mark.slow
 def test_the_minimal_piece_has_less_area_and_no_mean_curvature(name: str) -> None:
     """A minimal surface is the critical one; its Gauss curvature is the nodal one's, by the theorem of Gauss and Bonnet."""
     minimal, nodal = (measure_mirror_surface(name, reference) for reference in ("minimal", "nodal"))
@@ -153,6 +154,7 @@ def test_the_minimal_piece_has_less_area_and_no_mean_curvature(name: str) -> Non
     assert minimal.max_offset == pytest.approx(-minimal.min_offset, rel=1e-4)  # both curvatures are opposite everywhere
 
 
+@pytest.mark.slow
 def test_the_patch_fitted_to_a_minimal_piece_has_no_mean_curvature() -> None:
     """By the fundamental forms of the B-spline patch, without the series."""
     patch = fit_mirror_piece("iwp", 0.0, 1e-5, "minimal").patch
