@@ -1,6 +1,6 @@
 """OCCT's triangles of faces on given nodes of their edges.
 
-OCCT divides edges by itself, unless a face has a triangulation already on whose nodes they are divided: then it takes these nodes,
+OCCT divides edges by itself, unless a face has a triangulation already on whose nodes they are divided: it then takes these nodes
 and makes the triangles anew where the triangulation is too coarse. So each face is given one triangle with the nodes of its edges
 and a deflection beyond all bounds.
 """
