@@ -50,7 +50,7 @@ def test_a_chord_is_as_far_from_a_circle_as_its_sagitta() -> None:
     sagitta = RADIUS - np.linalg.norm(points.mean(axis=1)[:, :2], axis=1)
     found = bound_chords(circle, np.zeros(2, np.int64), ends, points)
     assert (found >= sagitta).all()
-    assert found == pytest.approx(sagitta, rel=0.08)
+    assert found == pytest.approx(sagitta, rel=0.1)
 
 
 def test_curves_are_divided_into_few_chords_that_keep_the_deviation() -> None:
@@ -60,7 +60,7 @@ def test_curves_are_divided_into_few_chords_that_keep_the_deviation() -> None:
     turn = np.diff(t + 0.2 * t**2)
     assert (RADIUS * (1 - np.cos(turn / 2)) <= deviation).all()
     least = (t[-1] + 0.2 * t[-1] ** 2) / (2 * np.arccos(1 - deviation[0] / RADIUS))
-    assert len(turn) <= 1.1 * least + 1
+    assert len(turn) <= 1.15 * least + 1
     (even,) = divide_curves(circle, span, deviation, 1.0, np.array([1]), np.array([True]))
     assert np.allclose(even, 1 - even[::-1], atol=1e-15)
     with pytest.raises(OutOfMemory, match="raise the deviation"):

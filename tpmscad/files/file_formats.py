@@ -37,6 +37,9 @@ SUFFIXES = (*STEP_SUFFIXES, *MESH_SUFFIXES, BREP_SUFFIX)
 DEVIATION_FRACTION = 2e-4
 """Default deviation of a mesh, in diagonals of the solid: far below what a printer resolves on a part of its size."""
 
+ROUND_OFF = 1e-9
+"""Deviation up to which triangles are said to lie on the faces, model units: those of planes."""
+
 DEFAULT_ANGLE_DEG = 20.0
 """Default turn of the normal between neighbouring facets."""
 
@@ -87,7 +90,8 @@ class ExportedFile:
 
     def summary(self) -> str:
         """The triangles and their deviation in plain words; empty for exact formats."""
-        return f"{self.triangles} triangles within {self.deviation:.3g} mm of the faces" if self.triangles else ""
+        where = f"within {self.deviation:.3g} mm of" if self.deviation > ROUND_OFF else "on"
+        return f"{self.triangles} triangles {where} the faces" if self.triangles else ""
 
     def __repr__(self) -> str:
         return f"{self.path.name}: {self.summary() or 'exact'}"

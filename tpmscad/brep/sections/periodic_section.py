@@ -18,6 +18,7 @@ from tpmscad.brep.loops import follow_paths
 from tpmscad.brep.sections.clipped_curves import clip_curves, winding_number
 from tpmscad.brep.sections.polygon_regions import Region, combine_regions, signed_areas, thin_curve, thin_polygon
 from tpmscad.errors import TrimmingError
+from tpmscad.memory_limit import require_memory
 
 SIDE_REL_TOL = 1e-7
 """In cells: distance of a point from a side of the cell on which it lies. Sides and patches are cut to 5e-10."""
@@ -27,6 +28,9 @@ LINK_REL_TOL = 1e-5
 
 AREA_TOL_FRACTION = 0.02
 """Of a cell: difference of the areas within polygons and exact curves; coarse chords miss less."""
+
+BYTES_PER_POINT = 250
+"""Memory taken at the peak for each point of the curves of a layer, which are clipped and joined to regions."""
 
 MARGIN_CELLS = 0.37
 """In cells: how far the rectangle that closes the strands reaches beyond the one that is covered. Odd, as sides of cells may lie
@@ -219,9 +223,17 @@ def _place_loop(loop: Array, cell: Array, low: Array, high: Array) -> list[Array
     last = np.floor((high - loop.min(axis=0)) / cell).astype(int)
     if (last < first).any():
         return []
+    copies = float(np.prod(last - first + 1, dtype=float))
+    _require_memory(copies, loop)
     i, j = (np.arange(a, b + 1) for a, b in zip(first, last, strict=True))
     shifts = np.stack(np.meshgrid(i, j, indexing="ij"), axis=-1).reshape(-1, 1, 2) * cell
     return list(loop + shifts)
+
+
+def _require_memory(copies: float, points: Array) -> None:
+    require_memory(
+        copies * len(points), BYTES_PER_POINT, f"{copies:.3g} copies of a curve in a layer", "cut the body into parts"
+    )
 
 
 def _clip_strand(strand: Strand, cell: Array, low: Array, high: Array) -> list[Array]:
@@ -236,6 +248,7 @@ def _clip_strand(strand: Strand, cell: Array, low: Array, high: Array) -> list[A
     bounds = sorted(((reach.min() - spread.max()) / per_copy, (reach.max() - spread.min()) / per_copy))
     pieces = []
     unit = along / (along @ along)
+    _require_memory((bounds[1] - bounds[0]) * float(np.ptp(corners @ unit)), strand.points)
     for copy in range(int(np.ceil(bounds[0])), int(np.floor(bounds[1])) + 1):
         base = strand.points + copy * aside
         progress, wanted = base @ unit, corners @ unit

@@ -1,9 +1,9 @@
 """Distances of chords from curves and of triangles from surfaces, and the division of what is too far.
 
 A distance is measured at points of a grid on each chord or triangle, from the foot point. Between the points of the grid the
-signed distance may exceed the larger neighbour by a sixth of its second difference (an eighth on a chord), as for a quadratic
-function; this is added, so that the figures are bounds wherever the distance is smooth between the points of a grid. A foot point
-that has not converged gives a greater distance, never a smaller one.
+signed distance may exceed the larger neighbour by a sixth of its second difference, as for a quadratic function; this is added,
+so that the figures are bounds wherever the distance is smooth between the points of a grid. A foot point that has not converged
+gives a greater distance, never a smaller one.
 
 A triangle that is too far from its surface is halved, together with its neighbour, at the middle of the side whose middle is
 farthest from the surface (after M. C. Rivara, "Mesh refinement processes based on the generalized bisection of simplices",
@@ -41,7 +41,8 @@ LEAST_DETERMINANT = 1e-12
 """Of the squared lengths of both derivatives: below it a surface is singular, and its foot point is not moved."""
 
 CHORD_PARTS = 8
-"""Parts of a chord between the points at which its distance is measured."""
+"""Parts of a chord between the points at which its distance is measured; second differences are those of a triangle's side, so
+that a triangle beside the chord has no greater bound."""
 
 TRIANGLE_PARTS = 4
 """Parts of a side of a triangle between the points of its grid."""
@@ -62,7 +63,7 @@ BYTES_PER_CHORD = 1000
 BYTES_PER_TRIANGLE = 600
 """Memory taken at the peak for each triangle while some are halved, as measured."""
 
-PREDICTED_FRACTION, PREDICTIONS = 0.95, 4
+PREDICTED_FRACTION, PREDICTIONS = 0.91, 4
 """Part of the deviation for which the number of chords is predicted, and predictions for ever less of it, before chords that miss
 the deviation are halved, which makes up to twice as many as needed."""
 
@@ -111,8 +112,9 @@ def bound_chords(curves: Curves, curve: IntArray, ends: Array, points: Array) ->
         move = np.divide(np.einsum("ni,ni->n", miss, along), speed, out=np.zeros_like(speed), where=speed > 0)
         t = np.clip(t + move, low, high)
     distance = best.reshape(-1, len(share))
-    bend = np.abs(np.diff(distance, 2, axis=1)).max(axis=1, initial=0.0)
-    return np.asarray(distance.max(axis=1, initial=0.0) + bend / 8.0)
+    step = CHORD_PARTS // TRIANGLE_PARTS
+    bend = np.abs(distance[:, 2 * step :] - 2.0 * distance[:, step:-step] + distance[:, : -2 * step])
+    return np.asarray(distance.max(axis=1, initial=0.0) + bend.max(axis=1, initial=0.0) / 6.0)
 
 
 def divide_curves(
@@ -251,7 +253,10 @@ def bound_triangles(
     for start in range(0, len(face), BATCH):
         part = slice(start, start + BATCH)
         signed = _measure_at(surfaces, face[part], points[part], uv[part], GRID, limits, deviation)
-        bend = np.abs(signed @ SECOND_DIFFERENCES.T).max(axis=1, initial=0.0)
+        # beside the border of a surface the sign is arbitrary, and the distance itself is smooth
+        bend = np.minimum(
+            *(np.abs(d @ SECOND_DIFFERENCES.T).max(axis=1, initial=0.0) for d in (signed, np.abs(signed)))
+        )
         bound[part] = np.abs(signed).max(axis=1, initial=0.0) + bend / 6.0
         middles[part] = np.abs(signed[:, at])
     return bound, middles

@@ -24,7 +24,7 @@ from tpmscad.kernel.occt.evaluator_tables import CurveTable
 from tpmscad.kernel.occt.exploration import ShapeKey, edges_of, first_vertex, last_vertex
 from tpmscad.rigid_motion import Motion
 
-EDGE_FRACTION = 0.9
+EDGE_FRACTION = 0.97
 """Part of the deviation that chords of edges take: the triangles at the edge add to it."""
 
 

@@ -25,7 +25,7 @@ from tpmscad.kernel.slicing.level_refinement import resolve_levels
 from tpmscad.kernel.slicing.surface_triangulation import SurfaceTriangulation, triangulation_of
 from tpmscad.parallel import split_batches, task_runner
 
-MESH_DEVIATION_FACTOR, LEAST_MESH_DEVIATION = 4.0, 1e-5
+MESH_DEVIATION_FACTOR, LEAST_MESH_DEVIATION = 2.0, 1e-5
 """Deviation of the triangulation in chord errors, and the least one in sizes of the solid; chords are split afterwards anyway."""
 
 MESH_ANGLE = 0.5
