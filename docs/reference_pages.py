@@ -94,7 +94,9 @@ JOBS: dict[str, tuple[str, ...]] = {
             *("smooth_difference", "translate", "rotate", "scale", "warp"),
         )
     ),
-    "Grade": tuple(f"fields.{name}" for name in ("ramp", "linear", "coordinate", "graded_threshold", "cell_sizes")),
+    "Grade": tuple(
+        f"fields.{name}" for name in ("ramp", "clip", "linear", "coordinate", "graded_threshold", "cell_sizes")
+    ),
     "Wrap and stretch": tuple(
         f"maps.{name}"
         for name in ("cylinder", "sphere", "between", "trivariate", "grading", "stretching", "composition", "as_map")

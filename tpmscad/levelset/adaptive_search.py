@@ -392,16 +392,16 @@ def _explain_failure(fit: LevelSetFit) -> str:
     singular = SINGULAR_SLOPE_FRACTION * np.median(np.linalg.norm(field.gradient(fit.network.vertices), axis=1))
     flattest = centre[np.argsort(slope)][:N_PLACES_REPORTED]
     places = ", ".join(format_point(p) for p in flattest)
-    crease = _find_crease(fit)
-    if crease is not None:
+    crease = None if slope.min() < singular else _find_crease(fit)
+    if slope.min() < singular:
+        cause = "the field is nearly singular there: change the level, the transition or the minimum neck"
+    elif crease is not None:
         places = format_point(crease[0])
         cause = (
             f"the surface has a crease of {crease[1]:.0f} degrees there, which smooth patches cannot follow: combine fields by "
             "fields.union, fields.intersection and fields.difference, whose creases are exact, not by max, min and abs in a "
             "formula or a function; or round it"
         )
-    elif slope.min() < singular:
-        cause = "the field is nearly singular there: change the level, the transition or the minimum neck"
     elif (at_box.any(axis=1) & (slope_in_box_face < singular)).any():
         cause = "the surface touches the box there without crossing it: move the domain or change the level"
     else:
