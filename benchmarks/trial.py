@@ -26,6 +26,7 @@ from pathlib import Path
 
 import numpy as np
 
+from benchmarks.trial_crossings import draw_decimals, draw_shells, draw_struts
 from benchmarks.trial_images import draw_image
 from benchmarks.trial_requests import (
     Drawn,
@@ -51,6 +52,9 @@ KINDS: dict[str, Callable[[np.random.Generator], Drawn]] = {
     "malformed": draw_malformed,
     "image": draw_image,
     "skin": draw_skin,
+    "struts": draw_struts,
+    "shells": draw_shells,
+    "decimals": draw_decimals,
 }
 SHARES = {
     "lattice": 5,
@@ -63,6 +67,9 @@ SHARES = {
     "malformed": 6,
     "image": 3,
     "skin": 2,
+    "struts": 2,
+    "shells": 1,
+    "decimals": 2,
 }
 
 CPU_LIMIT = 120

@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from benchmarks.trial_requests import FILES, Drawn, judge_model
 from benchmarks.trial_statements import triangulate
@@ -25,6 +26,8 @@ UNITS = {"mm": 1.0, "um": 1e-3, "cm": 10.0, "m": 1e3}
 """Millimetres in a unit of a NRRD file."""
 
 NIFTI_UNITS = {"mm": 1.0, "micron": 1e-3, "meter": 1e3}
+
+IDENTITY = np.eye(3)
 
 DIRECTIONS = (240, 480)
 """Polar and azimuthal directions of the integrals."""
@@ -60,16 +63,22 @@ class Shape:
         q = (p - self.centre) / self.axes
         return np.asarray((q * q).sum(-1) * (1 + q @ self.tilt) - 1)
 
-    def place(self, low: np.ndarray, high: np.ndarray) -> tuple[float, np.ndarray, np.ndarray]:
-        """Volume, centroid (3,) and box (2, 3) of the part within [low, high], which holds the centre."""
+    def place(
+        self, low: np.ndarray, high: np.ndarray, turn: np.ndarray = IDENTITY
+    ) -> tuple[float, np.ndarray, np.ndarray]:
+        """Volume, centroid (3,) and box (2, 3) of the part within [low, high], which holds the centre, turned about 0."""
         cosine, weight = np.polynomial.legendre.leggauss(DIRECTIONS[0])
-        turn = 2 * np.pi * np.arange(DIRECTIONS[1]) / DIRECTIONS[1]
+        azimuth = 2 * np.pi * np.arange(DIRECTIONS[1]) / DIRECTIONS[1]
         flat = np.sqrt(1 - cosine**2)[:, None]
         ray = np.stack(
-            [flat * np.cos(turn), flat * np.sin(turn), np.broadcast_to(cosine[:, None], (len(cosine), len(turn)))],
+            [
+                flat * np.cos(azimuth),
+                flat * np.sin(azimuth),
+                np.broadcast_to(cosine[:, None], (len(cosine), len(azimuth))),
+            ],
             axis=-1,
         )
-        solid_angle = np.broadcast_to(weight[:, None] * 2 * np.pi / len(turn), ray.shape[:-1])
+        solid_angle = np.broadcast_to(weight[:, None] * 2 * np.pi / len(azimuth), ray.shape[:-1])
         reach, along = np.ones(ray.shape[:-1]), ray @ self.tilt
         for _ in range(30):  # Newton's method: the cubic rises between its start and its root
             reach = reach - (reach**2 * (1 + along * reach) - 1) / (reach * (2 + 3 * along * reach))
@@ -79,8 +88,9 @@ class Shape:
         volume = float((solid_angle * reach**3).sum() / 3)
         first = (solid_angle[..., None] * ray * reach[..., None] ** 4).sum(axis=(0, 1)) / 4
         tips = (ray * reach[..., None]).reshape(-1, 3)
-        box = self.centre + self.axes * np.array([tips.min(axis=0), tips.max(axis=0)])
-        return volume * float(self.axes.prod()), self.centre + self.axes * first / volume, box
+        tips = (self.centre + self.axes * tips) @ turn.T
+        centroid = turn @ (self.centre + self.axes * first / volume)
+        return volume * float(self.axes.prod()), centroid, np.array([tips.min(axis=0), tips.max(axis=0)])
 
 
 @dataclass(frozen=True)
@@ -266,6 +276,11 @@ def draw_image(rng: np.random.Generator) -> Drawn:
     if suffix == "array":
         given = None
     by_quaternion = bool(rng.random() < 0.5)
+    turn = IDENTITY
+    if (
+        suffix in (".nii", ".nii.gz", ".nrrd") and rng.random() < 0.4
+    ):  # an oblique scan, turned by less than half a right angle
+        turn = Rotation.from_rotvec(rng.uniform(0.05, 0.7) * rng.normal(size=3) / np.sqrt(3)).as_matrix()
 
     # what the image holds, and what is asked of it
     inside_label, other_label = (int(n) for n in rng.choice([1, 2, 3, 7, 12], 2, replace=False))
@@ -288,6 +303,7 @@ def draw_image(rng: np.random.Generator) -> Drawn:
         if suffix not in (".nrrd", ".vti") or rng.random() < 0.3:
             options["centred"] = stated_cells
     stored, affine = grid.stored(values, order, flips, factor)
+    affine[:3] = turn @ affine[:3]
     if given is not None:
         options["frame"] = given
     if suffix in ("array", ".npy"):
@@ -298,7 +314,7 @@ def draw_image(rng: np.random.Generator) -> Drawn:
     # where the solid has to be
     target = {None: "RAS", "file": frame}.get(given, given)
     signs = np.multiply(RIGHT_ANTERIOR_SUPERIOR[frame], RIGHT_ANTERIOR_SUPERIOR[target]) if frame else np.ones(3)
-    expected = shape.place(*grid.box)
+    expected = shape.place(*grid.box, turn)
     place = expected[0], signs * expected[1], np.sort(signs * expected[2], axis=0)
     domain = np.sort(signs * grid.box, axis=0)
     cell = float(spacing.max())
@@ -319,9 +335,8 @@ def draw_image(rng: np.random.Generator) -> Drawn:
         else:
             field = (fields.labels if of_labels else fields.sampled)(source, **options)
             model = tpmscad.solidify(field, field.domain, tol=tol, progress=False)
-        met, why, judge = judge_model(
-            model, folder, None, rng, envelope=float(np.ptp(domain, axis=0).prod()), box=domain
-        )
+        stated = {"envelope": float(np.ptp(domain, axis=0).prod()), "box": domain} if turn is IDENTITY else {}
+        met, why, judge = judge_model(model, folder, None, rng, **stated)
 
         def judge_all() -> list[str]:
             faults = judge()
@@ -335,6 +350,7 @@ def draw_image(rng: np.random.Generator) -> Drawn:
         return met, why, judge_all
 
     said = f"{'cells' if of_cells else 'points'}, frame {frame or 'none'}, unit {unit or 'none'}, axes {order} {flips}"
+    said += f", turned by {Rotation.from_matrix(turn).as_rotvec().round(3).tolist()}"
     asked = ", ".join(f"{k}={v!r}" for k, v in options.items())
     call = "SolidRun.sample" if through_run else "fields.labels" if of_labels else "fields.sampled"
     ends = "whole" if cut is None else f"cut at side {cut}"

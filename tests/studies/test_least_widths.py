@@ -15,6 +15,7 @@ from scipy.spatial import cKDTree
 
 import tpmscad
 from tpmscad import fields
+from tpmscad.brep import least_width
 from tpmscad.brep.least_width import RESOLUTION, LeastWidth, SharpEdges, _Search
 from tpmscad.kernel.measure.shape_report import check_shape
 from tpmscad.kernel.measure.shape_sampling import find_creases
@@ -63,6 +64,16 @@ def test_the_wall_over_a_void_below_a_flat_side_is_found(wall: float, placement:
     found, gap = widths(placement * (bd.Box(10, 10, 10) - bd.Pos(0, 0, 4 - wall) * bd.Sphere(1)))
     assert_is(found, wall)
     assert_is(gap, 2.0)
+
+
+def test_a_search_that_is_given_up_bounds_the_least_width_all_the_same(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(least_width, "MAX_PAIRS", 0)
+    found, gap = widths(bd.Box(10, 10, 10) - bd.Pos(0, 0, 3.2) * bd.Sphere(1))
+    for each, truth in ((found, 0.8), (gap, 2.0)):
+        assert each is not None
+        assert 0 <= each.bound <= truth
+        assert each.value > each.bound
+        assert np.linalg.norm(each.places[1] - each.places[0]) == pytest.approx(each.value)
 
 
 @pytest.mark.slow

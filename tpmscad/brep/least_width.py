@@ -60,6 +60,9 @@ NEAREST_EDGE_SAMPLES = 16
 REFINED_PAIRS = 256
 """Pairs of each round between which places are sought, those with the least bounds."""
 
+MAX_PAIRS = 300_000
+"""Pairs beyond which the search is given up: where sides just fail to face each other along an edge, they double each round."""
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SharpEdges:
@@ -73,6 +76,8 @@ class SharpEdges:
 @dataclass(frozen=True, slots=True, eq=False)
 class LeastWidth:
     """The least distance of facing sides: a lower bound, and the value attained by two places (2, 3).
+
+    Where the search is given up, the places are the middles of the two cells with the least bound, which may just not face each other.
 
     faces: the two faces; parameters (2, 2): the places in the parameters of these faces.
     """
@@ -165,7 +170,22 @@ class _Search:
             near = low < self.value * (1.0 - RESOLUTION)
             small = self.radius[pairs].max(axis=1) < self._least_cell
             self.bound = min(self.bound, float(low[~near | small].min(initial=np.inf)))
-            pairs, first = self._bisect(pairs[near & ~small])
+            due = near & ~small
+            if due.sum() > MAX_PAIRS:
+                self._give_up(pairs[due], low[due])
+                return
+            pairs, first = self._bisect(pairs[due])
+
+    def _give_up(self, pairs: IntArray, low: Array) -> None:
+        """Bound the least width by the pairs that are left; the least of them attains it where nothing else has."""
+        least = int(np.argmin(low))
+        self.bound = min(self.bound, float(low[least]))
+        if self.found is None:
+            pair, middles = pairs[least], self.cells.middles()[pairs[least]]
+            self.value = float(np.linalg.norm(middles[1] - middles[0]))
+            first, second = self.cells.face[pair].tolist()
+            parameters = self.cells.parameters(pair, np.full((2, 2), 0.5))
+            self.found = LeastWidth(0.0, self.value, middles, (first, second), parameters)
 
     def _take(self, cells: SurfaceCells, parent: IntArray | None = None) -> None:
         """Make these the cells under search; with their parents among those so far, whose parts alone are near edges."""
