@@ -77,7 +77,8 @@ class SharpEdges:
 class LeastWidth:
     """The least distance of facing sides: a lower bound, and the value attained by two places (2, 3).
 
-    Where the search is given up, the places are the middles of the two cells of the least bound, which may just not face each other.
+    Where the search is given up, the places are the middles of the two cells of the least bound; they may just not face each
+    other.
 
     faces: the two faces; parameters (2, 2): the places in the parameters of these faces.
     """
