@@ -13,11 +13,13 @@ from __future__ import annotations
 
 import argparse
 import ast
+import contextlib
 import difflib
 import json
 import os
 import random
 import shutil
+import signal
 import sqlite3
 import subprocess
 import time
@@ -184,16 +186,20 @@ def try_mutant(tree: Path, mutant: Mutant, tests: list[str], seconds: float) -> 
     inside.write_text(mutant.after, encoding="utf-8")
     os.utime(inside, (time.time() + 10, time.time() + 10))  # never the stamp of bytecode that was kept
     command, environment = pytest_call(tree, ["-x", "-p", "no:xdist", "-m", "", *tests])
-    try:
-        ended = subprocess.run(command, cwd=tree, env=environment, capture_output=True, timeout=seconds, check=False)
-    except subprocess.TimeoutExpired:
-        return "too long"
-    finally:
-        shutil.copy(mutant.file, inside)
-        os.utime(inside)
-    if ended.returncode > 3:  # below zero: ended by a signal, as compiled code may be
-        raise SystemExit(f"pytest ended with {ended.returncode}:\n{ended.stdout.decode()[-2000:]}")
-    return "noticed" if ended.returncode else "survived"
+    with open(tree / "pytest.log", "wb") as log:
+        run = subprocess.Popen(command, cwd=tree, env=environment, stdout=log, stderr=log, start_new_session=True)
+        try:
+            status = run.wait(seconds)
+        except subprocess.TimeoutExpired:
+            return "too long"
+        finally:
+            with contextlib.suppress(ProcessLookupError):
+                os.killpg(run.pid, signal.SIGKILL)  # with the processes that a test has started
+            shutil.copy(mutant.file, inside)
+            os.utime(inside)
+    if status > 3:  # below zero: ended by a signal, as compiled code may be
+        raise SystemExit(f"pytest ended with {status}:\n{(tree / 'pytest.log').read_text()[-2000:]}")
+    return "noticed" if status else "survived"
 
 
 def main() -> int:
