@@ -105,6 +105,10 @@ class UntracedCurve(TrimmingError):
     """An intersection curve could not be traced; patches fitted more closely may help, another placement does not."""
 
 
+class NothingLeft(TrimmingError):
+    """A cut leaves no face."""
+
+
 class LevelSetError(TpmscadError):
     """No boundary representation of a field could be made in its box; the message says where, why and what to change."""
 

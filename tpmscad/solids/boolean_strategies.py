@@ -7,7 +7,7 @@ points in the body that lie in the lattice, which no boolean takes part in.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from traceback import extract_tb
@@ -18,8 +18,7 @@ from scipy.spatial import cKDTree
 
 from tpmscad._typing import Array, BoolArray
 from tpmscad.brep.boundary_representation import Brep, reverse_faces, spline_faces
-from tpmscad.brep.moments import integral_properties
-from tpmscad.errors import KernelError, NotQuadric, TpmscadError, TrimmingError
+from tpmscad.errors import KernelError, NothingLeft, NotQuadric, TpmscadError, TrimmingError
 from tpmscad.fallbacks import Fallback, Fallbacks
 from tpmscad.kernel.body_import.body_brep import FreeFormBody, brep_from_shape, read_free_form_body
 from tpmscad.kernel.body_import.cad_body import CadBody
@@ -33,13 +32,14 @@ from tpmscad.results.certificate import Certificate, Check, certify_built_solids
 from tpmscad.solids.lattice_block import LatticeBlock
 from tpmscad.solids.patch_measures import move_patch_measures
 from tpmscad.splines.bspline import BSplineSurface
+from tpmscad.trimming.network_boolean import Operation, combine_networks
 from tpmscad.trimming.trim_pipeline import trim
-
-KernelBoolean = Callable[[], tuple[Any, ...]]
-"""Makes the solids of the kernel's boolean of lattice and body."""
 
 TRIMMED_PATCHES = "patches"
 KERNEL_BOOLEAN = "kernel"
+
+TRIMMED_NOTE = "trimmed on the patches' parameters"
+"""The note of a certificate on the first method."""
 
 N_SAMPLE_LINES = 512
 POINTS_PER_LINE = 4
@@ -108,25 +108,17 @@ def certify_cut_solids(
 
 def intersect_body_with_lattice(block: LatticeBlock, body: CadBody) -> BooleanResult:
     """The solids that lattice and body have in common; none if they do not meet."""
-
-    return _intersect_by_first_method(
-        block.patches, body, block.max_shift, lambda: intersect_solids(block.shape, body.shape)
-    )
+    return _combine_by_first_method(block, body, "intersection")
 
 
 def subtract_lattice_from_body(block: LatticeBlock, body: CadBody) -> BooleanResult:
     """The solids of the body without the lattice."""
-
-    return _intersect_by_first_method(
-        reverse_faces(block.patches), body, block.max_shift, lambda: subtract_solid(body.shape, block.shape)
-    )
+    return _combine_by_first_method(block, body, "difference")
 
 
-def _intersect_by_first_method(
-    patches: Brep, body: CadBody, max_shift: float, kernel_boolean: KernelBoolean
-) -> BooleanResult:
-    """The solids that the patches bound inside the body, by the first method that succeeds."""
-    outcome = BOOLEAN_METHODS.run(patches, body, max_shift, kernel_boolean)
+def _combine_by_first_method(block: LatticeBlock, body: CadBody, operation: Operation) -> BooleanResult:
+    """The intersection of body and lattice, or the body without it, by the first method that succeeds."""
+    outcome = BOOLEAN_METHODS.run(block, body, operation)
     result = outcome.value
     if not outcome.failures:
         return result
@@ -142,14 +134,22 @@ def corner_clearance(patches: Brep) -> float:
     )
 
 
-def trim_on_parameters(patches: Brep, body: CadBody, max_shift: float) -> BooleanResult:
-    """The patches trimmed by the body on their parameter domains, moved by at most `max_shift` so that no sliver arises.
+def trim_on_parameters(block: LatticeBlock, body: CadBody, operation: Operation = "intersection") -> BooleanResult:
+    """Patches and body cut by each other on their parameter domains, the lattice moved within its tolerance where that is needed.
 
     InvalidRequest or TrimmingError if that is impossible, KernelError if the volume of the result is wrong.
     """
     read = read_trimming_body(body)
     with numerical_failures():
-        return _trim_by_brep(patches, body, read, max_shift)
+        result = (_combine_by_networks if read.free_form else _trim_by_brep)(block, body, read, operation)
+    volume = 0.0 if result.brep is None else float(result.built.nesting.volume.sum())
+    _check_volume_by_sampling(volume, _orient(block.patches, operation), body)
+    return result
+
+
+def _orient(patches: Brep, operation: Operation) -> Brep:
+    """The patches of what an operation leaves of a body."""
+    return patches if operation == "intersection" else reverse_faces(patches)
 
 
 def read_trimming_body(body: CadBody) -> FreeFormBody:
@@ -178,31 +178,38 @@ def numerical_failures() -> Iterator[None]:
         raise TrimmingError(f"the cut met a singular case ({type(error).__name__} in {step})") from error
 
 
-def _trim_by_brep(patches: Brep, body: CadBody, read: FreeFormBody, max_shift: float) -> BooleanResult:
-    """The patches trimmed by the boundary representation of the body."""
-    cut = trim(
-        patches,
-        read.brep,
-        build=_build_valid_solids,
-        free_form=read.free_form,
-        clearance=corner_clearance(patches),
-        max_shift=max_shift,
-    )
-    if cut.built is None:
-        _check_volume_by_sampling(0.0, patches, body)
+def _combine_by_networks(block: LatticeBlock, body: CadBody, read: FreeFormBody, operation: Operation) -> BooleanResult:
+    """The faces of the body and the patches, cut by each other as two networks."""
+    try:
+        cut = combine_networks(
+            read.brep, block.patches, operation, build=build_valid_solids, max_shift=block.max_shift, is_cover=True
+        )
+    except NothingLeft:
         return BooleanResult(OcctSolids(()), None, TRIMMED_PATCHES, ())
-    _check_volume_by_sampling(float(integral_properties.volume(cut.built.nesting.moments)[0]), patches, body)
-    notes = "trimmed on the patches' parameters", *cut.report.notes, *read.notes
+    notes = TRIMMED_NOTE, *cut.report.notes, *read.notes
     return BooleanResult(cut.built, cut.brep, TRIMMED_PATCHES, notes, shifts=(tuple(cut.report.shift.tolist()),))
 
 
-def _build_valid_solids(brep: Brep) -> BrepSolids | None:
-    """The solids that patches bound, None if there are no patches; TrimmingError if they do not close or the kernel rejects them.
+def _trim_by_brep(block: LatticeBlock, body: CadBody, read: FreeFormBody, operation: Operation) -> BooleanResult:
+    """The patches trimmed by the planes and quadrics of the body."""
+    cut = trim(
+        _orient(block.patches, operation),
+        read.brep,
+        build=lambda brep: build_valid_solids(brep) if len(brep.faces) else None,
+        clearance=corner_clearance(block.patches),
+        max_shift=block.max_shift,
+    )
+    if cut.built is None:
+        return BooleanResult(OcctSolids(()), None, TRIMMED_PATCHES, ())
+    notes = TRIMMED_NOTE, *cut.report.notes, *read.notes
+    return BooleanResult(cut.built, cut.brep, TRIMMED_PATCHES, notes, shifts=(tuple(cut.report.shift.tolist()),))
+
+
+def build_valid_solids(brep: Brep) -> BrepSolids:
+    """The solids that patches bound; TrimmingError if they do not close or the kernel rejects a face of them.
 
     Where a wall grazes an edge of the body, an infinitesimal shell may come out inside out; another placement has none.
     """
-    if not len(brep.faces):
-        return None
     try:
         built = build_solids(brep)
     except KernelError as error:
@@ -219,30 +226,33 @@ MAX_KERNEL_FACES = 20_000
 """Patches that the kernel's boolean is given; with 35,000 it took 14 GiB, and had not ended after four minutes."""
 
 
-def intersect_in_kernel(patches: Brep, body: CadBody, kernel_boolean: KernelBoolean) -> BooleanResult:
+def combine_in_kernel(block: LatticeBlock, body: CadBody, operation: Operation) -> BooleanResult:
     """The kernel's boolean of the two solids; KernelError if that fails, or makes what the kernel's own check rejects."""
-    if len(patches.faces) > MAX_KERNEL_FACES:
+    if len(block.patches.faces) > MAX_KERNEL_FACES:
         raise KernelError(
             "trim",
-            f"the lattice has {len(patches.faces)} patches, more than the {MAX_KERNEL_FACES} that its boolean is given",
+            f"the lattice has {len(block.patches.faces)} patches, more than the {MAX_KERNEL_FACES} that its boolean is given",
         )
-    built = OcctSolids(kernel_boolean())
+    is_common = operation == "intersection"
+    built = OcctSolids(
+        intersect_solids(block.shape, body.shape) if is_common else subtract_solid(body.shape, block.shape)
+    )
     if built.solids and not is_valid(make_compound(built.solids)):
         raise KernelError("trim", "the kernel's check rejects what its own boolean made")
-    _check_volume_by_sampling(sum(map(estimate_volume, built.solids)), patches, body)
+    _check_volume_by_sampling(sum(map(estimate_volume, built.solids)), _orient(block.patches, operation), body)
     return BooleanResult(built, None, KERNEL_BOOLEAN, ("trimmed by the kernel's boolean",))
 
 
-BOOLEAN_METHODS: Fallbacks[[Brep, CadBody, float, KernelBoolean], BooleanResult] = Fallbacks(
+BOOLEAN_METHODS: Fallbacks[[LatticeBlock, CadBody, Operation], BooleanResult] = Fallbacks(
     (
         Fallback(
             "trimming on the patches' parameters",
-            lambda patches, body, max_shift, _: trim_on_parameters(patches, body, max_shift),
+            lambda block, body, operation: trim_on_parameters(block, body, operation),
             "a second for a few cells; several with free-form faces, which must meet within 1e-10",
         ),
         Fallback(
             "the kernel's boolean",
-            lambda patches, body, _, kernel_boolean: intersect_in_kernel(patches, body, kernel_boolean),
+            lambda block, body, operation: combine_in_kernel(block, body, operation),
             "ten times as long for a few cells, and more than in proportion for many",
         ),
     ),

@@ -26,7 +26,7 @@ from tpmscad.brep.carriers import Plane
 from tpmscad.brep.deviation import Deviation, combine_deviations
 from tpmscad.brep.edge_continuity import EdgeContinuity
 from tpmscad.brep.solid_properties import measure_solid
-from tpmscad.errors import InvalidRequest, LevelSetError, TrimmingError, format_point
+from tpmscad.errors import InvalidRequest, LevelSetError, format_point
 from tpmscad.fallbacks import Fallback, Fallbacks
 from tpmscad.fields.analysis import volume_quadrature
 from tpmscad.fields.analysis.betti_numbers import Betti, compute_betti_numbers
@@ -55,14 +55,13 @@ from tpmscad.kernel.build.solids import BrepSolids, build_solids
 from tpmscad.kernel.measure.creases import SolidCreases, measure_creases
 from tpmscad.kernel.measure.mass_properties import solid_moments
 from tpmscad.kernel.measure.solid_topology import measure_topology
-from tpmscad.kernel.measure.validity import is_brep_valid
 from tpmscad.kernel.occt.bounding_boxes import enclosing_box
 from tpmscad.kernel.occt.exploration import faces_of
 from tpmscad.kernel.step.face_labels import label_outer_faces
 from tpmscad.levelset.crossing_operands import Combination, list_fields, split_crossing_operands, widen_box
 from tpmscad.levelset.field_solid import find_sample_spacing
 from tpmscad.results.certificate import PatchMeasures
-from tpmscad.solids.boolean_strategies import compare_with_sample, sample_body
+from tpmscad.solids.boolean_strategies import build_valid_solids, compare_with_sample, sample_body
 from tpmscad.solids.field_patches import N_QUADRATURE_LINES, FieldPatches, fit_field_patches
 from tpmscad.solids.patch_measures import FROM_FIELD, TO_FIELD, check_field_tangent_jump, check_volume
 from tpmscad.solids.strut_solids import bound_struts, bound_struts_in_box, require_few_strut_sets, require_struts_apart
@@ -168,14 +167,6 @@ def _close_struts_in_box(request: _Request) -> BrepSolids:
     (leaf,) = request.operands
     assert isinstance(leaf, StrutLeaf)
     return build_valid_solids(bound_struts_in_box(leaf.struts, request.lo, request.hi))
-
-
-def build_valid_solids(brep: Brep) -> BrepSolids:
-    """The solids of a boundary representation; TrimmingError if the kernel rejects a face."""
-    built = build_solids(brep)
-    if not is_brep_valid(brep, built.known_faces):
-        raise TrimmingError("the kernel rejects a face of the result")
-    return built
 
 
 def _combine_networks_of(request: _Request) -> BrepSolids:

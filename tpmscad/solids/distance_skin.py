@@ -27,7 +27,7 @@ from tpmscad.solids.boolean_strategies import (
     signed_distances_to_nodes,
 )
 from tpmscad.solids.field_bodies import MESH_ANGLE, join_meshes
-from tpmscad.solids.field_body_infill import MOVE_DIRECTION, cut_voids
+from tpmscad.solids.field_body_infill import cut_voids
 from tpmscad.solids.field_skin import ErosionSource, erode_by_distance
 from tpmscad.solids.hollowing import HOLLOWING_METHODS, VoidsInBody
 from tpmscad.solids.lattice_block import LatticeBlock
@@ -55,7 +55,7 @@ def fill_by_distance(block: LatticeBlock, body: CadBody, skin: float, open_faces
         TRIMMED_PATCHES,
         (*voids.notes, *closed),
         (*voids.checks, compare_with_sample(filled, solid, body.name)),
-        (tuple((voids.moved * MOVE_DIRECTION).tolist()),),
+        (tuple(voids.shift.tolist()),),
     )
 
 

@@ -22,7 +22,7 @@ from tpmscad.kernel.measure.validity import is_brep_valid
 from tpmscad.kernel.step.face_labels import OPENING
 from tpmscad.results.domain_results import MINUS, PLUS, WALL
 from tpmscad.solids.field_bodies import FieldBody
-from tpmscad.solids.field_body_infill import cut_by_lattice, describe_cut
+from tpmscad.solids.field_body_infill import CUT_NOTE
 from tpmscad.solids.lattice_block import LatticeBlock
 from tpmscad.trimming.network_boolean import DividedNetwork, divide_network
 from tpmscad.trimming.rebuild.network_result import check_closed
@@ -36,8 +36,10 @@ def divide_field_body(body: FieldBody, block: LatticeBlock) -> tuple[dict[str, B
 
     TrimmingError if the intersection is not resolved, or the kernel rejects a face.
     """
-    found, moved = cut_by_lattice(block, lambda lattice: divide_network(body.built.brep, lattice, build=_build_domains))
-    return found.built, moved, describe_cut(found.report, moved)
+    found = divide_network(
+        body.built.brep, block.patches, build=_build_domains, max_shift=block.max_shift, is_cover=True
+    )
+    return found.built, found.report.shifted, (CUT_NOTE, *found.report.notes)
 
 
 def body_areas(brep: Brep, body: FieldBody) -> dict[int, float]:

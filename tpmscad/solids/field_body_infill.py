@@ -8,51 +8,50 @@ patches.
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass, replace
-from functools import partial
-from typing import Any, TypeVar
 
 import numpy as np
 
 from tpmscad._typing import Array
-from tpmscad.brep.boundary_representation import Brep, join_breps, reverse_faces, translate_brep
-from tpmscad.errors import InvalidRequest, KernelError, TrimmingError, UntracedCurve
-from tpmscad.fallbacks import Fallback, Fallbacks
+from tpmscad.brep.boundary_representation import Brep, join_breps, reverse_faces
+from tpmscad.errors import InvalidRequest, KernelError, NothingLeft, TrimmingError
 from tpmscad.kernel.boolean.cut_faces import SKIN
-from tpmscad.kernel.build.solids import BrepSolids, build_solids
+from tpmscad.kernel.build.solids import BrepSolids
 from tpmscad.kernel.measure.envelope import Envelope
-from tpmscad.kernel.measure.validity import is_brep_valid
 from tpmscad.results.certificate import Check, PatchMeasures, certify_built_solids
 from tpmscad.results.loose_pieces import drop_loose_pieces
 from tpmscad.results.model import Model
-from tpmscad.solids.boolean_strategies import TRIMMED_PATCHES, compare_with_sample, signed_distances_to_nodes
+from tpmscad.solids.boolean_strategies import (
+    TRIMMED_PATCHES,
+    build_valid_solids,
+    compare_with_sample,
+    signed_distances_to_nodes,
+)
 from tpmscad.solids.field_bodies import BODY, FieldBody, join_body_measures
 from tpmscad.solids.field_skin import ErodedFieldBody, erode_field_body
 from tpmscad.solids.lattice_block import LatticeBlock
 from tpmscad.solids.patch_measures import move_patch_measures
 from tpmscad.solids.reference_distance import DistanceFunction
 from tpmscad.stage_timer import StageTimer
-from tpmscad.trimming.network_boolean import DividedNetwork, NetworkReport, NetworkResult, combine_networks
+from tpmscad.trimming.network_boolean import Operation, combine_networks
+
+CUT_NOTE = "cut on the patches' parameters"
+"""The note of a certificate on the method."""
 
 SAMPLE_POINTS = 20_000
 """Points in the box of the body, at which the volume is counted."""
 
 
-MOVES = (0.0, 0.3, 0.6, 0.9)
-"""In what its tolerance leaves a lattice: lengths by which it is moved."""
-
-MOVE_DIRECTION = np.array([-0.53, 0.81, 0.25])
-"""Their direction, of unit length, far from mirror planes and from the direction in which networks are moved by themselves."""
-
-
 @dataclass(frozen=True, slots=True, eq=False)
 class CutSolids:
-    """Solids of two networks that cut each other, their boundary representation, and how they were made."""
+    """Solids of two networks that cut each other, their boundary representation, and how they were made.
+
+    `shift` (3,): the translation of the lattice.
+    """
 
     brep: Brep
     built: BrepSolids
-    moved: float
+    shift: Array
     checks: tuple[Check, ...]
     notes: tuple[str, ...]
 
@@ -77,7 +76,9 @@ def infill_field_body(
         volume = float(filled.built.nesting.volume.sum())
         checks = (*filled.checks, _check_volume(volume, body, block, cavity))
         brep, built, dropped = drop_loose_pieces(filled.brep, filled.built, loose)
-        measures: PatchMeasures = join_body_measures(move_patch_measures(block.measures, filled.moved), body)
+        measures: PatchMeasures = join_body_measures(
+            move_patch_measures(block.measures, float(np.linalg.norm(filled.shift))), body
+        )
         certificate = certify_built_solids(
             built,
             measures,
@@ -99,10 +100,15 @@ def infill_field_body(
 
 def _intersect(body: FieldBody, block: LatticeBlock) -> CutSolids:
     """The intersection of body and lattice."""
-    found, moved = cut_by_lattice(
-        block, lambda lattice: combine_networks(body.built.brep, lattice, "intersection", build=build_valid_solids)
+    return _cut(body.built.brep, block, "intersection")
+
+
+def _cut(brep: Brep, block: LatticeBlock, operation: Operation) -> CutSolids:
+    """The operation on a solid and the lattice of a block."""
+    found = combine_networks(
+        brep, block.patches, operation, build=build_valid_solids, max_shift=block.max_shift, is_cover=True
     )
-    return CutSolids(found.brep, found.built, moved, (), describe_cut(found.report, moved))
+    return CutSolids(found.brep, found.built, found.report.shift, (), (CUT_NOTE, *found.report.notes))
 
 
 def _fill_within_skin(body: FieldBody, block: LatticeBlock, cavity: ErodedFieldBody) -> CutSolids:
@@ -120,51 +126,9 @@ def _fill_within_skin(body: FieldBody, block: LatticeBlock, cavity: ErodedFieldB
 
 def cut_voids(block: LatticeBlock, cavity: ErodedFieldBody) -> CutSolids:
     """What the lattice leaves of the cavity within a skin."""
-    found, moved = cut_by_lattice(
-        block, lambda lattice: combine_networks(cavity.brep, lattice, "difference", build=build_valid_solids)
-    )
+    found = _cut(cavity.brep, block, "difference")
     brep = replace(found.brep, tags=tuple(SKIN if tag == BODY else tag for tag in found.brep.tags))
-    return CutSolids(brep, found.built, moved, cavity.checks, (*describe_cut(found.report, moved), *cavity.notes))
-
-
-def build_valid_solids(brep: Brep) -> BrepSolids:
-    """The solids; TrimmingError if the kernel rejects one of their faces."""
-    built = build_solids(brep)
-    if not is_brep_valid(brep, built.known_faces):
-        raise TrimmingError("the kernel rejects a face of the result")
-    return built
-
-
-Cut = TypeVar("Cut", NetworkResult, DividedNetwork)
-
-
-def cut_by_lattice(block: LatticeBlock, cut: Callable[[Brep], Cut]) -> tuple[Cut, float]:
-    """What is made of the closed lattice of a block, moved within its tolerance where that fails, and the length moved."""
-    outcome = PLACEMENTS.run(block, cut)
-    found, length = outcome.value
-    return found, length + found.report.shifted
-
-
-def _cut_moved(fraction: float, block: LatticeBlock, cut: Callable[[Brep], Cut]) -> tuple[Cut, float]:
-    shift = fraction * block.max_shift
-    lattice = translate_brep(block.closed, shift * MOVE_DIRECTION) if shift else block.closed
-    return cut(lattice), shift
-
-
-PLACEMENTS: Fallbacks[[LatticeBlock, Any], Any] = Fallbacks(
-    tuple(Fallback(f"the lattice moved by {f:g} of its tolerance", partial(_cut_moved, f)) for f in MOVES),
-    retry_on=(TrimmingError,),
-    final=(UntracedCurve,),
-)
-"""Placements of the lattice that are tried while an intersection is not resolved, or the kernel rejects what is built."""
-
-
-def describe_cut(report: NetworkReport, moved: float) -> tuple[str, ...]:
-    """Notes on how two networks were cut, and the length by which the lattice was moved."""
-    if not moved:
-        return ("cut on the patches' parameters",)
-    reason = f": {report.reason}" if report.reason else ", where it is cut without slivers"
-    return "cut on the patches' parameters", f"the lattice was moved by {moved:.2g}{reason}"
+    return replace(found, brep=brep, checks=cavity.checks, notes=(*found.notes, *cavity.notes))
 
 
 def _check_volume(volume: float, body: FieldBody, block: LatticeBlock, cavity: ErodedFieldBody | None) -> Check:
@@ -186,7 +150,7 @@ def _sample_cube(count: int) -> Array:
 
 def reject_empty(error: TrimmingError, body: FieldBody) -> Exception:
     """The error of a cut that leaves nothing, as an invalid request; others as errors of the kernel's room."""
-    if "nothing is left" in str(error):
+    if isinstance(error, NothingLeft):
         return InvalidRequest(f"no lattice lies in {body.name}: shift it by phase, or make the cell smaller")
     return KernelError(
         "trim",

@@ -29,12 +29,12 @@ from tpmscad.kernel.occt.exploration import faces_of
 from tpmscad.results.certificate import Check
 from tpmscad.solids.boolean_strategies import (
     MAX_KERNEL_FACES,
+    build_valid_solids,
     estimate_fraction,
     numerical_failures,
     read_trimming_body,
     sample_body,
 )
-from tpmscad.solids.combined_solids import build_valid_solids
 from tpmscad.trimming.network_boolean import Operation, combine_networks
 
 VOLUME_RTOL = 1e-5

@@ -17,11 +17,11 @@ import numpy as np
 
 from tpmscad._typing import Array, IntArray
 from tpmscad.brep.boundary_representation import Brep, translate_brep
-from tpmscad.errors import InvalidRequest, TrimmingError, UntracedCurve
+from tpmscad.errors import InvalidRequest, NothingLeft, TrimmingError, UntracedCurve
 from tpmscad.fallbacks import Fallback, Fallbacks
 from tpmscad.trimming.classify.network_edges import classify_pieces, split_network_edges
 from tpmscad.trimming.intersect.common_curves import CommonCurves, trace_common_curves
-from tpmscad.trimming.intersect.network_hits import collect_curve_ends, find_hits, prepare_network
+from tpmscad.trimming.intersect.network_hits import SNAP_TOLS, collect_curve_ends, find_hits, prepare_networks
 from tpmscad.trimming.rebuild.network_result import CutNetwork, KeptPart, rebuild_networks, rebuild_parts
 from tpmscad.trimming.trim_pipeline import DEFAULT_TOL
 
@@ -31,6 +31,12 @@ SHIFT_TOLS = (0.0, 25.0, 60.0)
 SHIFT_DIRECTION = np.array([0.23, 0.50, 0.83])
 """Their direction, of about unit length: both networks have edges in mirror planes, of which none, x = y and the like included,
 is nearer to it than 11 degrees."""
+
+FAR_SHIFTS = (0.3, 0.6, 0.9)
+"""Longer translations that are tried after these, in the longest one that is allowed."""
+
+FAR_SHIFT_DIRECTION = np.array([-0.53, 0.81, 0.25])
+"""Their direction, of unit length, far from mirror planes and from the other direction."""
 
 Operation = Literal["union", "intersection", "difference"]
 
@@ -61,6 +67,11 @@ class NetworkReport:
         """Length of the translation."""
         return float(np.linalg.norm(self.shift))
 
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """A note on the translation of the second network, a lattice, if there was one."""
+        return (f"the lattice was moved by {self.shifted:.2g}: {self.reason}",) if self.shifted else ()
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class NetworkResult:
@@ -79,6 +90,8 @@ def combine_networks(
     *,
     build: Callable[[Brep], Any] | None = None,
     may_move: bool = True,
+    max_shift: float = 0.0,
+    is_cover: bool = False,
 ) -> NetworkResult:
     """The union, the intersection or the difference of the solids of two boundary representations.
 
@@ -94,11 +107,17 @@ def combine_networks(
         Makes `NetworkResult.built` of the result. If it raises TrimmingError, the next placement is tried.
     may_move
         Whether the second solid may be translated by a few tolerances where edges or planes of both coincide.
+    max_shift
+        The length up to which it may be translated besides, model units.
+    is_cover
+        Whether the second one may be open, as whole patches of a lattice that cover the box of the first.
 
     Raises
     ------
     InvalidRequest
         If an operand is not closed, tol is not positive, or the operation is unknown.
+    NothingLeft
+        If no face is left.
     TrimmingError
         If the faces touch or coincide in a part, or an intersection is not resolved, at every placement that is tried.
     """
@@ -111,9 +130,7 @@ def combine_networks(
         brep = rebuild_networks(cut.operands, KEPT_PARTS[operation], cut.arcs, cut.vertices)
         return NetworkResult(brep, cut.report, build(brep) if build else None)
 
-    if not may_move:
-        return _cut_translated(0.0, first, second, tol, finish)
-    return _cut_networks(first, second, tol, finish)
+    return _cut_networks(_Operands(first, second, tol, is_cover), may_move, max_shift, finish)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -134,7 +151,13 @@ class DividedNetwork:
 
 
 def divide_network(
-    first: Brep, second: Brep, tol: float = DEFAULT_TOL, *, build: Callable[[DividedNetwork], Any] | None = None
+    first: Brep,
+    second: Brep,
+    tol: float = DEFAULT_TOL,
+    *,
+    build: Callable[[DividedNetwork], Any] | None = None,
+    max_shift: float = 0.0,
+    is_cover: bool = False,
 ) -> DividedNetwork:
     """The first solid divided by the second: arguments and errors as in `combine_networks`, both regions at once."""
     parts = KeptPart(0, True), KeptPart(0, False), KeptPart(1, True)
@@ -151,7 +174,17 @@ def divide_network(
         )
         return replace(found, built=build(found)) if build else found
 
-    return _cut_networks(first, second, tol, finish)
+    return _cut_networks(_Operands(first, second, tol, is_cover), True, max_shift, finish)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Operands:
+    """Two networks to cut, the tolerance of their common curves, and whether the second one may be open beyond the first."""
+
+    first: Brep
+    second: Brep
+    tol: float
+    is_cover: bool
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -167,17 +200,31 @@ class CutNetworks:
 R = TypeVar("R", NetworkResult, DividedNetwork)
 
 
-def _cut_networks(first: Brep, second: Brep, tol: float, finish: Callable[[CutNetworks], R]) -> R:
-    """What is made of two networks that are cut by each other, at the first placement at which that succeeds."""
-    outcome = PLACEMENTS.run(first, second, tol, finish)
+def _cut_networks(operands: _Operands, may_move: bool, max_shift: float, finish: Callable[[CutNetworks], R]) -> R:
+    """What is made of two networks that are cut by each other, at the first placement of the second at which that succeeds.
+
+    Others are tried while an intersection is not resolved, or the kernel rejects what is built.
+    """
+    shifts = [m * operands.tol * SHIFT_DIRECTION for m in (SHIFT_TOLS if may_move else SHIFT_TOLS[:1])]
+    shifts += [f * max_shift * FAR_SHIFT_DIRECTION for f in FAR_SHIFTS if max_shift > 0]
+    placements = Fallbacks(
+        tuple(
+            Fallback(f"the second network moved by {np.linalg.norm(s):.2g}", partial(_cut_translated, s))
+            for s in shifts
+        ),
+        retry_on=(TrimmingError,),
+        final=(UntracedCurve, NothingLeft),
+    )
+    outcome = placements.run(operands, finish)
     reason = str(outcome.failures[0]) if outcome.failures else ""
     return replace(outcome.value, report=replace(outcome.value.report, reason=reason))
 
 
-def _cut_translated(shift_tols: float, first: Brep, second: Brep, tol: float, finish: Callable[[CutNetworks], R]) -> R:
-    """What is made of two networks, the second translated by a number of tolerances."""
-    shift = shift_tols * tol * SHIFT_DIRECTION
-    networks = prepare_network(first), prepare_network(translate_brep(second, shift) if shift_tols else second)
+def _cut_translated(shift: Array, of: _Operands, finish: Callable[[CutNetworks], R]) -> R:
+    """What is made of two networks, the second translated by a vector."""
+    tol = of.tol
+    second = translate_brep(of.second, shift) if shift.any() else of.second
+    networks = prepare_networks(of.first, second, SNAP_TOLS * tol, is_cover=of.is_cover)
     hits = find_hits(*networks, tol), find_hits(*networks[::-1], tol)
     counts = [len(h.edge) for h in hits]
     ends = collect_curve_ends(*networks, hits, tol)
@@ -201,11 +248,3 @@ def _cut_translated(shift_tols: float, first: Brep, second: Brep, tol: float, fi
     arcs = replace(arcs, start=arcs.start + n_first + n_second, end=arcs.end + n_first + n_second)
     report = NetworkReport(sum(counts), len(arcs.curves), float(arcs.deviation.max(initial=0.0)), shift, "")
     return finish(CutNetworks((operands[0], operands[1]), arcs, vertices, report))
-
-
-PLACEMENTS: Fallbacks[..., Any] = Fallbacks(
-    tuple(Fallback(f"the second network moved by {m:g} tolerances", partial(_cut_translated, m)) for m in SHIFT_TOLS),
-    retry_on=(TrimmingError,),
-    final=(UntracedCurve,),
-)
-"""Placements of the second network that are tried while an intersection is not resolved, or the kernel rejects what is built."""

@@ -18,11 +18,13 @@ from tpmscad.trimming.classify.propagation import InsideVotes
 from tpmscad.trimming.intersect.arrangement import CurveSegments, SubSegments
 from tpmscad.trimming.intersect.curve_surface import split_segments
 from tpmscad.trimming.intersect.edge_face import intersect_edges_with_faces
-from tpmscad.trimming.intersect.network_hits import Hits, Network
+from tpmscad.trimming.intersect.network_hits import Hits, Network, evaluate_faces
 from tpmscad.trimming.operands.network_tables import (
+    SENSE,
     are_in_regions,
     find_overlapping_boxes,
     list_spline_curves,
+    tabulate_faces,
     tabulate_segments,
 )
 
@@ -70,36 +72,52 @@ def classify_pieces(network: Network, other: Network, hits: Hits, pieces: SubSeg
 
 
 def points_in_network(network: Network, points: Array) -> BoolArray:
-    """Points (n, 3) inside the solid of a network, by the crossings of rays with its faces."""
-    faces = network.faces
+    """Points (n, 3) inside the solid of a network, by the side of the face that a ray from each meets first."""
     result = np.zeros(len(points), bool)
     if not len(points):
         return result
-    low, high = faces.low.min(axis=0), faces.high.max(axis=0)
-    reach = 2.0 * float(np.linalg.norm(np.maximum(high, points.max(axis=0)) - np.minimum(low, points.min(axis=0))))
+    is_open = np.isfinite(network.covered).all()
+    low, high = network.low.min(axis=0), network.high.max(axis=0)
+    if is_open:  # points on the other operand are in its box
+        low, high = (
+            np.minimum(network.covered[0], points.min(axis=0)),
+            np.maximum(network.covered[1], points.max(axis=0)),
+        )
     left = np.flatnonzero(((points >= low) & (points <= high)).all(axis=1))
+    size = float(np.linalg.norm(high - low))
     for direction in RAY_DIRECTIONS / np.linalg.norm(RAY_DIRECTIONS, axis=1, keepdims=True):
         if not len(left):
             return result
-        rays = tuple(line_segment(p, p + reach * direction) for p in points[left])
-        n = len(rays)
+        n = len(left)
+        way = np.where(direction > 0, high - points[left], low - points[left]) / direction
+        length = way.min(axis=1) + (0.0 if is_open else RAY_CLEARANCE * size)
+        rays = tuple(line_segment(p, p + t * direction) for p, t in zip(points[left], length, strict=True))
         edges = tabulate_segments(rays, np.arange(n), Motion.identity(n), np.tile([0.0, 1.0], (n, 1)))
+        near = np.unique(find_overlapping_boxes(edges.low, edges.high, network.low, network.high, 0.0)[:, 1])
+        faces = tabulate_faces(network.brep, near)
         pairs = find_overlapping_boxes(edges.low, edges.high, faces.low, faces.high, 0.0)
         hits = intersect_edges_with_faces(edges, faces, pairs)
-        doubtful = np.zeros(n, bool)
-        doubtful[pairs[hits.touching_pair, 0]] = True
         ray, face = pairs[hits.pair, 0], pairs[hits.pair, 1]
-        inside = are_in_regions(faces.regions, face, np.ascontiguousarray(hits.uv))
+        uv = np.ascontiguousarray(hits.uv)
+        inside = are_in_regions(faces.regions, face, uv)
+        doubtful = np.zeros(len(ray), bool)
         for step in (-1.0, 1.0):  # a crossing next to a loop is one of the face beside as well, or of neither
             for axis in (0, 1):
-                moved = hits.uv.copy()
-                moved[:, axis] += step * RAY_CLEARANCE * reach
-                doubtful[ray[are_in_regions(faces.regions, face, moved) != inside]] = True
-        count = np.bincount(ray[inside], minlength=n)
-        result[left] = count % 2 == 1
-        left = left[doubtful]
+                moved = uv.copy()
+                moved[:, axis] += step * RAY_CLEARANCE * size
+                doubtful |= are_in_regions(faces.regions, face, moved) != inside
+        rows = np.flatnonzero(inside | doubtful)
+        met, nearest = np.unique(ray[rows[np.lexsort((hits.t[rows], ray[rows]))]], return_index=True)
+        nearest = rows[np.lexsort((hits.t[rows], ray[rows]))][nearest]
+        jets = evaluate_faces(faces.patches, face[nearest], uv[nearest])
+        rise = faces.patches.layout[face[nearest], SENSE] * (np.cross(jets[:, 1], jets[:, 2]) @ direction)
+        result[left[met]] = rise > 0
+        undecided = np.full(n, is_open)
+        undecided[met] = doubtful[nearest]
+        undecided[pairs[hits.touching_pair, 0]] = True
+        left = left[undecided]
     if len(left):
         raise TrimmingError(
-            f"whether {format_point(points[left[0]])} is inside a network could not be told: every ray meets an edge"
+            f"whether {format_point(points[left[0]])} is inside a network could not be told by rays from it"
         )
     return result

@@ -1,8 +1,10 @@
 """Seeds of the curves that two faces have in common and that no edge meets, found by exclusion.
 
-Two cells, one of each face, are dropped if they are apart along a normal of one of them, or along the curve. Where the
-derivatives vary so little in them that a curve passes once at most, the point on it is found by Newton's method; it lies on a
-curve that is known, or is the seed of a closed one. Else both cells are divided.
+A closed curve has a point at which its tangent, the product of both normals, is perpendicular to any direction that is given. For
+two faces the direction is that of the tangent where they meet on the average, so that few cells remain, mostly none. Two cells,
+one of each face, are dropped if the tangent is nowhere perpendicular to it, or if they are apart along a normal of one of them, or
+along the curve. Where the derivatives vary so little in them that a curve passes once at most, the point on it is found by
+Newton's method; it lies on a curve that is known, or is the seed of a closed one. Else both cells are divided.
 """
 
 from __future__ import annotations
@@ -88,24 +90,30 @@ def find_seed(
     of_pair[k] to of_pair[k + 1] - 1, and curve c has the points bounds[c] to bounds[c + 1] - 1.
     """
     stack = np.empty((8 * MAX_DIVISIONS + 16, 6))
-    origin, normal, box = np.empty((1, 3)), np.empty(3), np.empty(4)
+    origin, normal, box, across = np.empty((1, 3)), np.empty(3), np.empty(4), np.empty(3)
     cells = faces.cells
+    near, counts = np.empty((2, 64), np.int64), np.empty(2, np.int64)
     for k in range(begin, len(pairs)):
         f, g = pairs[k, 0], pairs[k, 1]
+        largest = max(cells.first[f + 1] - cells.first[f], cells.first[g + 1] - cells.first[g])
+        if largest > near.shape[1]:
+            near = np.empty((2, largest), np.int64)
+        counts[0] = _list_near_cells(faces, f, g, near[0])
+        counts[1] = _list_near_cells(faces, g, f, near[1])
+        if not _may_turn_back(cells, near, counts, across):
+            continue
         boxes = 0
-        for a in range(cells.first[f], cells.first[f + 1]):
-            outside = False
-            for d in range(3):
-                at, r = cells.centre[a, d], cells.radius[a]
-                outside = outside or at + r < faces.low[g, d] or at - r > faces.high[g, d]
-            if outside:
-                continue
-            for b in range(cells.first[g], cells.first[g + 1]):
-                apart = 0.0
+        for a in near[0, : counts[0]]:
+            for b in near[1, : counts[1]]:
+                apart, along = 0.0, 0.0
                 for d in range(3):
                     apart += (cells.centre[a, d] - cells.centre[b, d]) ** 2
+                    e, h = (d + 1) % 3, (d + 2) % 3
+                    along += across[d] * (
+                        cells.normal[a, e] * cells.normal[b, h] - cells.normal[a, h] * cells.normal[b, e]
+                    )
                 reach = cells.radius[a] + cells.radius[b]
-                if apart > reach * reach:
+                if apart > reach * reach or abs(along) > cells.turn[a] + cells.turn[b]:
                     continue
                 for c in range(4):
                     stack[0, c] = 0.0
@@ -117,7 +125,9 @@ def find_seed(
                     for c in range(4):
                         box[c] = stack[size, c]
                     boxes += 1
-                    state = _examine_cells(faces.patches, f, g, cells, a, b, box, w, x, seed, origin, normal, work)
+                    state = _examine_cells(
+                        faces.patches, f, g, cells, a, b, box, w, x, across, seed, origin, normal, work
+                    )
                     if state == APART:
                         continue
                     if state == CROSSING:
@@ -166,6 +176,59 @@ def find_seed(
                         stack[size, 4], stack[size, 5] = (half, x) if divide_first else (w, half)
                         size += 1
     return NONE, len(pairs)
+
+
+@njit_inner
+def _list_near_cells(faces: NetworkFaces, f: int, g: int, near: IntArray) -> int:  # pragma: no cover - compiled
+    """Write the cells of a face that meet the box of another one; returns how many there are."""
+    cells, count = faces.cells, 0
+    for a in range(cells.first[f], cells.first[f + 1]):
+        outside = False
+        for d in range(3):
+            at, r = cells.centre[a, d], cells.radius[a]
+            outside = outside or at + r < faces.low[g, d] or at - r > faces.high[g, d]
+        if not outside:
+            near[count] = a
+            count += 1
+    return count
+
+
+@njit_inner
+def _may_turn_back(
+    cells: FaceCells, near: IntArray, counts: IntArray, across: Array
+) -> bool:  # pragma: no cover - compiled
+    """Whether the tangent of a common curve may be perpendicular to the unit vector `across`, which is chosen here.
+
+    near, counts: the cells of both faces that are looked at.
+    """
+    mean, turn = np.zeros((2, 3)), np.zeros(2)
+    for side in range(2):
+        for i in range(counts[side]):
+            for d in range(3):
+                mean[side, d] += cells.normal[near[side, i], d]
+        length = np.sqrt((mean[side] ** 2).sum())
+        for d in range(3):
+            mean[side, d] = mean[side, d] / length if length > 0.0 else 1.0 * (d == side)
+        for i in range(counts[side]):
+            apart = 0.0
+            for d in range(3):
+                apart += (cells.normal[near[side, i], d] - mean[side, d]) ** 2
+            turn[side] = max(turn[side], np.sqrt(apart) + cells.turn[near[side, i]])
+    square = 0.0
+    for d in range(3):
+        e, h = (d + 1) % 3, (d + 2) % 3
+        across[d] = mean[0, e] * mean[1, h] - mean[0, h] * mean[1, e]
+        square += across[d] * across[d]
+    if counts.min() == 0 or square > (turn[0] + turn[1]) ** 2:
+        return False
+    if square < 1e-20:  # any direction in both faces will do
+        least = np.argmin(np.abs(mean[0]))
+        for d in range(3):
+            across[d] = (1.0 if d == least else 0.0) - mean[0, least] * mean[0, d]
+        square = (across**2).sum()
+    for d in range(3):
+        across[d] /= np.sqrt(square)
+    return True
 
 
 @njit_inner
@@ -247,12 +310,16 @@ def _examine_cells(
     box: Array,
     w: float,
     x: float,
+    across: Array,
     seed: Array,
     origin: Array,
     normal: Array,
     work: Work,
 ) -> int:  # pragma: no cover - compiled
-    """APART without a common point, CROSSING with one in `seed` and `origin`, SINGLE for one curve at most, else UNDECIDED."""
+    """APART without a common point where a curve is perpendicular to `across`, CROSSING with one in `seed` and `origin`.
+
+    SINGLE for one curve at most, else UNDECIDED.
+    """
     hu, hv = cells.half[a, 0], cells.half[a, 1]
     hs, hr = cells.half[b, 0], cells.half[b, 1]
     u, v = cells.middle[a, 0] + hu * box[0], cells.middle[a, 1] + hv * box[1]
@@ -264,6 +331,8 @@ def _examine_cells(
     uu, uv, vv = cells.bend[a, 0], cells.bend[a, 1], cells.bend[a, 2]
     ss, sr, rr = cells.bend[b, 0], cells.bend[b, 1], cells.bend[b, 2]
     rest = w * w * (0.5 * (uu + vv) + uv) + x * x * (0.5 * (ss + rr) + sr)
+    if not _is_perpendicular(p, q, w, x, (hu, hv, hs, hr), (uu, uv, vv), (ss, sr, rr), across):
+        return APART
     for axis in range(3):
         if axis == 0:
             _cross(p, normal)
@@ -322,8 +391,52 @@ def _examine_cells(
 
 
 @njit_inner
-def _cross(jet: Array, out: Array) -> None:  # pragma: no cover - compiled
+def _is_perpendicular(
+    p: Array,
+    q: Array,
+    w: float,
+    x: float,
+    halves: tuple[float, float, float, float],
+    bend_p: tuple[float, float, float],
+    bend_q: tuple[float, float, float],
+    across: Array,
+) -> bool:  # pragma: no cover - compiled
+    """Whether the product of the normals S_u x S_v of parts of two cells may be perpendicular to a vector."""
+    along, area_p, area_q, pu, pv, qu, qv = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
+    for d in range(3):
+        pu, pv, qu, qv = pu + p[1, d] ** 2, pv + p[2, d] ** 2, qu + q[1, d] ** 2, qv + q[2, d] ** 2
+    nx, ny, nz = _normal(p)
+    mx, my, mz = _normal(q)
+    area_p, area_q = np.sqrt(nx * nx + ny * ny + nz * nz), np.sqrt(mx * mx + my * my + mz * mz)
+    along = across[0] * (ny * mz - nz * my) + across[1] * (nz * mx - nx * mz) + across[2] * (nx * my - ny * mx)
+    hu, hv, hs, hr = halves
+    scale_p, scale_q = hu * hv, hs * hr
+    vary_p = w * _bound_turn(hu * np.sqrt(pu), hv * np.sqrt(pv), w, bend_p)
+    vary_q = x * _bound_turn(hs * np.sqrt(qu), hr * np.sqrt(qv), x, bend_q)
+    area_p, area_q = scale_p * area_p, scale_q * area_q
+    return scale_p * scale_q * abs(along) <= vary_p * (area_q + vary_q) + area_p * vary_q
+
+
+@njit_inner
+def _bound_turn(
+    along: float, side: float, w: float, bend: tuple[float, float, float]
+) -> float:  # pragma: no cover - compiled
+    """Bound of the rate at which S_u x S_v varies in a part of a cell of half width w; lengths of S_u and S_v at its middle."""
+    uu, uv, vv = bend
+    return (uu + uv) * (side + w * (uv + vv)) + (uv + vv) * (along + w * (uu + uv))
+
+
+@njit_inner
+def _normal(jet: Array) -> tuple[float, float, float]:  # pragma: no cover - compiled
     """S_u x S_v."""
-    out[0] = jet[1, 1] * jet[2, 2] - jet[1, 2] * jet[2, 1]
-    out[1] = jet[1, 2] * jet[2, 0] - jet[1, 0] * jet[2, 2]
-    out[2] = jet[1, 0] * jet[2, 1] - jet[1, 1] * jet[2, 0]
+    return (
+        jet[1, 1] * jet[2, 2] - jet[1, 2] * jet[2, 1],
+        jet[1, 2] * jet[2, 0] - jet[1, 0] * jet[2, 2],
+        jet[1, 0] * jet[2, 1] - jet[1, 1] * jet[2, 0],
+    )
+
+
+@njit_inner
+def _cross(jet: Array, out: Array) -> None:  # pragma: no cover - compiled
+    """Write S_u x S_v."""
+    out[0], out[1], out[2] = _normal(jet)

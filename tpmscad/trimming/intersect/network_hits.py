@@ -23,6 +23,8 @@ from tpmscad.trimming.operands.network_tables import (
     NetworkEdges,
     NetworkFaces,
     PatchPolynomials,
+    UseSegments,
+    bound_faces,
     divide_uses,
     evaluate_face,
     evaluate_use_parameters,
@@ -52,12 +54,21 @@ SLOPE_STEP = 1e-5
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Network:
-    """An operand: its boundary representation, its tables, and the edge uses of each edge, `uses` (E, 2)."""
+    """An operand: its boundary representation, and tables of the faces and edges near the other operand.
+
+    `uses` (E, 2): the edge uses of each edge, -1 for a second one that an open edge lacks.
+    `low`, `high` (F, 3): corners of boxes that contain the faces. `segments`: of the loops of the faces in the tables. `covered`
+    (2, 3): the corners of the vertices' box of the other operand, beyond which faces may be missing, infinite if they close.
+    """
 
     brep: Brep
     faces: NetworkFaces
     edges: NetworkEdges
     uses: IntArray
+    low: Array
+    high: Array
+    segments: UseSegments
+    covered: Array
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -92,16 +103,41 @@ class CurveEnds:
     vertex: IntArray
 
 
-def prepare_network(brep: Brep) -> Network:
-    """An operand of a cut; InvalidRequest if it is not closed."""
+def prepare_networks(first: Brep, second: Brep, margin: float, *, is_cover: bool = False) -> tuple[Network, Network]:
+    """The operands of a cut, with tables of what comes nearer to the other operand than `margin`, model units.
+
+    is_cover: whether the second one may be open, where it then covers the box of the first.
+    InvalidRequest if an operand is not closed that must be.
+    """
+    boxes = bound_faces(first), bound_faces(second)
+    pairs = find_overlapping_boxes(*boxes[0], *boxes[1], margin)
+    everywhere = np.array([[-np.inf] * 3, [np.inf] * 3])
+    covered = np.stack([first.vertices.min(axis=0), first.vertices.max(axis=0)])
+    one = _prepare(first, np.unique(pairs[:, 0]), boxes[0], everywhere)
+    return one, _prepare(second, np.unique(pairs[:, 1]), boxes[1], covered if is_cover else everywhere)
+
+
+def _prepare(brep: Brep, near: IntArray, boxes: tuple[Array, Array], covered: Array) -> Network:
+    """An operand with tables of the faces `near` (n,) and their edges."""
+    count = np.bincount(brep.uses.edge, minlength=len(brep.edges))
     unmatched = connectivity.find_unmatched_edges(brep)
+    if np.isfinite(covered).all():
+        unmatched = unmatched[count[unmatched] != 1]
     if len(unmatched):
         at = format_point(brep.vertices[brep.edges.start[unmatched[0]]])
         raise InvalidRequest(
             f"{len(unmatched)} edges do not join two faces, the first at {at}: only closed networks can be cut"
         )
-    uses = np.argsort(brep.uses.edge, kind="stable").reshape(-1, 2)
-    return Network(brep, tabulate_faces(brep), tabulate_edges(brep), uses)
+    first_use = np.argsort(brep.uses.edge, kind="stable")
+    uses = np.full((len(brep.edges), 2), -1)
+    start = np.cumsum(count) - count
+    for column in (0, 1):
+        rows = np.flatnonzero(count > column)
+        uses[rows, column] = first_use[start[rows] + column]
+    edges = np.unique(brep.uses.edge[np.isin(brep.face_of_use, near)])
+    return Network(
+        brep, tabulate_faces(brep, near), tabulate_edges(brep, edges), uses, *boxes, divide_uses(brep, near), covered
+    )
 
 
 def find_hits(one: Network, other: Network, tol: float) -> Hits:
@@ -200,7 +236,7 @@ def locate_in_faces(network: Network, face: IntArray, uv: Array) -> tuple[BoolAr
     doubtful = np.flatnonzero(apart[:, 0] < POLYGON_DOUBT * apart[:, 1])
     if not len(doubtful):
         return inside, distance
-    use, begin, length = divide_uses(brep)
+    use, begin, length = network.segments
     for i in doubtful.tolist():
         segment = nearest[i]
         k, metric = int(use[segment]), evaluate_faces(faces.patches, face[[i]], uv[[i]])[0, 1:]
@@ -234,6 +270,9 @@ def collect_curve_ends(first: Network, second: Network, hits: tuple[Hits, Hits],
             use = one.uses[own.edge, column]
             if not n:
                 continue
+            if (use < 0).any():
+                at = format_point(own.point[np.flatnonzero(use < 0)[0]])
+                raise TrimmingError(f"a network that should cover another one ends inside it at {at}")
             face = one.brep.face_of_use[use]
             uv = evaluate_use_parameters(one.brep, use, own.t)
             jet, opposite = (

@@ -15,6 +15,7 @@ from typing import NamedTuple
 from weakref import WeakKeyDictionary
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from tpmscad._compiled_loops import njit_cached, njit_inner
 from tpmscad._typing import Array, BoolArray, IntArray
@@ -84,6 +85,10 @@ class FaceCells(NamedTuple):
         Greatest distance of its points from that.
     bend : (N, 3)
         Bounds of |S_uu|, |S_uv| and |S_vv| in units of the half ranges.
+    normal : (N, 3)
+        The unit normal at the middle, of either sign.
+    turn : (N,)
+        Bound of the length by which unit normals differ from that, 2 where the patch may be singular.
     """
 
     first: IntArray
@@ -92,6 +97,8 @@ class FaceCells(NamedTuple):
     centre: Array
     radius: Array
     bend: Array
+    normal: Array
+    turn: Array
 
 
 class FaceRegions(NamedTuple):
@@ -150,66 +157,117 @@ class _Cells(NamedTuple):
     centre: Array
     radius: Array
     bend: Array
+    normal: Array
+    turn: Array
 
 
-def tabulate_faces(brep: Brep) -> NetworkFaces:
-    """The faces of a network."""
+def tabulate_faces(brep: Brep, near: IntArray | None = None) -> NetworkFaces:
+    """The faces of a network. Those that are not among `near` (n,), if it is given, have no cells, no loops and no box."""
     faces = brep.faces
-    polygons = sample_loops(brep)
-    first_segment = np.concatenate([[0], np.cumsum([len(p) for p in polygons])])
-    surfaces: list[BSplineSurface] = []
-    number: dict[int, int] = {}
-    own_surface = np.empty(len(faces), np.int64)
-    for f, c in enumerate(faces.carrier.tolist()):
-        carrier = brep.carriers[c]
-        if isinstance(carrier, BSplineSurface):
-            own_surface[f] = number.setdefault(c, len(surfaces))
-            if own_surface[f] == len(surfaces):
-                surfaces.append(carrier)
-            continue
-        own_surface[f] = len(surfaces)
-        bound = _bound_plane if isinstance(carrier, Plane) else approximate_quadric
-        surfaces.append(bound(carrier, polygons[f].reshape(-1, 2)))
+    rows = np.arange(len(faces)) if near is None else near
+    polygons = sample_loops(brep, rows)
+    surfaces, own_surface = _list_surfaces(brep, rows, polygons)
     divided = _divide_patches(surfaces)
     cells = [divided[i] for i in own_surface.tolist()]
-    motion = faces.motion
+    motion = faces.motion[rows]
     count = np.array([len(own.radius) for own in cells], np.int64)
     owner = np.repeat(np.arange(len(cells)), count)
-    placed = [(own.coefficients @ motion.rotation[f].T).reshape(-1, 3) for f, own in enumerate(cells)]
-    for f, own in enumerate(cells):  # the constant terms alone move with the translation
+    placed = [(own.coefficients @ motion.rotation[i].T).reshape(-1, 3) for i, own in enumerate(cells)]
+    for i, own in enumerate(cells):  # the constant terms alone move with the translation
         nu, nv, p, q = own.coefficients.shape[:4]
-        placed[f].reshape(nu, nv, p, q, 3)[:, :, 0, 0] += motion.translation[f]
+        placed[i].reshape(nu, nv, p, q, 3)[:, :, 0, 0] += motion.translation[i]
     sizes = np.array([p.size for p in placed], np.int64)
     centre = motion[owner].apply(_stack([own.centre for own in cells], 3))
     radius = _stack([own.radius for own in cells])
     radius = radius + ROUNDOFF * np.abs(centre).max(axis=1, initial=0.0)
-    first_cell = np.concatenate([[0], np.cumsum(count)])
     breaks = [b for own in cells for b in own.breaks]
-    first_break = np.concatenate([[0], np.cumsum([len(b) for b in breaks])])[:-1].reshape(-1, 2)
-    low, high = centre - radius[:, None], centre + radius[:, None]
-    layout = np.column_stack(
-        [
-            np.array([own.coefficients.shape[2:4] for own in cells], np.int64).reshape(-1, 2) - 1,
-            np.array([own.coefficients.shape[:2] for own in cells], np.int64).reshape(-1, 2),
-            first_break,
-            np.cumsum(sizes) - sizes,
-            faces.sense,
-        ]
-    )
+    layout = np.zeros((len(faces), SENSE + 1), np.int64)
+    layout[rows, DEGREE_U : DEGREE_V + 1] = np.array([c.coefficients.shape[2:4] for c in cells]).reshape(-1, 2) - 1
+    layout[rows, SPANS_U : SPANS_V + 1] = np.array([c.coefficients.shape[:2] for c in cells]).reshape(-1, 2)
+    layout[rows, BREAK_U : BREAK_V + 1] = find_starts([len(b) for b in breaks])[:-1].reshape(-1, 2)
+    layout[rows, COEFFICIENT] = np.cumsum(sizes) - sizes
+    layout[:, SENSE] = faces.sense
+    first_cell = find_starts(_spread(count, rows, len(faces)))
+    low, high = bound_groups(centre - radius[:, None], centre + radius[:, None], first_cell)
     return NetworkFaces(
-        PatchPolynomials(np.ascontiguousarray(layout, np.int64), _stack(breaks), _stack([p.ravel() for p in placed])),
+        PatchPolynomials(layout, _stack(breaks), _stack([p.ravel() for p in placed])),
         FaceCells(
-            first=first_cell.astype(np.int64),
+            first=first_cell,
             middle=_stack([own.middle for own in cells], 2),
             half=_stack([own.half for own in cells], 2),
             centre=centre,
             radius=radius,
             bend=_stack([own.bend for own in cells], 3),
+            normal=motion[owner].apply_to_vectors(_stack([own.normal for own in cells], 3)),
+            turn=_stack([own.turn for own in cells]),
         ),
-        FaceRegions(first_segment.astype(np.int64), np.concatenate([np.zeros((0, 2, 2)), *polygons])),
-        low=np.minimum.reduceat(low, first_cell[:-1]),
-        high=np.maximum.reduceat(high, first_cell[:-1]),
+        FaceRegions(
+            find_starts(_spread([len(p) for p in polygons], rows, len(faces))),
+            np.concatenate([np.zeros((0, 2, 2)), *polygons]),
+        ),
+        low=low,
+        high=high,
     )
+
+
+def bound_faces(brep: Brep) -> tuple[Array, Array]:
+    """Corners (F, 3) of boxes that contain the faces, by the poles of their surfaces."""
+    faces = brep.faces
+    others = np.flatnonzero([not isinstance(brep.carriers[c], BSplineSurface) for c in faces.carrier.tolist()])
+    polygons = dict(zip(others.tolist(), sample_loops(brep, others), strict=True))
+    rows = np.arange(len(faces))
+    surfaces, own = _list_surfaces(brep, rows, [polygons.get(f, _NO_SEGMENTS) for f in rows.tolist()])
+    low, high = np.empty((len(faces), 3)), np.empty((len(faces), 3))
+    order = np.argsort(own, kind="stable")
+    for members in np.split(order, np.cumsum(np.bincount(own, minlength=1))[:-1]):
+        poles = surfaces[int(own[members[0]])].poles.reshape(-1, 3)
+        points = faces.motion[members][:, None].apply(poles)
+        low[members], high[members] = points.min(axis=1), points.max(axis=1)
+    return low, high
+
+
+def _list_surfaces(brep: Brep, rows: IntArray, polygons: list[Array]) -> tuple[list[BSplineSurface], IntArray]:
+    """The surfaces of the faces `rows` (n,) as splines, and the number (n,) of each one's own; polygons: their loops."""
+    surfaces: list[BSplineSurface] = []
+    number: dict[int, int] = {}
+    own = np.empty(len(rows), np.int64)
+    for i, c in enumerate(brep.faces.carrier[rows].tolist()):
+        carrier = brep.carriers[c]
+        if isinstance(carrier, BSplineSurface):
+            own[i] = number.setdefault(c, len(surfaces))
+            if own[i] == len(surfaces):
+                surfaces.append(carrier)
+            continue
+        own[i] = len(surfaces)
+        bound = _bound_plane if isinstance(carrier, Plane) else approximate_quadric
+        surfaces.append(bound(carrier, polygons[i].reshape(-1, 2)))
+    return surfaces, own
+
+
+_NO_SEGMENTS = np.zeros((0, 2, 2))
+
+
+def find_starts(counts: ArrayLike) -> IntArray:
+    """Where each of n parts of these lengths starts, and the total (n + 1,)."""
+    return np.concatenate([[0], np.cumsum(np.asarray(counts, np.int64))]).astype(np.int64)
+
+
+def _spread(values: ArrayLike, rows: IntArray, n: int) -> IntArray:
+    """Values of rows (m,) among n, others 0."""
+    result = np.zeros(n, np.int64)
+    result[rows] = values
+    return result
+
+
+def bound_groups(low: Array, high: Array, first: IntArray) -> tuple[Array, Array]:
+    """Corners (n, 3) of the boxes of groups of boxes, which start at `first` (n + 1,); of none, inside out and infinite."""
+    n = len(first) - 1
+    found = np.full((n, 3), np.inf), np.full((n, 3), -np.inf)
+    full = np.flatnonzero(np.diff(first) > 0)
+    if len(full):
+        found[0][full] = np.minimum.reduceat(low, first[full])
+        found[1][full] = np.maximum.reduceat(high, first[full])
+    return found
 
 
 def join_faces(first: NetworkFaces, second: NetworkFaces) -> NetworkFaces:
@@ -238,11 +296,15 @@ def _join_starts(first: IntArray, second: IntArray) -> IntArray:
     return np.concatenate([first, first[-1] + second[1:]])
 
 
-def tabulate_edges(brep: Brep) -> NetworkEdges:
-    """The edges of a network."""
+def tabulate_edges(brep: Brep, near: IntArray | None = None) -> NetworkEdges:
+    """The edges of a network. Those that are not among `near` (n,), if it is given, have no pieces and no box."""
     edges = brep.edges
-    curves = list_spline_curves(brep)
-    return tabulate_segments(curves, edges.curve, edges.motion, edges.span)
+    rows = np.arange(len(edges)) if near is None else near
+    table = tabulate_segments(list_spline_curves(brep), edges.curve[rows], edges.motion[rows], edges.span[rows])
+    first = find_starts(_spread(np.diff(table.first_piece), rows, len(edges)))
+    low, high = np.full((len(edges), 3), np.inf), np.full((len(edges), 3), -np.inf)
+    low[rows], high[rows] = table.low, table.high
+    return table._replace(first_piece=first, low=low, high=high)
 
 
 def tabulate_segments(curves: tuple[BSplineCurve, ...], curve: IntArray, motion: Motion, span: Array) -> NetworkEdges:
@@ -263,7 +325,7 @@ def tabulate_segments(curves: tuple[BSplineCurve, ...], curve: IntArray, motion:
     for k, values in enumerate(derivatives):
         local[:, k] = values * factor[:, None]
         factor = factor * half / (k + 1)
-    first = np.concatenate([[0], np.cumsum(count[row])])
+    first = find_starts(count[row])
     owner = np.repeat(np.arange(n), count[row])
     piece = first_of_row[row][owner] + np.arange(len(owner)) - first[owner]
     coefficients = np.einsum("nij,nkj->nki", motion.rotation[owner], local[piece])
@@ -271,16 +333,16 @@ def tabulate_segments(curves: tuple[BSplineCurve, ...], curve: IntArray, motion:
     norms = np.linalg.norm(coefficients, axis=2)
     k = np.arange(degree + 1)
     radius = norms[:, 1:].sum(axis=1) + ROUNDOFF * np.abs(coefficients[:, 0]).max(axis=1, initial=0.0)
-    low, high = coefficients[:, 0] - radius[:, None], coefficients[:, 0] + radius[:, None]
+    boxes = bound_groups(coefficients[:, 0] - radius[:, None], coefficients[:, 0] + radius[:, None], first)
     return NetworkEdges(
-        first_piece=first.astype(np.int64),
+        first_piece=first,
         middle=middle[piece],
         half=half[piece],
         coefficients=np.ascontiguousarray(coefficients),
         radius=radius,
         bend=np.einsum("nkd,k->nd", np.abs(coefficients), k * (k - 1.0)),
-        low=np.minimum.reduceat(low, first[:-1]) if n else np.zeros((0, 3)),
-        high=np.maximum.reduceat(high, first[:-1]) if n else np.zeros((0, 3)),
+        low=boxes[0],
+        high=boxes[1],
     )
 
 
@@ -319,8 +381,10 @@ class UseSegments(NamedTuple):
     length: Array
 
 
-def divide_uses(brep: Brep) -> UseSegments:
-    """Segments that stand for the edge uses: one where these are straight in (u, v), and one for a step along a pole.
+def divide_uses(brep: Brep, rows: IntArray | None = None) -> UseSegments:
+    """Segments that stand for the edge uses, all or those of the faces `rows` (n,) in ascending order.
+
+    A use has one where it is straight in (u, v), and one more for a step along a pole.
 
     At the pole of a sphere or the apex of a cone a loop runs from the end of a use to another u, where the next one starts.
     """
@@ -330,6 +394,8 @@ def divide_uses(brep: Brep) -> UseSegments:
     straight = np.where(uses.pcurve >= 0, is_line[uses.pcurve] if len(is_line) else False, straight_edge)
     regular = np.where(straight, 1, SEGMENTS_PER_USE)
     count = regular + _step_along_poles(brep)
+    if rows is not None:
+        count[~np.isin(brep.face_of_use, rows)] = 0
     owner = np.repeat(np.arange(len(uses)), count)
     position = np.arange(len(owner)) - (np.cumsum(count) - count)[owner]
     length = np.where(position < regular[owner], 1.0 / regular[owner], 0.0)
@@ -350,14 +416,14 @@ def _step_along_poles(brep: Brep) -> BoolArray:
     return result
 
 
-def sample_loops(brep: Brep) -> list[Array]:
-    """The loops of each face as segments (m, 2, 2) in the (u, v) of its carrier."""
+def sample_loops(brep: Brep, rows: IntArray) -> list[Array]:
+    """The loops of each of the faces `rows` (n,), in ascending order, as segments (m, 2, 2) in the (u, v) of its carrier."""
     faces = brep.faces
-    use, begin, _ = divide_uses(brep)
+    use, begin, _ = divide_uses(brep, rows)
     first = np.searchsorted(use, np.arange(len(brep.uses) + 1))
     points = evaluate_uses(brep, use, begin)
     result = []
-    for f in range(len(faces)):
+    for f in rows.tolist():
         loops = []
         for j in range(faces.loop_start[f], faces.loop_start[f + 1]):
             own = points[first[faces.use_start[j]] : first[faces.use_start[j + 1]]]
@@ -458,6 +524,12 @@ def _divide_like_patches(surfaces: list[BSplineSurface]) -> list[_Cells]:
         axis=2,
     )
     radius = norms.sum(axis=(2, 3)) - norms[:, :, 0, 0]
+    normal = np.cross(local[:, :, 1, 0], local[:, :, 0, 1])
+    area = np.linalg.norm(normal, axis=2)
+    (uu, uv, vv), along, across = np.moveaxis(bend, 2, 0), norms[:, :, 1, 0], norms[:, :, 0, 1]
+    vary = (uu + uv) * (across + uv + vv) + (uv + vv) * (along + uu + uv)
+    turn = np.where(vary < area, np.sqrt(2.0) * vary / np.maximum(area, 1e-300), 2.0)
+    normal /= np.maximum(area, 1e-300)[:, :, None]
     result = []
     for i, own in enumerate(surfaces):
         breaks = tuple(
@@ -481,6 +553,8 @@ def _divide_like_patches(surfaces: list[BSplineSurface]) -> list[_Cells]:
                 local[i, :, 0, 0].copy(),
                 radius[i],
                 bend[i],
+                normal[i],
+                turn[i],
             )
         )
     return result

@@ -16,7 +16,7 @@ from tpmscad.brep import connectivity
 from tpmscad.brep.boundary_representation import Brep, Edges, EdgeUses, Faces, drop_unused_geometry
 from tpmscad.brep.carriers import Plane
 from tpmscad.brep.loops import LoopError, chain_faces
-from tpmscad.errors import TrimmingError, format_point
+from tpmscad.errors import NothingLeft, TrimmingError, format_point
 from tpmscad.index_ranges import repeat_rows
 from tpmscad.rigid_motion import Motion
 from tpmscad.splines.bspline import BSplineCurve
@@ -115,7 +115,7 @@ def rebuild_parts(
                     use_counts.append(len(loop))
                     rows.append(loop)
     if not face_rows:
-        raise TrimmingError("nothing is left of the two solids")
+        raise NothingLeft("nothing is left of the two solids")
     table = np.array(face_rows, np.int64)
     uses = np.concatenate(rows)
     result = _assemble(operands, parts, arcs, edges, vertices, uses, table, loop_counts, use_counts, pcurves)
