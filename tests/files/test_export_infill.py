@@ -13,6 +13,7 @@ import pytest
 import tpmscad
 from tpmscad.brep.winding_numbers import winding_numbers
 from tpmscad.errors import InvalidRequest, KernelError
+from tpmscad.files import _export_infill
 from tpmscad.files.infill_parts import divide_body
 from tpmscad.kernel.boolean.cell_regions import are_translates, clear_diagonals, describe_region, make_box
 from tpmscad.kernel.export.solid_mesh import mesh_solids
@@ -32,8 +33,12 @@ NO_MASS = MassProperties(1.0, 1.0, (0.0, 0.0, 0.0))
 @pytest.mark.parametrize(
     ("body", "surface", "asked"),
     [
-        (bd.Pos(0.3, 0.2, 0.1) * bd.Cylinder(1.7, 2.3), "gyroid", {"rotation": (20, 0, 35)}),
-        (bd.Box(2.3, 2.4, 2.6), "schwarz_p", {"skin": 0.25, "open_faces": ">Z"}),
+        (
+            bd.Pos(0.02, 0.01, 0.03) * bd.Cylinder(0.9, 1.4),
+            "gyroid",
+            {"rotation": (8, 0, 35), "phase": (0.38, 0.41, 0.44)},
+        ),
+        (bd.Box(1.6, 1.65, 2.6), "schwarz_p", {"skin": 0.25, "open_faces": ">Z", "phase": (0.38, 0.41, 0.04)}),
     ],
     ids=["turned", "skin"],
 )
@@ -109,12 +114,13 @@ def test_joined_text_is_that_of_the_parts(tmp_path: Path) -> None:
             check_joined(read_entity_table(whole), part, 700)
 
 
-def test_refusals_name_the_remedy(tmp_path: Path) -> None:
+def test_refusals_name_the_remedy(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     box, path = bd.Box(3, 3, 3), tmp_path / "parts.step"
     with pytest.raises(InvalidRequest, match="leave loose out"):
         tpmscad.export_infill(box, "gyroid", path, **WALL, loose="drop")
-    with pytest.raises(InvalidRequest, match="infill_layers"):
-        tpmscad.export_infill(bd.Box(50, 50, 50), "gyroid", path, **WALL)
     with pytest.raises(InvalidRequest, match="step"):
         tpmscad.export_infill(box, "gyroid", tmp_path / "parts.stl", **WALL)
+    monkeypatch.setattr(_export_infill, "MAX_COPIES", 3)
+    with pytest.raises(InvalidRequest, match=r"more than the 3 parts that .*infill_layers"):
+        tpmscad.export_infill(box, "gyroid", path, **WALL)
     assert not list(tmp_path.iterdir())
