@@ -280,7 +280,7 @@ class EditableMesh:
         """Greatest distance of a node on facets from the faces that it lies on, with images at their places; 0 without faces."""
         if self.faces_of_facets is None:
             return 0.0
-        faces: dict[tuple[int, int], set[int]] = {}
+        faces: dict[tuple[int, int], dict[int, None]] = {}
         for facet in np.flatnonzero(self.alive_facets).tolist():
             label, around = (
                 self.label_of(facet),
@@ -288,10 +288,17 @@ class EditableMesh:
             )
             near = {face for f in around if self.label_of(f) == label for face in self.faces[f]}
             for node in self.facets[facet].tolist():
-                faces.setdefault((node, label), set()).update(near)
+                faces.setdefault((node, label), {}).update(dict.fromkeys([*self.faces[facet], *sorted(near)]))
         points = self.points[self.original] + self.periods_off * self.periods
-        gaps = [np.linalg.norm(self._project(own, points[node]) - points[node]) for (node, _), own in faces.items()]
-        return float(max(gaps, default=0.0))
+        worst = 0.0
+        for (node, _), own in faces.items():  # its own face first: most nodes lie on it, and need no other
+            gap = np.inf
+            for face in own:
+                gap = min(gap, float(np.linalg.norm(self._project([face], points[node]) - points[node])))
+                if gap <= worst:
+                    break
+            worst = max(worst, gap)
+        return worst
 
     def build(self) -> VolumeMesh:
         """The mesh of what is left, with images exactly at their places."""
