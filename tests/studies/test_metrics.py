@@ -95,7 +95,14 @@ def test_within_a_body_only_what_is_inside_it_is_void_and_wetted() -> None:
     assert found.hydraulic_diameter == pytest.approx(16.0, rel=1e-9)
 
 
+@pytest.fixture
+def no_widths(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Envelopes are measured without the search for the least widths, which takes most of the time."""
+    monkeypatch.setattr(_measure, "measure_least_widths", lambda shape, report: (None, None))
+
+
 @pytest.mark.slow
+@pytest.mark.usefixtures("no_widths")
 def test_what_a_model_was_made_in_is_its_envelope() -> None:
     body = bd.Cylinder(4.5, 6)
     model = tpmscad.infill(body, "P", cell=8, thickness=1, tol=0.1)
@@ -112,6 +119,7 @@ def test_what_a_model_was_made_in_is_its_envelope() -> None:
 
 
 @pytest.mark.slow
+@pytest.mark.usefixtures("no_widths")
 def test_the_envelope_of_a_lattice_is_the_box_of_its_cells_and_goes_where_it_is_put() -> None:
     model = tpmscad.lattice("P", cell=(4, 5, 6), cells=(2, 1, 1), thickness=0.6, tol=0.1)
     found = measure(model)
@@ -126,27 +134,31 @@ def test_within_a_larger_box_every_face_is_wetted() -> None:
 
 
 @pytest.fixture(scope="module")
-def gyroid(tmp_path_factory: pytest.TempPathFactory) -> tuple[tpmscad.Model, Path]:
-    model = tpmscad.lattice("gyroid", cell=10, thickness=1, tol=0.02)
-    path = tmp_path_factory.mktemp("metrics") / "gyroid.step"
-    model.export_step(path)
-    return model, path
+def gyroid() -> tpmscad.Model:
+    return tpmscad.lattice("gyroid", cell=10, thickness=1, tol=0.02)
 
 
 @pytest.fixture(scope="module")
-def measured(gyroid: tuple[tpmscad.Model, Path]) -> Metrics:
-    return measure(gyroid[0])
+def measured(gyroid: tpmscad.Model) -> Metrics:
+    return measure(gyroid)
 
 
 @pytest.mark.slow
-def test_the_wall_of_a_sheet_is_its_thickness(gyroid: tuple[tpmscad.Model, Path], measured: Metrics) -> None:
-    model, path = gyroid
-    found = measure(path)
-    assert width_of(found.smallest_wall) == pytest.approx(1.0, rel=WIDTH)
-    assert found.pieces == len(model.certificate.pieces)
-    assert found.volume_fraction == pytest.approx(model.certificate.volume / 1000, rel=1e-6)
-    assert measured.wetted_area == pytest.approx(found.wetted_area, rel=1e-9)
-    assert width_of(measured.smallest_pore) == pytest.approx(width_of(found.smallest_pore), rel=1e-6)
+def test_the_wall_of_a_sheet_is_its_thickness_and_the_command_line_prints_and_reports_it(
+    gyroid: tpmscad.Model, measured: Metrics, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    gyroid.export_step(tmp_path / "gyroid.step")
+    with pytest.raises(SystemExit) as stop:
+        cli.main(["check", str(tmp_path / "gyroid.step"), "--metrics", "--report", str(tmp_path / "out.json")])
+    assert not stop.value.code
+    found = json.loads((tmp_path / "out.json").read_text())["metrics"]
+    assert set(found) == set(Metrics.__dataclass_fields__)
+    assert found["smallest_wall"]["width"] == pytest.approx(1.0, rel=WIDTH)
+    assert found["pieces"] == len(gyroid.certificate.pieces)
+    assert found["volume_fraction"] == pytest.approx(gyroid.certificate.volume / 1000, rel=1e-6)
+    assert measured.wetted_area == pytest.approx(found["wetted_area"], rel=1e-9)
+    assert width_of(measured.smallest_pore) == pytest.approx(found["smallest_pore"]["width"], rel=1e-6)
+    assert "hydraulic" in capsys.readouterr().out
 
 
 @pytest.mark.slow
@@ -175,19 +187,6 @@ def test_the_pore_of_a_gyroid_is_the_ball_that_gets_through(measured: Metrics) -
         middle = (low + high) / 2
         low, high = (middle, high) if passes(middle) else (low, middle)
     assert width_of(measured.smallest_pore) == pytest.approx(2.0 * low - 1.0, abs=2.0 * voxel)
-
-
-@pytest.mark.slow
-def test_the_command_line_prints_and_reports_them(
-    gyroid: tuple[tpmscad.Model, Path], tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    with pytest.raises(SystemExit) as stop:
-        cli.main(["check", str(gyroid[1]), "--metrics", "--report", str(tmp_path / "out.json")])
-    assert not stop.value.code
-    written = json.loads((tmp_path / "out.json").read_text())["metrics"]
-    assert set(written) == set(Metrics.__dataclass_fields__)
-    assert written["smallest_wall"]["width"] == pytest.approx(1.0, rel=WIDTH)
-    assert "hydraulic" in capsys.readouterr().out
 
 
 def test_what_can_not_be_measured_is_refused() -> None:
