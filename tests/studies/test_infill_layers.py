@@ -25,10 +25,10 @@ def signed_area(contours: Any) -> float:
 
 CASES: dict[str, tuple[bd.Shape, str, dict[str, Any]]] = {
     "cone": (bd.Cone(2.4, 1.3, 2), "gyroid", {"cell": 2, "thickness": 0.3}),
-    "turned": (bd.Cylinder(2.1, 1.7), "P", {"cell": 2, "thickness": 0.3, "rotation": (0, 0, 25)}),
-    "rods": (bd.Box(3.1, 2.7, 2.2), "diamond", {"cell": 2, "kind": "skeletal", "volume_fraction": 0.3}),
-    "skin": (bd.Cylinder(2.4, 2) - bd.Cylinder(0.5, 2), "gyroid", {"cell": 2, "thickness": 0.3, "skin": 0.2}),
-    "open": (bd.Box(3, 3.4, 2.3), "gyroid", {"cell": 2, "thickness": 0.3, "skin": 0.2, "open_faces": "<X"}),
+    "turned": (bd.Cylinder(1.5, 1.7), "P", {"cell": 2, "thickness": 0.3, "rotation": (0, 0, 25)}),
+    "rods": (bd.Box(2.1, 1.9, 1.2), "diamond", {"cell": 2, "kind": "skeletal", "volume_fraction": 0.3}),
+    "skin": (bd.Cylinder(1.5, 1.5) - bd.Cylinder(0.5, 1.5), "gyroid", {"cell": 2, "thickness": 0.3, "skin": 0.2}),
+    "open": (bd.Box(2, 2.2, 1.5), "gyroid", {"cell": 2, "thickness": 0.3, "skin": 0.2, "open_faces": "<X"}),
 }
 
 
@@ -51,7 +51,7 @@ def test_layers_are_those_of_the_solid(name: str) -> None:
 
 
 def test_a_box_of_many_cells_has_the_volume_of_its_cells() -> None:
-    """8 x 8 x 2 whole cells: the volume fraction is that of one cell, which the certificate of a lattice states."""
+    """8 x 8 whole cells: the volume fraction is that of one cell, which the certificate of a lattice states."""
     layers = tpmscad.infill_layers(
         bd.Pos(8, 8, 1) * bd.Box(16, 16, 2), "P", cell=2, thickness=0.3, height=0.066, chord_error=0.02
     )

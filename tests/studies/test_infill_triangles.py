@@ -22,12 +22,18 @@ pytestmark = pytest.mark.kernel
 
 DEVIATION = 0.02
 
+IN_A_CELL = bd.Pos(0.93, 0.88, 0.84)  # the middle of a cell of 1.5
+
 CASES: dict[str, tuple[bd.Shape, str, dict[str, Any]]] = {
-    "cone": (bd.Cone(3.4, 1.9, 3), "gyroid", {"cell": 1.5, "thickness": 0.25}),
-    "turned": (bd.Cylinder(2.1, 2.7), "P", {"cell": 1.7, "thickness": 0.25, "rotation": (15, 0, 25)}),
-    "rods": (bd.Box(4.1, 3.7, 3.2), "diamond", {"cell": 1.5, "kind": "skeletal", "offset": -0.05}),
-    "skin": (bd.Cylinder(2.4, 3) - bd.Cylinder(0.5, 3), "gyroid", {"cell": 1.5, "thickness": 0.25, "skin": 0.2}),
-    "open": (bd.Box(3, 3.4, 2.3), "gyroid", {"cell": 1.5, "thickness": 0.25, "skin": 0.2, "open_faces": "<X,>Z"}),
+    "cone": (IN_A_CELL * bd.Cone(1.6, 1.3, 1.9), "gyroid", {"cell": 1.5, "thickness": 0.25}),
+    "turned": (bd.Cylinder(1.7, 2), "P", {"cell": 1.7, "thickness": 0.25, "rotation": (15, 0, 25)}),
+    "rods": (IN_A_CELL * bd.Box(1.9, 1.8, 1.7), "diamond", {"cell": 1.5, "kind": "skeletal", "offset": -0.05}),
+    "skin": (bd.Cylinder(1.7, 2) - bd.Cylinder(0.5, 2), "gyroid", {"cell": 1.5, "thickness": 0.25, "skin": 0.2}),
+    "open": (
+        IN_A_CELL * bd.Box(2.2, 2.3, 2.1),
+        "gyroid",
+        {"cell": 1.5, "thickness": 0.25, "skin": 0.2, "open_faces": "<X,>Z"},
+    ),
 }
 
 
@@ -37,6 +43,7 @@ def test_triangles_are_those_of_the_solid(name: str, tmp_path: Path) -> None:
     body, surface, asked = CASES[name]
     part = tpmscad.infill_triangles(body, surface, deviation=DEVIATION, **asked)
     solid = tpmscad.infill(body, surface, **asked)
+    assert part.whole_cells == (name in ("cone", "rods", "open"))
     part.write(tmp_path / "part.stl")
     read = trimesh.load(tmp_path / "part.stl")
     assert read.is_watertight
@@ -66,7 +73,7 @@ def test_triangles_lie_on_the_surface(tmp_path: Path) -> None:
 
 
 def test_a_mesh_is_filled_as_it_is(tmp_path: Path) -> None:
-    sphere = trimesh.creation.icosphere(3, 3.3)
+    sphere = trimesh.creation.icosphere(2, 1.9)
     part = tpmscad.infill_triangles(sphere, "gyroid", cell=1.5, thickness=0.25, deviation=DEVIATION)
     outer = part.points[np.unique(part.triangles[part.face > 0])]
     planes = (
