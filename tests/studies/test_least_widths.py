@@ -50,7 +50,7 @@ def field_with_voids(*voids: fields.Field) -> Any:
     return tpmscad.solidify(fields.complement(fields.union(*voids)), ((0, 0, 0), (12, 8, 8)), tol=FIELD_TOL).wrapped
 
 
-@pytest.mark.parametrize("wall", [0.05, 0.1, 0.2])
+@pytest.mark.parametrize("wall", [0.05, 0.2])
 def test_the_wall_between_two_voids_of_a_field_is_found(wall: float) -> None:
     """The voids come nearest at a corner where several patches of each meet."""
     found, _ = widths(field_with_voids(fields.sphere((4, 4, 4), 2.0), fields.sphere((8 + wall, 4, 4), 2.0)))
@@ -160,7 +160,7 @@ def test_a_sheet_that_ends_in_whole_patches_is_as_thick_as_asked() -> None:
 
 @pytest.mark.slow
 def test_a_skin_is_as_thick_as_asked() -> None:
-    part = tpmscad.infill(bd.Box(16, 16, 16), "schwarz_p", cell=8, thickness=1.5, skin=0.4, tol=0.01)
+    part = tpmscad.infill(bd.Box(9, 9, 9), "schwarz_p", cell=8, thickness=1.5, skin=0.4, tol=0.01)
     wall, _ = widths(part.wrapped)
     assert_is(wall, 0.4)
 
