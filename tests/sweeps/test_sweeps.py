@@ -166,7 +166,7 @@ def test_a_process_pool_and_dask_write_the_same_table(folder: Path) -> None:
     with ProcessPoolExecutor(1, mp_context=get_context("spawn")) as pool:
         tpmscad.sweep(TABLE, pool, "pool.csv")
     with (
-        distributed.LocalCluster(n_workers=1, threads_per_worker=1, dashboard_address=None) as cluster,
+        distributed.LocalCluster(n_workers=1, threads_per_worker=1, processes=False, dashboard_address=None) as cluster,
         distributed.Client(cluster) as client,
     ):
         tpmscad.sweep(TABLE, client.get_executor(), "dask.csv")
