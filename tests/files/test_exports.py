@@ -59,7 +59,6 @@ RESULTS: dict[str, Callable[[], tpmscad.Model]] = {
     "solid of a blend": blended,
     "wall": lambda: domains().wall,
     "channel +": lambda: domains().plus,
-    "channel -": lambda: domains().minus,
 }
 
 

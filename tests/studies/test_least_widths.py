@@ -75,7 +75,6 @@ def test_print_check_faults_the_wall_that_samples_overlook() -> None:
     assert report["wall"].places is not None
     assert report.smallest_wall is report["wall"]
     assert report.smallest_gap is report["gap"]
-    assert tpmscad.measure(part).smallest_wall.width == pytest.approx(0.1, abs=2 * FIELD_TOL)  # type: ignore[union-attr]
 
 
 def test_a_wall_is_found_behind_any_number_of_pairs_with_lower_bounds() -> None:
