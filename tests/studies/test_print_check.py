@@ -146,8 +146,8 @@ def test_a_wedge_has_no_least_wall_but_a_blunt_one_has() -> None:
 
 
 @pytest.mark.slow
-def test_the_wall_of_a_gyroid_is_its_thickness() -> None:
-    model = tpmscad.lattice("gyroid", cell=5, thickness=0.6, tol=0.01)
+def test_the_wall_of_a_lattice_is_its_thickness() -> None:
+    model = tpmscad.lattice("P", cell=5, thickness=0.6, tol=0.01)
     report = model.check_print(min_wall=0.58, min_gap=0.58)
     assert report.met
     assert report["wall"].value == pytest.approx(0.6, abs=0.01)
