@@ -34,9 +34,9 @@ NO_MASS = MassProperties(1.0, 1.0, (0.0, 0.0, 0.0))
     ("body", "surface", "asked"),
     [
         (
-            bd.Pos(0.02, 0.01, 0.03) * bd.Cylinder(0.9, 1.4),
+            bd.Pos(0.02, 0.01, 0) * bd.Cylinder(0.85, 1.16),
             "gyroid",
-            {"rotation": (8, 0, 35), "phase": (0.38, 0.41, 0.44)},
+            {"rotation": (0, 0, 35), "phase": (0.38, 0.41, 0.44)},
         ),
         (bd.Box(1.6, 1.65, 2.6), "schwarz_p", {"skin": 0.25, "open_faces": ">Z", "phase": (0.38, 0.41, 0.04)}),
     ],

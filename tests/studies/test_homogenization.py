@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 from pathlib import Path
 
-import build123d as bd
 import numpy as np
 import pytest
 
@@ -46,16 +45,6 @@ def test_a_cell_of_schwarz_p_is_cubic_below_the_bounds_and_the_same_on_tetrahedr
     assert mesh.n_cells > 4 * found["cells"]
     np.testing.assert_allclose(tetrahedra.stiffness, found["stiffness"], atol=0.02 * found["C11"])
     np.testing.assert_allclose(tetrahedra.conductivity, found["conductivity"], atol=0.003)
-
-
-def test_requests_that_fit_no_cell_are_refused() -> None:
-    with pytest.raises(InvalidRequest, match="give exactly one of `volume_fraction`, `porosity`"):
-        tpmscad.homogenize("gyroid")
-    with pytest.raises(InvalidRequest, match=r"from 0 to 0\.49"):
-        tpmscad.homogenize("gyroid", volume_fraction=0.2, poisson_ratio=0.5)
-    model = tpmscad.infill(bd.Box(3, 3, 3), "schwarz_p", cell=3, thickness=0.4, phase=(0.1, 0.2, 0.3), tol=0.05)
-    with pytest.raises(InvalidRequest, match="its own volume_fraction"):
-        tpmscad.homogenize(model, volume_fraction=0.2)
 
 
 def test_a_field_with_a_porosity_is_the_lattice_between_the_same_levels() -> None:

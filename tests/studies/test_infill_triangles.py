@@ -26,7 +26,11 @@ IN_A_CELL = bd.Pos(0.93, 0.88, 0.84)  # the middle of a cell of 1.5
 
 CASES: dict[str, tuple[bd.Shape, str, dict[str, Any]]] = {
     "cone": (IN_A_CELL * bd.Cone(1.6, 1.3, 1.9), "gyroid", {"cell": 1.5, "thickness": 0.25}),
-    "turned": (bd.Cylinder(1.7, 2), "P", {"cell": 1.7, "thickness": 0.25, "rotation": (15, 0, 25)}),
+    "turned": (
+        bd.Pos(0.3, 0.5, 0) * bd.Box(2.9, 1.9, 1.8),
+        "P",
+        {"cell": 1.7, "thickness": 0.25, "rotation": (15, 0, 25)},
+    ),
     "rods": (IN_A_CELL * bd.Box(1.9, 1.8, 1.7), "diamond", {"cell": 1.5, "kind": "skeletal", "offset": -0.05}),
     "skin": (bd.Cylinder(1.7, 2) - bd.Cylinder(0.5, 2), "gyroid", {"cell": 1.5, "thickness": 0.25, "skin": 0.2}),
     "open": (

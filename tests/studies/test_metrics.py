@@ -144,20 +144,27 @@ def measured(gyroid: tpmscad.Model) -> Metrics:
 
 
 @pytest.mark.slow
-def test_the_wall_of_a_sheet_is_its_thickness_and_the_command_line_prints_and_reports_it(
-    gyroid: tpmscad.Model, measured: Metrics, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+def test_the_wall_of_a_sheet_is_its_thickness(gyroid: tpmscad.Model, measured: Metrics) -> None:
+    assert width_of(measured.smallest_wall) == pytest.approx(1.0, rel=WIDTH)
+    assert measured.pieces == len(gyroid.certificate.pieces)
+    assert measured.volume_fraction == pytest.approx(gyroid.certificate.volume / 1000, rel=1e-6)
+
+
+def test_the_command_line_prints_and_reports_the_metrics_of_a_file(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    gyroid.export_step(tmp_path / "gyroid.step")
+    part = tpmscad.lattice("P", cell=10, thickness=1)
+    part.export_step(tmp_path / "part.step")
     with pytest.raises(SystemExit) as stop:
-        cli.main(["check", str(tmp_path / "gyroid.step"), "--metrics", "--report", str(tmp_path / "out.json")])
+        cli.main(["check", str(tmp_path / "part.step"), "--metrics", "--report", str(tmp_path / "out.json")])
     assert not stop.value.code
-    found = json.loads((tmp_path / "out.json").read_text())["metrics"]
-    assert set(found) == set(Metrics.__dataclass_fields__)
-    assert found["smallest_wall"]["width"] == pytest.approx(1.0, rel=WIDTH)
-    assert found["pieces"] == len(gyroid.certificate.pieces)
-    assert found["volume_fraction"] == pytest.approx(gyroid.certificate.volume / 1000, rel=1e-6)
-    assert measured.wetted_area == pytest.approx(found["wetted_area"], rel=1e-9)
-    assert width_of(measured.smallest_pore) == pytest.approx(found["smallest_pore"]["width"], rel=1e-6)
+    written = json.loads((tmp_path / "out.json").read_text())["metrics"]
+    assert set(written) == set(Metrics.__dataclass_fields__)
+    expected = measure(part)
+    assert written["wetted_area"] == pytest.approx(expected.wetted_area, rel=1e-9)
+    for name in ("smallest_wall", "smallest_pore"):
+        assert written[name]["width"] == pytest.approx(width_of(getattr(expected, name)), rel=1e-6)
+    assert written["smallest_wall"]["width"] == pytest.approx(1.0, rel=WIDTH)
     assert "hydraulic" in capsys.readouterr().out
 
 
@@ -179,7 +186,7 @@ def test_the_pore_of_a_gyroid_is_the_ball_that_gets_through(measured: Metrics) -
     away = away[(slice(count // 2, -count // 2),) * 3]  # from the mid surface, half a wall short of it
 
     def passes(radius: float) -> bool:
-        pieces, _ = label(np.tile(away > radius, (3, 3, 3)))
+        pieces, _ = label(np.tile(away > radius, (2, 2, 2)))
         return bool(np.intersect1d(pieces[0], pieces[-1]).max() > 0)
 
     low, high = 0.5, 4.0
@@ -189,15 +196,9 @@ def test_the_pore_of_a_gyroid_is_the_ball_that_gets_through(measured: Metrics) -
     assert width_of(measured.smallest_pore) == pytest.approx(2.0 * low - 1.0, abs=2.0 * voxel)
 
 
-def test_what_can_not_be_measured_is_refused() -> None:
-    with pytest.raises(InvalidRequest, match="valid closed solids"):
-        measure(bd.Rectangle(2, 2).face())
-    with pytest.raises(InvalidRequest, match="contain the solid"):
-        measure(bd.Box(2, 2, 2), within=((0, 0, 0), (1, 1, 1)))
+def test_solids_that_touch_are_not_measured() -> None:
     with pytest.raises(InvalidRequest, match="touch"):
         measure(bd.Compound([bd.Box(2, 2, 2).solid(), (bd.Pos(2, 0, 0) * bd.Box(2, 2, 2)).solid()]))
-    with pytest.raises(InvalidRequest, match="corners"):
-        measure(bd.Box(2, 2, 2), within=((1, 1, 1), (1, 2, 2)))
 
 
 def test_samples_lie_on_trimmed_faces_and_nowhere_else() -> None:
