@@ -102,7 +102,7 @@ def test_a_port_in_the_plane_of_a_closed_face_is_told_from_it_by_the_bounded_fac
     left, right = sorted(tops, key=lambda i: bd.Face(faces_of(body.shape)[i]).center().X)
     opened = frozenset(range(len(faces_of(body.shape)))) - {right}
     fraction = _open_fraction(body, _sample_body(body), opened, 1.0, 4.0)
-    np.testing.assert_allclose(fraction([(0.0, 0.0, 3.5), (12.0, 0.0, 3.9)]), [1.0, 0.0], atol=1e-9)
+    np.testing.assert_allclose(fraction([(-1.0, 0.0, 3.5), (12.0, 0.0, 3.9)]), [1.0, 0.0], atol=1e-9)
     assert left != right
 
 
