@@ -78,9 +78,9 @@ def test_what_is_inside_the_lattice_and_what_is_outside_make_up_the_body(case, c
         assert is_brep_valid(part.brep, built.known_faces)
 
 
-def test_it_is_what_the_kernel_cuts(case, cover: Cover) -> None:
-    body, read, _ = case
-    lattice = cover("P", (1, 1, 1), (0.07, 0.11, 0.19), (-0.04, 0.04))
+def test_it_is_what_the_kernel_cuts(cover: Cover) -> None:
+    body = place(FREE_FORM_BODIES["elbow"](), (20.0, 35.0, 50.0))
+    read, lattice = read_free_form_body(body), cover("P", (1, 1, 1), (0.07, 0.11, 0.19), (-0.04, 0.04))
     own = volume(trim(lattice, read.brep, free_form=read.free_form).brep)
     box = brep_from_shape(unwrap(bd.Pos(5, 5, 5) * bd.Box(9.9, 9.9, 9.9)))
     block = build_solids(trim(lattice, box).brep)

@@ -158,7 +158,7 @@ def test_offset_faces_read_back_join_with_continuous_curvature_at_every_edge_and
 
 @pytest.mark.slow
 def test_so_do_those_of_a_lattice_cut_by_a_box(tmp_path: Path) -> None:
-    model = tpmscad.lattice("gyroid", cell=CELL, thickness=1.0, tol=1e-3, boundary="box")
+    model = tpmscad.lattice("gyroid", cell=CELL, kind="skeletal", tol=1e-3, boundary="box")
     model.export_step(tmp_path / "lattice.step")
     edges, vertices = joins(read_step(tmp_path / "lattice.step").shape)
     assert max(vertices.valences) == 6

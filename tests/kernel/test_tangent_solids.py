@@ -11,7 +11,7 @@ import tpmscad
 from tpmscad import fields
 
 pytestmark = pytest.mark.kernel
-N_PARAMETERS = 101
+N_PARAMETERS = 41
 
 
 def measure_joints(path: Path) -> tuple[float, int]:

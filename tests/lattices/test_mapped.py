@@ -6,6 +6,7 @@ from collections.abc import Callable
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 from tpmscad import maps, surfaces
 from tpmscad.brep.deviation import combine_deviations, measure_deviation
@@ -191,6 +192,16 @@ def test_the_least_curvature_radius_of_an_unmapped_lattice_is_the_exact_one() ->
     limit = 10 * surfaces.primitive_patch("gyroid").max_offset
     assert mapped_lattice.least_curvature_radius(mid(maps.stretching((1.0, 1.0, 1.0)))) == pytest.approx(
         limit, rel=1e-3
+    )
+
+
+def test_mirror_images_are_a_class_of_their_own_although_their_distances_are_equal() -> None:
+    patch, turns = RNG.random((12, 3)), Rotation.random(9, random_state=3).as_matrix()
+    samples = np.stack([(patch * (1, 1, (-1) ** k)) @ turn.T + k for k, turn in enumerate(turns)])
+    classes = mapped_lattice.group_congruent(samples)
+    assert classes.label.tolist() == [0, 1, 0, 1, 0, 1, 0, 1, 0]
+    np.testing.assert_allclose(
+        classes.motion[:, None].apply(samples[classes.first[classes.label]]), samples, atol=1e-12
     )
 
 

@@ -58,20 +58,16 @@ def test_what_is_left_is_the_wall_and_the_lattice(filled: Any) -> None:
     assert mouth < 20 * 16 - np.pi * 4
 
 
-def test_a_sandwich_is_two_plates_and_the_lattice_between_them(tmp_path: Path) -> None:
+def test_a_sandwich_is_two_plates_and_the_lattice_between_them() -> None:
     made = tpmscad.infill(bd.Box(12, 11, 14), **P, skin=SKIN, open_faces="#Z")
     core = tpmscad.infill(bd.Box(12, 11, 11), **P, loose="keep").certificate
     assert made.certificate.met
     assert made.volume == pytest.approx(2 * 12 * 11 * SKIN + core.volume, rel=1e-8)
     assert len(made.solid.shells()) == 1
-    made.export(tmp_path / "sandwich.step")
-    again = bd.import_step(tmp_path / "sandwich.step")
-    assert again.is_valid
-    assert again.volume == pytest.approx(made.volume, rel=1e-8)
 
 
 def test_sides_and_top_of_a_block_with_rounded_corners_may_be_open() -> None:
-    body = bd.fillet(bd.Box(14, 13, 12).edges().filter_by(bd.Axis.Z), 3)
+    body = bd.fillet(bd.Box(12, 11, 12).edges().filter_by(bd.Axis.Z), 3)
     made = tpmscad.infill(body, **P, skin=SKIN, open_faces="#Z,>Z", loose="keep")
     assert made.certificate.met
     assert made.solid.is_valid
