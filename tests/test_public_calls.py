@@ -138,6 +138,8 @@ def test_requests_beyond_the_memory_are_refused_before_it_is_taken() -> None:
     for make in (tpmscad.struts, lambda kind, cell, cells, diameter: fields.strut_lattice(kind, cell, diameter, cells)):
         with pytest.raises(OutOfMemory, match=r"struts of 2000 x 2000 x 2000 cells; use fewer cells"):
             make("octet", cell=6, cells=(2000, 2000, 2000), diameter=0.8)
+        with pytest.raises(OutOfMemory, match=r"struts of 1e\+99 x 1 x 1 cells"):
+            make("octet", cell=6, cells=(10**99, 1, 1), diameter=0.8)
     require_memory(1, physical_memory() / 2, "half of it", "nothing")
     with pytest.raises(OutOfMemory):
         require_memory(2, physical_memory(), "twice of it", "half of it")
@@ -157,7 +159,7 @@ def test_memory_that_the_process_may_not_take_is_not_counted(monkeypatch: pytest
 
 
 def test_a_solid_of_a_field_without_slope_on_its_surface_is_refused() -> None:
-    flat = fields.from_function(lambda p: p[:, 0] - 5, gradient=lambda p: 0 * p)
+    flat = fields.from_function(lambda p: (p[:, 0] - 5) ** 3, gradient=lambda p: 3 * (p - 5) ** 2 * [1, 0, 0])
     with pytest.raises(TpmscadError, match="gradient is zero"):
         tpmscad.solidify(flat, ((0, 0, 0), (10, 10, 10)), tol=0.5)
 

@@ -106,6 +106,17 @@ def test_many_collapses_leave_a_mesh_of_the_same_body(seed: int, monkeypatch: py
     assert {frozenset(row) for row in facets.tolist()} == {frozenset(row) for row in outer.tolist()}
 
 
+def test_an_edge_at_whose_ends_facets_would_fall_together_is_kept(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A node of three facets lies on an element whose fourth triangle has both ends of the edge: the facets would be one twice."""
+    monkeypatch.setattr(edge_collapse, "_turns", lambda *_: False)  # on thin parts normals do not tell
+    points = np.array([(-0.1, 0, 0), (0.1, 0, 0), (0, 2, 0), (0, 1, 0.02), (0, -2, 0), (-2, 0, 0), (0, 0, -2)])
+    cells = {"tetra": np.array([(0, 1, 2, 3), (1, 0, 2, 6), (0, 1, 4, 6), (5, 2, 0, 6), (4, 5, 0, 6)])}
+    mesh = replace(block("tetra"), points=points, cells=cells, facets=boundary_facets(cells), periodic={})
+    state = EditableMesh(replace(mesh, cell_groups={}, facet_groups={}), None)
+    assert mesh.quality.inverted == 0
+    assert edge_collapse._examine(state, 0, 1) is None
+
+
 def test_a_good_mesh_is_left_alone() -> None:
     mesh = block("tetra10")
     assert collapse_short_edges(mesh, 1.0) is mesh
