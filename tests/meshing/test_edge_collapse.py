@@ -107,7 +107,7 @@ def test_many_collapses_leave_a_mesh_of_the_same_body(seed: int, monkeypatch: py
 
 
 def test_an_edge_at_whose_ends_facets_would_fall_together_is_kept(monkeypatch: pytest.MonkeyPatch) -> None:
-    """A node of three facets lies on an element whose fourth triangle has both ends of the edge: the facets would be one twice."""
+    """A node of three facets, on an element whose fourth triangle has both ends of the edge: two facets would be one."""
     monkeypatch.setattr(edge_collapse, "_turns", lambda *_: False)  # on thin parts normals do not tell
     points = np.array([(-0.1, 0, 0), (0.1, 0, 0), (0, 2, 0), (0, 1, 0.02), (0, -2, 0), (-2, 0, 0), (0, 0, -2)])
     cells = {"tetra": np.array([(0, 1, 2, 3), (1, 0, 2, 6), (0, 1, 4, 6), (5, 2, 0, 6), (4, 5, 0, 6)])}
