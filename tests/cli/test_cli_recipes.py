@@ -186,6 +186,7 @@ class TestArrays:
         assert re.search(message, capsys.readouterr().err)
         assert self.made() == []
 
+    @pytest.mark.slow
     def test_a_dry_run_tells_what_is_assumed(self, capsys: pytest.CaptureFixture[str]) -> None:
         assert run("solidify density.npy --level 0.5 --dry-run --report out.json") == 0
         assert (
@@ -207,6 +208,7 @@ class TestArrays:
         assert "about 40.0 % of it solid" in out
         assert "density.npz: smoothed by a Gaussian of 0.5 samples" in out
 
+    @pytest.mark.slow
     def test_a_density_is_a_lattice_of_as_much_volume(self, capsys: pytest.CaptureFixture[str]) -> None:
         """Half of the plate is full and half is empty: .6 and .15 of it, as a lattice."""
         line = "solidify density.npy --as gyroid --cell 4 --cell-data --dry-run"

@@ -196,6 +196,7 @@ def test_inches_become_millimetres(tmp_path: Path) -> None:
     assert any("inch" in note for note in field.notes)
 
 
+@pytest.mark.slow
 def test_what_is_mended_is_told() -> None:
     whole = ball(subdivisions=4)
     small = holed(whole, np.arange(len(whole.faces)) != 7)

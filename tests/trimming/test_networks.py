@@ -98,6 +98,7 @@ def euler(brep: Brep) -> list[int]:
     return sorted(connectivity.euler_characteristic(brep, connectivity.label_shells(brep)[1]).tolist())
 
 
+@pytest.mark.slow
 def test_the_edges_lie_on_both_networks() -> None:
     found = combine(ball((-0.41, 0.05, 0.13), 1.2), ball((0.53, 0.21, -0.07), 0.9))
     for result in found.values():
@@ -142,6 +143,7 @@ def test_operands_apart_and_inside_one_another() -> None:
         combine_networks(outer, away, "intersection")
 
 
+@pytest.mark.slow
 def test_the_cut_by_a_box_is_that_of_the_trim(cover: Cover) -> None:
     """Two routes: the lattice trimmed by both boxes at once, and first by one, then by the other as a network."""
     lattice = cover("gyroid", (1, 1, 1), (0.0, 0.0, 0.0), (-0.05, 0.05))
@@ -196,6 +198,7 @@ def test_short_edges_of_many_pieces_that_run_along_a_face_pierce_it(length: floa
     assert np.abs(first - root).max() * length < 1e-3  # the ball's patches are 2e-5 off, 25 times that along the edge
 
 
+@pytest.mark.slow
 def test_points_are_told_from_the_network_alone() -> None:
     rng = np.random.default_rng(7)
     points = rng.uniform(-1.7, 1.7, (300, 3))
@@ -239,6 +242,7 @@ def test_coincident_faces_are_told_apart_by_a_shift_that_is_told() -> None:
         combine_networks(first, first, "intersection", may_move=False)
 
 
+@pytest.mark.slow
 def test_contact_over_an_area_is_refused_with_the_place() -> None:
     """A network and its own image a hair away: the faces coincide over an area within the tolerance."""
     ball = sphere(1.3)
