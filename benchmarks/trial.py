@@ -85,7 +85,7 @@ FAILURES = frozenset({WRONG, FOREIGN, CRASH, HANG, LEFT})
 
 @dataclass(frozen=True)
 class Verdict:
-    """What became of a request, the words that go with it, CPU seconds, and the most memory (GiB), those of its judge included."""
+    """What became of a request, the words that go with it, CPU seconds, and the most memory (GiB), with those of its judge."""
 
     verdict: str
     words: str
@@ -232,10 +232,8 @@ def main(arguments: list[str] | None = None) -> int:
                 again = f"python -m benchmarks.trial --seed {given.seed} --only {number}" + (
                     f" --kind {given.kind}" if given.kind else ""
                 )
-                print(
-                    f"{verdict.verdict}: {verdict.words}\n    {text}\n    {again}   ({verdict.cpu:.1f} s, {verdict.memory:.2f} GiB)",
-                    flush=True,
-                )
+                used = f"({verdict.cpu:.1f} s, {verdict.memory:.2f} GiB)"
+                print(f"{verdict.verdict}: {verdict.words}\n    {text}\n    {again}   {used}", flush=True)
     print(
         f"\nseed {given.seed}, {table.total()} of the requests {numbers.start} to {numbers.stop - 1}: {cpu:.0f} s of CPU, "
         f"at most {memory[0]:.2f} GiB (request {memory[1]})"
