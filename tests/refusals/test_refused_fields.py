@@ -152,6 +152,7 @@ DATA: dict[str, Row] = {
     ),
     "text for samples": (lambda: fields.sampled([[["a"]]]), "no array of numbers"),
     "negative smoothing": (lambda: fields.scattered(CLOUD, CLOUD[:, 0], smoothing=-1.0), "smoothing -1"),
+    "missing table": (lambda: fields.scattered("none.csv"), "there is no file none.csv"),
     "values beside a file": (lambda: fields.scattered("none.csv", np.zeros(5)), "leave values out"),
     "points without values": (lambda: fields.scattered(CLOUD), "give the values after them"),
     "values for other points": (lambda: fields.scattered(CLOUD, CLOUD[:5, 0]), r"give \(n, 3\) and \(n,\)"),
@@ -187,6 +188,14 @@ DATA: dict[str, Row] = {
     "empty grid": (lambda: SampleGrid((0, 0, 0), (0, 1, 1), (4, 4, 4)), "each low must be below"),
     "one sample": (lambda: SampleGrid((0, 0, 0), (1, 1, 1), (1, 4, 4)), "at least 2 samples"),
     "samples of another shape": (lambda: sample_field(lambda p: np.zeros(3), GRID, "structure 1"), "structure 1 gave"),
+    "samples that are not finite": (
+        lambda: sample_field(lambda p: p[..., 0] * NAN, GRID, "structure 1"),
+        "not finite at",
+    ),
+    "function of one point": (
+        lambda: sample_field(lambda p: [][0], GRID, "structure 1"),
+        "structure 1 can't be called",
+    ),
 }
 
 TOPOLOGY: dict[str, Row] = {
