@@ -142,8 +142,8 @@ class TestArrays:
             ("density.npz --level 0.5", "holds 2 arrays, 'rho', 'smooth': name one of them, --array-name rho"),
             ("density.npy --level 0.5 --frame RAS", "states no frame.*leave --frame out"),
             (
-                "graded.toml --label 1 --cell-data --frame file",
-                "--label, --cell-data, --frame: a recipe says these itself",
+                "graded.toml --label 1 --cell-data --frame file --tol 0.1",
+                "--label, --cell-data, --frame, --tol: a recipe says these itself",
             ),
         ],
     )
