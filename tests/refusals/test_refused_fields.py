@@ -44,6 +44,8 @@ ARGUMENTS: dict[str, Row] = {
     "point of two": (lambda: fields.sphere((0, 0), 1.0), "center.*three numbers"),
     "radius zero": (lambda: fields.sphere((0, 0, 0), 0.0), "radius 0.*must be positive"),
     "radius of text": (lambda: fields.sphere((0, 0, 0), "one"), "radius 'one'"),
+    "height below zero": (lambda: fields.cylinder((0, 0, 0), 1.0, "x", -2.0), "height -2.*must be positive"),
+    "scaled by zero": (lambda: fields.scale(BALL, 0.0), "factor 0.*must be positive"),
     "no direction": (lambda: fields.halfspace((0, 0, 0), (0, 0, 0)), "no direction"),
     "word for a direction": (lambda: fields.halfspace((0, 0, 0), "w"), "give x, y, z, -x"),
     "offset of text": (lambda: fields.linear((1, 0, 0), "a"), "offset 'a' is not a number"),
