@@ -5,7 +5,6 @@ from __future__ import annotations
 import csv
 import math
 import pickle
-import shlex
 from concurrent.futures import Executor, Future
 from concurrent.futures.process import BrokenProcessPool
 from pathlib import Path
@@ -15,7 +14,8 @@ import build123d as bd
 import pytest
 
 import tpmscad
-from tpmscad import cli, surfaces
+from tests.cli.test_cli import run
+from tpmscad import surfaces
 from tpmscad.api.arguments import arguments_of
 from tpmscad.errors import InvalidRequest, TpmscadError
 from tpmscad.sweeps.cell_text import format_cell, parse_cell
@@ -213,16 +213,12 @@ def test_the_command_line_writes_the_results_and_tells_failures(
 ) -> None:
     (folder / "t.csv").write_text("surface,cell,tol,thickness,boundary\nP,10,0.3,1,natural\nP,10,0.3,9,natural\n")
     for line, status in (("sweep t.csv -o out.csv --report r.json", 1), ("sweep absent.csv", 2)):
-        with pytest.raises(SystemExit) as stop:
-            cli.main(shlex.split(line))
-        assert stop.value.code == status
+        assert run(line) == status
     said = capsys.readouterr()
     assert "2 designs: 1 met" in said.out
     assert "1 of 2 designs miss the request: see out.csv" in said.err
     assert len(read_lines(folder / "out.csv")) == 3
     assert '"reused": 0' in (folder / "r.json").read_text()
     (folder / "t.csv").write_text("surface,cell,thickness\nP,10,thick\n")
-    with pytest.raises(SystemExit) as stop:
-        cli.main(["sweep", "t.csv"])
-    assert stop.value.code == 2
+    assert run("sweep t.csv") == 2
     assert "row 1, column thickness" in capsys.readouterr().err
