@@ -268,6 +268,11 @@ WRITERS = {
 }
 
 
+def test_a_missing_file_is_named(tmp_path: Path) -> None:
+    with pytest.raises(InvalidRequest, match=r"no file .*gone"):
+        read_step(tmp_path / "gone.step")
+
+
 @pytest.mark.parametrize("writer", WRITERS)
 class TestBadRequests:
     def test_a_path_or_a_schema_that_cannot_be_written_is_refused(self, writer: str, tmp_path: Path) -> None:
