@@ -172,6 +172,13 @@ def test_the_model_of_a_centered_lattice_stays_where_it_was_made(cq: Any, tmp_pa
     model.export(tmp_path / "p.stl")
 
 
+def test_what_cannot_be_put_at_points_is_refused(cq: Any) -> None:
+    with pytest.raises(tpmscad.InvalidRequest, match="leave centered out"):
+        cq.Workplane().tpms("P", cell=10, thickness=1, map=lambda points: points, centered=True)
+    with pytest.raises(tpmscad.InvalidRequest, match="combine 'fuse' is none of"):
+        cq.Workplane().struts(**BCC, combine="fuse")
+
+
 def test_a_result_that_misses_the_request_is_not_put_on_the_stack(cq: Any, monkeypatch: pytest.MonkeyPatch) -> None:
     import cq_plugins.tpms as plugin
 
