@@ -82,6 +82,7 @@ def test_faces_may_be_given_by_number() -> None:
     assert sorted(bd.Face(f).center().Z for f in resolve_open_faces(body, numbers)) == pytest.approx([-7, 7])
 
 
-def test_a_face_that_is_not_the_body_s_own_can_not_stay_open() -> None:
-    with pytest.raises(tpmscad.InvalidRequest, match="no face of"):
-        tpmscad.infill(bd.Box(16, 14, 12), **P, skin=SKIN, open_faces=[bd.Face.make_rect(2, 2)])
+def test_what_can_not_stay_open_is_refused() -> None:
+    for faces, words in (([bd.Face.make_rect(2, 2)], "no face of"), ([0], "not planar")):
+        with pytest.raises(tpmscad.InvalidRequest, match=words):
+            tpmscad.infill(bd.Cylinder(7, 14), **P, skin=SKIN, open_faces=faces)
