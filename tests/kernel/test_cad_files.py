@@ -373,16 +373,6 @@ def test_a_check_lists_solids_and_reports_on_one(assembly: Path) -> None:
         tpmscad.check_step(assembly, solid=5)
 
 
-def test_an_infill_takes_the_solid_that_is_chosen_and_tells_it(assembly: Path) -> None:
-    wanted = {"cell": 10, "thickness": 1.0, "tol": 0.1, "progress": False}
-    model = tpmscad.infill(assembly, "schwarz_p", solid="largest", **wanted)
-    assert model.certificate.met
-    assert any("taken of the 3 solids" in note for note in model.certificate.notes)
-    same = tpmscad.infill(tpmscad.read_body(assembly, solid=2), "schwarz_p", **wanted)
-    assert same.volume == pytest.approx(model.volume, rel=1e-9)
-    assert np.allclose(model.bounding_box, ((-5, -5.5, -6), (5, 5.5, 6)), atol=1e-6)
-
-
 def test_all_solids_are_filled_each_by_itself_under_its_name(tmp_path: Path) -> None:
     assembly = write_rig(tmp_path / "rig.step", bd.Box(6.8, 6, 7))
     wanted = {"cell": 40 / 6, "thickness": 1.0, "tol": 0.1, "progress": False}

@@ -16,9 +16,10 @@ import build123d as bd
 import pytest
 from OCP.BRep import BRep_Tool
 from OCP.Interface import Interface_Static
-from OCP.STEPControl import STEPControl_AsIs, STEPControl_Reader, STEPControl_Writer
+from OCP.STEPControl import STEPControl_Reader
 
 import tpmscad
+from tests.kernel.test_sphere_seams import write_without_pcurves
 from tpmscad.atomic_file import validate_output_path
 from tpmscad.kernel.body_import.cad_body import read_body
 from tpmscad.kernel.body_import.isolated_reader import check_foreign_step, read_foreign_step
@@ -31,7 +32,7 @@ from tpmscad.kernel.occt.construction import make_compound
 from tpmscad.kernel.occt.convert import shape_from_bytes, shape_to_bytes
 from tpmscad.kernel.occt.exploration import edges_of
 from tpmscad.kernel.step.coloured_reader import read_coloured_solids
-from tpmscad.kernel.step.step_reader import read_step, silence_occt
+from tpmscad.kernel.step.step_reader import read_step
 
 pytestmark = pytest.mark.kernel
 
@@ -225,15 +226,7 @@ def test_edges_without_pcurves_are_read_to_the_kernels_precision_whatever_accura
     tmp_path: Path,
 ) -> None:
     body = bd.Sphere(10) - bd.Pos(3, 2, 0) * bd.Rot(20, 10, 0) * bd.Cylinder(3, 40)
-    path, writer = tmp_path / "pierced.step", STEPControl_Writer()
-    before = Interface_Static.IVal_s("write.surfacecurve.mode")
-    Interface_Static.SetIVal_s("write.surfacecurve.mode", 0)
-    try:
-        with silence_occt():
-            writer.Transfer(body.wrapped, STEPControl_AsIs)
-            writer.Write(str(path))
-    finally:
-        Interface_Static.SetIVal_s("write.surfacecurve.mode", before)
+    path = write_without_pcurves(body, tmp_path / "pierced.step")
     text = path.read_text()
     assert "PCURVE" not in text
     stated = "UNCERTAINTY_MEASURE_WITH_UNIT(LENGTH_MEASURE("

@@ -14,9 +14,10 @@ from OCP.BRepAdaptor import BRepAdaptor_Curve
 from scipy.interpolate import make_interp_spline
 
 from benchmarks.made_gaps import BODIES, spoil
+from tests.shapes.misfits import volume
 from tests.trimming.conftest import Cover, cover
 from tpmscad.brep import connectivity
-from tpmscad.brep.boundary_representation import Brep, reverse_faces
+from tpmscad.brep.boundary_representation import reverse_faces
 from tpmscad.brep.carriers import Circle
 from tpmscad.brep.free_form_surface import FreeFormSurface
 from tpmscad.brep.moments import integral_properties
@@ -39,10 +40,6 @@ __all__ = ["cover"]
 
 def made(name: str) -> bd.Shape:
     return BODIES[name](np.random.default_rng(3))
-
-
-def volume(brep: Brep) -> float:
-    return float(integral_properties.volume(integral_properties.integrate_faces(brep))[0])
 
 
 @pytest.mark.parametrize(

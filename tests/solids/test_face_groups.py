@@ -100,20 +100,6 @@ def test_the_deviation_of_a_lattice_that_was_moved_is_that_from_where_it_was_ask
 
 
 @pytest.mark.slow
-def test_the_parts_of_the_wall_on_a_face_are_on_that_face() -> None:
-    body = bored_block()
-    model = tpmscad.infill(body, **P)
-    faces = body.faces()
-    seen = set()
-    for of in model.named_solids():
-        for label, face in zip(of.labels, bd.Shape.cast(of.solid).faces(), strict=True):
-            if number := re.fullmatch(r"body (\d+)", label):
-                seen.add(label)
-                assert faces[int(number[1])].distance_to(face.position_at(0.5, 0.5)) < 1e-6 or face.inner_wires()
-    assert len(seen) == len(faces)
-
-
-@pytest.mark.slow
 def test_the_wall_has_the_groups_of_the_body_and_channels_have_openings() -> None:
     domains = tpmscad.fluid_domains(domed_block(), **P | {"phase": (0.1, 0.2, 0.3)})
     wall = areas_of_groups(domains.wall)

@@ -17,7 +17,7 @@ from tpmscad.kernel.export.shape_file import name_solids
 from tpmscad.kernel.measure.shape_report import check_shape
 from tpmscad.kernel.measure.solid_topology import measure_topology
 from tpmscad.kernel.occt.construction import make_solid
-from tpmscad.kernel.occt.exploration import faces_of, solids_of
+from tpmscad.kernel.occt.exploration import solids_of
 from tpmscad.kernel.step.face_labels import NamedSolid
 from tpmscad.results.domain_results import FluidDomains
 from tpmscad.solids.boolean_strategies import signed_distances_to_nodes
@@ -187,16 +187,6 @@ class TestFluidDomains:
         assert sum(part.volume for part in parts) == pytest.approx(np.pi * 64 * 12, rel=1e-6)
         assert domains.certificate.met
 
-    def test_wall_and_channels_share_faces_and_the_channels_none(self, domains: FluidDomains) -> None:
-        wall, plus, minus = (
-            {hash(face) for face in faces_of(part)} for part in (domains.wall, domains.plus, domains.minus)
-        )
-        assert len(wall & plus) > 0
-        assert len(wall & minus) > 0
-        assert not plus & minus
-        curved = {bd.GeomType.BSPLINE, bd.GeomType.BEZIER}
-        assert len(wall & (plus | minus)) == sum(face.geom_type in curved for face in domains.wall.solid.faces())
-
     def test_a_channel_s_hydraulic_diameter_counts_the_faces_it_shares_with_the_wall(
         self, domains: FluidDomains
     ) -> None:
@@ -246,10 +236,6 @@ class TestBodyField:
             assert found(at) == pytest.approx(exact(at), abs=1e-7)
             assert found.gradient(at) == pytest.approx(exact.gradient(at), abs=1e-4)
             assert found.on_grid([0, 1], [0, 1, 2], [0.5]).shape == (2, 3, 1)
-
-    def test_it_combines_with_other_fields(self) -> None:
-        both = tpmscad.body_field(bd.Sphere(4)) & fields.halfspace((0, 0, 0), (0, 0, 1))
-        assert both(np.array([[0, 0, 1], [0, 0, -1], [0, 0, -5]])) == pytest.approx([1, -1, 1], abs=1e-7)
 
     def test_a_table_of_it_is_exact_at_the_samples_and_near_them_between(self) -> None:
         exact = fields.sphere((0, 0, 0), 4)

@@ -86,11 +86,6 @@ def test_an_infill_loses_its_chips_too() -> None:
     assert left.certificate.met
 
 
-def test_what_is_neither_drop_nor_keep_is_refused() -> None:
-    with pytest.raises(InvalidRequest, match="loose 'maybe' is unknown"):
-        tpmscad.lattice("gyroid", cell=10, thickness=1, loose="maybe")
-
-
 @pytest.mark.parametrize(
     ("betti", "words"),
     [

@@ -9,6 +9,7 @@ from typing import Any
 import build123d as bd
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 import tpmscad
 from tpmscad import fields
@@ -26,18 +27,7 @@ AXES = {"within": np.array([4.0, 3.5, 3.0]), "cut": np.array([10.0, 9.0, 4.0])}
 the edges between them."""
 
 
-def make_turn(x: float, y: float, z: float) -> np.ndarray:
-    turn = np.eye(3)
-    for axis, degrees in enumerate((x, y, z)):
-        c, s = np.cos(np.radians(degrees)), np.sin(np.radians(degrees))
-        one = np.eye(3)
-        i, j = [k for k in range(3) if k != axis]
-        one[[i, i, j, j], [i, j, i, j]] = c, -s, s, c
-        turn = turn @ one
-    return turn
-
-
-TURN, FIRST = make_turn(12.0, -20.0, 35.0), np.array([3.0, -7.0, 11.0])
+TURN, FIRST = Rotation.from_euler("XYZ", (12.0, 20.0, 35.0), degrees=True).as_matrix(), np.array([3.0, -7.0, 11.0])
 AFFINE = np.eye(4)
 AFFINE[:3, :3], AFFINE[:3, 3] = TURN * STEP, FIRST
 TO_LPS = np.diag([-1.0, -1.0, 1.0, 1.0])

@@ -9,7 +9,8 @@ import numpy as np
 import pytest
 
 import tpmscad
-from tpmscad import cli, fields
+from tests.cli.test_cli import run
+from tpmscad import fields
 from tpmscad.errors import InvalidRequest
 from tpmscad.requests.study_options import HomogenizeOptions
 from tpmscad.simulation.periodic_cell import IsotropicMaterial, solve_cell
@@ -21,16 +22,10 @@ pytest.importorskip("skfem")
 pytestmark = [pytest.mark.kernel, pytest.mark.slow]
 
 
-def run_command(line: str) -> int:
-    with pytest.raises(SystemExit) as stop:
-        cli.main(line.split())
-    return int(stop.value.code or 0)
-
-
 def test_a_cell_of_schwarz_p_is_cubic_below_the_bounds_and_the_same_on_tetrahedra(tmp_path: Path) -> None:
     """Conductivity 0.287 and error 2 to 3 % by fast Fourier transforms on 64^3 voxels of the nodal sheet."""
     report = tmp_path / "p.json"
-    assert run_command(f"homogenize P --volume-fraction 0.4 -o {tmp_path / 'p.inp'} --report {report}") == 0
+    assert run(f"homogenize P --volume-fraction 0.4 -o {tmp_path / 'p.inp'} --report {report}") == 0
     found = json.loads(report.read_text())
     assert found["conductivity"][0][0] == pytest.approx(0.287, rel=0.03)
     assert found["volume_fraction"] == pytest.approx(0.4, rel=1e-3)

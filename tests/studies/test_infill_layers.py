@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 import tpmscad
-from tpmscad import cli
+from tests.cli.test_cli import run
 
 pytest.importorskip("pyclipper")
 pytestmark = pytest.mark.kernel
@@ -74,19 +74,13 @@ def test_what_has_no_equal_cells_in_its_layers_is_refused() -> None:
         tpmscad.infill_layers(box, "P", **(asked | {"height": 1e-6}))
 
 
-def run_command(line: str) -> int:
-    with pytest.raises(SystemExit) as stop:
-        cli.main(line.split())
-    return int(stop.value.code or 0)
-
-
 def test_the_command_writes_layers(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     part, layers, report = (tmp_path / name for name in ("part.step", "part.cli", "part.json"))
     bd.export_step(bd.Box(4, 4, 1), part)
     line = f"infill {part} P --cell 2 --thickness 0.3"
-    assert run_command(f"{line} --layer 0.25 -o {layers} --report {report}") == 0
+    assert run(f"{line} --layer 0.25 -o {layers} --report {report}") == 0
     assert "4 layers" in capsys.readouterr().out
     assert json.loads(report.read_text())["layers"] == layers.read_text().count("$$LAYER/") == 4
-    assert run_command(f"{line} -o {layers}") == 2
+    assert run(f"{line} -o {layers}") == 2
     assert "--layer" in capsys.readouterr().err
-    assert run_command(f"{line} --layer 0.25 -o {tmp_path / 'part.step'}") == 2
+    assert run(f"{line} --layer 0.25 -o {tmp_path / 'part.step'}") == 2

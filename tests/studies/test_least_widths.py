@@ -75,18 +75,6 @@ def test_a_search_that_is_given_up_bounds_the_least_width_all_the_same(monkeypat
         assert np.linalg.norm(each.places[1] - each.places[0]) == pytest.approx(each.value)
 
 
-@pytest.mark.slow
-def test_print_check_faults_the_wall_that_samples_overlook() -> None:
-    part = field_with_voids(fields.sphere((4, 4, 4), 2.0), fields.sphere((8.1, 4, 4), 2.0))
-    report = tpmscad.check_print(part, min_wall=0.5)
-    assert not report["wall"].met
-    assert report["wall"].value == pytest.approx(0.1, abs=2 * FIELD_TOL)
-    assert report["wall"].bound is not None
-    assert report["wall"].places is not None
-    assert report.smallest_wall is report["wall"]
-    assert report.smallest_gap is report["gap"]
-
-
 def test_a_wall_is_found_behind_any_number_of_pairs_with_lower_bounds() -> None:
     """Pairs of cells that no normal joins may have the least bounds: the value must fall all the same, or the search swells."""
     shape = require_shape(bd.Box(10, 10, 1))
@@ -165,13 +153,6 @@ def test_a_sharp_wedge_has_no_wall() -> None:
 def test_a_sheet_that_ends_in_whole_patches_is_as_thick_as_asked() -> None:
     wall, _ = widths(tpmscad.lattice("gyroid", cell=10, thickness=0.4, boundary="natural", tol=FIELD_TOL).wrapped)
     assert_is(wall, 0.4, FIELD_TOL)
-
-
-@pytest.mark.slow
-def test_a_skin_is_as_thick_as_asked() -> None:
-    part = tpmscad.infill(bd.Box(9, 9, 9), "schwarz_p", cell=8, thickness=1.5, skin=0.4, tol=0.01)
-    wall, _ = widths(part.wrapped)
-    assert_is(wall, 0.4)
 
 
 @pytest.mark.slow

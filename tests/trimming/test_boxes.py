@@ -11,7 +11,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from tests.shapes.misfits import misfit
+from tests.shapes.misfits import misfit, volume
 from tpmscad import surfaces
 from tpmscad.brep import connectivity
 from tpmscad.brep.boundary_representation import Brep
@@ -27,10 +27,6 @@ TOL = 1e-7
 SHEET, SKEW, SKELETAL, OFF_SKELETAL = (-0.05, 0.05), (-0.03, 0.08), (None, 0.0), (None, 0.05)
 NAMES = ("gyroid", "diamond", "schwarz_p")
 AT_HOME = (0.0, 0.0, 0.0)
-
-
-def volume(brep: Brep) -> float:
-    return float(integral_properties.volume(integral_properties.integrate_faces(brep))[0]) if len(brep.faces) else 0.0
 
 
 def trim_box(lattice: Brep, lo: np.ndarray, hi: np.ndarray, *options: object) -> Brep:

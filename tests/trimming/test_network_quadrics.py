@@ -7,7 +7,8 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from tests.shapes import round_shapes as shapes
-from tests.trimming.network_operands import combine, rod, volume
+from tests.shapes.misfits import volume
+from tests.trimming.network_operands import combine, rod
 from tpmscad.brep import connectivity
 from tpmscad.brep.boundary_representation import Brep
 from tpmscad.brep.carriers import (

@@ -8,9 +8,10 @@ import numpy as np
 import pytest
 from scipy.interpolate import make_interp_spline
 
+from tests.shapes.misfits import volume
 from tests.shapes.round_shapes import sphere
 from tests.trimming.conftest import Cover, cover
-from tests.trimming.network_operands import combine, rod, volume
+from tests.trimming.network_operands import combine, rod
 from tpmscad import fields
 from tpmscad.brep import connectivity
 from tpmscad.brep.boundary_representation import Brep, move_brep, reverse_faces, select_faces, translate_brep
