@@ -114,6 +114,16 @@ def test_joined_text_is_that_of_the_parts(tmp_path: Path) -> None:
             check_joined(read_entity_table(whole), part, 700)
 
 
+def test_of_a_large_file_the_kernel_reads_an_excerpt_with_every_solid(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(_export_infill, "KERNEL_READ_LIMIT", 0)
+    file = tpmscad.export_infill(bd.Box(1.4, 1.4, 1.4), "P", tmp_path / "parts.step", **WALL)
+    table = read_entity_table(file.path)
+    with pytest.raises(KernelError, match=f"of {file.parts + 1} solids the kernel reads {file.parts}"):
+        _export_infill._verify(file.path, table, volume=file.volume, parts=file.parts + 1, whole=False)
+
+
 def test_refusals_name_the_remedy(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     box, path = bd.Box(3, 3, 3), tmp_path / "parts.step"
     with pytest.raises(InvalidRequest, match="leave loose out"):

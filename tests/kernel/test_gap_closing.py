@@ -60,6 +60,16 @@ def test_a_body_with_rounded_edges_is_read_as_the_clean_one(name: str, grid: flo
     prepare_trimming_body(read.brep, read.free_form)  # separating surfaces exist
 
 
+def test_a_loft_whose_edges_lie_off_its_faces_by_the_kernels_tolerance_is_closed() -> None:
+    """The outlines are of unlike kinds: the loft's faces pass by them within the kernel's tolerance, not the cut's."""
+    outlines = bd.Ellipse(9, 6).face(), bd.Pos(0, 0, 12) * bd.RectangleRounded(10, 10, 2).face()
+    body = bd.loft(outlines).solid()
+    read = read_free_form_body(body).brep
+    assert len(connectivity.find_unmatched_edges(read)) == 0
+    assert read.edges.deviation.max() < 3e-8
+    assert volume(read) == pytest.approx(body.volume, rel=1e-5)
+
+
 def test_planes_and_quadrics_keep_their_places_and_tangent_edges_their_kinds() -> None:
     body = made("rounded_block")
     clean, read = brep_from_shape(body), read_free_form_body(spoil(body, 1e-4, faces=False)).brep

@@ -75,6 +75,7 @@ def test_a_box_of_one_cell_has_the_volume_of_theory_wherever_it_stands(
     [
         ("gyroid", SKELETAL, AT_HOME),
         ("diamond", SKELETAL, (0.25, 0.25, 0.25)),
+        ("diamond", SKELETAL, (0.125, 0.0, 0.0)),
         ("schwarz_p", SKELETAL, (0.125, 0.0, 0.0)),
         ("gyroid", SHEET, (0.25, 0.25, 0.25)),
         ("diamond", SHEET, (0.125, 0.0, 0.0)),

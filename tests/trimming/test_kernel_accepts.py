@@ -25,6 +25,7 @@ pytestmark = pytest.mark.kernel
     [
         ("gyroid", (-0.05, 0.05), (0.0, 0.0, 0.0)),
         pytest.param("schwarz_p", (-0.05, 0.05), (0.125 + 1.5e-8, 0.25, 0.0), marks=pytest.mark.slow),
+        pytest.param("schwarz_p", (None, 0.0), (0.125 + 1.5e-8, 0.25, 0.0), marks=pytest.mark.slow),
         pytest.param("diamond", (None, 0.0), (0.11, 0.23, 0.37), marks=pytest.mark.slow),
     ],
 )
