@@ -256,6 +256,13 @@ class TestForeignShapes:
         assert found.products == ("ring",)
         assert found.shape.volume == pytest.approx(2 * np.pi**2 * 5.0 * 1.5**2, rel=1e-9)
 
+    @pytest.mark.parametrize("radii", [(3.0, 1.0), (1.0, 3.0)])
+    def test_a_cone_opens_to_the_side_on_which_it_did(self, radii: tuple[float, float], tmp_path: Path) -> None:
+        from OCP.BRepPrimAPI import BRepPrimAPI_MakeCone
+
+        write_shape(BRepPrimAPI_MakeCone(*radii, 4.0).Shape(), tmp_path / "cone.step")
+        assert check_step(tmp_path / "cone.step").shape.volume == pytest.approx(np.pi * 4 / 3 * 13, rel=1e-9)
+
     def test_nothing_is_printed(self, tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
         write_shape(build_solids(plane_box()).shape, tmp_path / "box.step")
         check_step(tmp_path / "box.step")
