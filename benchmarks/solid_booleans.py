@@ -2,7 +2,7 @@
 
     python -m benchmarks.solid_booleans [field | body] ...
 
-field: a cylinder cut, a ball in common and a plate fused, five solids of one cell. body: trimmed by three CAD bodies.
+field: a cylinder cut, a ball in common and a plate fused, two solids of one cell. body: trimmed by two CAD bodies.
 """
 
 from __future__ import annotations
@@ -15,9 +15,35 @@ from typing import Any
 import build123d as bd
 import numpy as np
 
-from tests.solids.test_solid_booleans import BODIES, CELL, FIELDS, in_ball, in_cylinder, quadratures
+from tests.solids.test_solid_booleans import CELL, ROD, Inside, flask, in_ball, in_cylinder, in_flask, quadratures
+from tpmscad import fields
+from tpmscad.fields import Field
 from tpmscad.kernel.measure.shape_report import check_shape
 from tpmscad.solids._solidify import solidify
+
+RAMP = fields.ramp("x", (0, 10), (0.15, 0.55))
+FIELDS = {"gyroid rod": ROD, "graded gyroid": fields.sheet(fields.tpms("gyroid", 10.0), -RAMP, RAMP)}
+
+
+def filleted_block() -> bd.Part:
+    """A block with two bores."""
+    block = bd.fillet(bd.Box(12, 10, 8).edges(), 1.5)
+    holes = bd.Pos(3, 1.5, 0) * bd.Cylinder(1.5, 12) + bd.Pos(-3, -1, 0) * bd.Cylinder(1.2, 12)
+    return bd.Pos(1, 2, 3) * (block - holes)
+
+
+def in_filleted_block(x: np.ndarray) -> np.ndarray:
+    """Whether points lie in it."""
+    x = x - np.array([1.0, 2.0, 3.0])
+    beyond = np.linalg.norm(np.maximum(np.abs(x) - np.array([4.5, 3.5, 2.5]), 0.0), axis=-1)
+    bored = (np.hypot(x[..., 0] - 3.0, x[..., 1] - 1.5) < 1.5) | (np.hypot(x[..., 0] + 3.0, x[..., 1] + 1.0) < 1.2)
+    return (beyond < 1.5) & ~bored
+
+
+BODIES: dict[str, tuple[Callable[[], bd.Part], Inside, Field]] = {
+    "filleted block": (filleted_block, in_filleted_block, fields.sheet(fields.tpms("gyroid", 12.0), -0.35, 0.35)),
+    "flask": (flask, in_flask, fields.rod(fields.tpms("gyroid", 13.0), -0.2)),
+}
 
 
 def field() -> None:

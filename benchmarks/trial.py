@@ -85,11 +85,12 @@ FAILURES = frozenset({WRONG, FOREIGN, CRASH, HANG, LEFT})
 
 @dataclass(frozen=True)
 class Verdict:
-    """What became of a request, and the words that go with it."""
+    """What became of a request, the words that go with it, CPU seconds, and the most memory (GiB), with those of its judge."""
 
     verdict: str
     words: str
     cpu: float = 0.0
+    memory: float = 0.0
 
 
 def draw(seed: int, number: int, only_kind: str | None = None) -> tuple[str, Drawn]:
@@ -173,14 +174,14 @@ class Child:
         with os.fdopen(self.pipe, "rb") as pipe:
             data = pipe.read()
         _, status, used = os.wait4(self.pid, 0)
-        cpu = used.ru_utime + used.ru_stime
+        cpu, memory = used.ru_utime + used.ru_stime, used.ru_maxrss / 2**20
         if data:
             kind, text, verdict = pickle.loads(data)
-            return kind, text, Verdict(verdict.verdict, verdict.words, cpu)
+            return kind, text, Verdict(verdict.verdict, verdict.words, cpu, memory)
         ended = os.WTERMSIG(status) if os.WIFSIGNALED(status) else -os.WEXITSTATUS(status)
         if ended in (signal.SIGXCPU, signal.SIGALRM, signal.SIGKILL) or cpu >= CPU_LIMIT - 1:
-            return "?", "", Verdict(HANG, f"ended after {cpu:.0f} s of CPU", cpu)
-        return "?", "", Verdict(CRASH, f"ended by signal {ended}", cpu)
+            return "?", "", Verdict(HANG, f"ended after {cpu:.0f} s of CPU", cpu, memory)
+        return "?", "", Verdict(CRASH, f"ended by signal {ended}", cpu, memory)
 
 
 def judge_requests(seed: int, numbers: range, kind: str | None, jobs: int) -> Iterator[tuple[int, str, str, Verdict]]:
@@ -219,22 +220,23 @@ def main(arguments: list[str] | None = None) -> int:
     numbers = range(given.start, given.start + given.count) if given.only is None else range(given.only, given.only + 1)
     warnings.simplefilter("ignore")
     table: Counter[tuple[str, str]] = Counter()
-    cpu, failures = 0.0, 0
+    cpu, memory, failures = 0.0, (0.0, -1), 0
     with contextlib.suppress(KeyboardInterrupt):  # the table of what was done so far
         for number, kind, text, verdict in judge_requests(given.seed, numbers, given.kind, given.jobs):
             table[kind, verdict.verdict] += 1
             cpu += verdict.cpu
+            memory = max(memory, (verdict.memory, number))
             failed = verdict.verdict in FAILURES
             failures += failed
             if failed or given.verbose or given.only is not None:
                 again = f"python -m benchmarks.trial --seed {given.seed} --only {number}" + (
                     f" --kind {given.kind}" if given.kind else ""
                 )
-                print(
-                    f"{verdict.verdict}: {verdict.words}\n    {text}\n    {again}   ({verdict.cpu:.1f} s)", flush=True
-                )
+                used = f"({verdict.cpu:.1f} s, {verdict.memory:.2f} GiB)"
+                print(f"{verdict.verdict}: {verdict.words}\n    {text}\n    {again}   {used}", flush=True)
     print(
-        f"\nseed {given.seed}, {table.total()} of the requests {numbers.start} to {numbers.stop - 1}: {cpu:.0f} s of CPU"
+        f"\nseed {given.seed}, {table.total()} of the requests {numbers.start} to {numbers.stop - 1}: {cpu:.0f} s of CPU, "
+        f"at most {memory[0]:.2f} GiB (request {memory[1]})"
     )
     width = max(map(len, KINDS)) + 2
     print(" " * width + "".join(f"{v:>19}" for v in VERDICTS))

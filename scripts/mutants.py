@@ -197,8 +197,9 @@ def try_mutant(tree: Path, mutant: Mutant, tests: list[str], seconds: float) -> 
                 os.killpg(run.pid, signal.SIGKILL)  # with the processes that a test has started
             shutil.copy(mutant.file, inside)
             os.utime(inside)
-    if status > 3:  # below zero: ended by a signal, as compiled code may be
-        raise SystemExit(f"pytest ended with {status}:\n{(tree / 'pytest.log').read_text()[-2000:]}")
+    told = (tree / "pytest.log").read_text(encoding="utf-8", errors="replace")
+    if status > 3 and "ERROR collecting" not in told:  # below zero: ended by a signal, as compiled code may be
+        raise SystemExit(f"pytest ended with {status}:\n{told[-2000:]}")
     return "noticed" if status else "survived"
 
 
@@ -217,11 +218,15 @@ def main() -> int:
     parser.add_argument(
         "--report", type=Path, help="a JSON file of places and verdicts, to be compared with another run"
     )
+    parser.add_argument("--noticed-in", type=Path, help="an earlier report: only the mutants that it says were noticed")
     given = parser.parse_args()
+    earlier = json.loads(given.noticed_in.read_text()) if given.noticed_in else None
     record, verdicts, survivors = LineRecord(given.coverage), dict[str, str](), list[str]()
     files = [ROOT / name for name in given.modules.read_text().split()] if given.modules else list_modules(given.rooms)
     with copied_tree() as tree:
         for number, mutant in enumerate(draw_mutants(files, given.count, given.seed), 1):
+            if earlier is not None and earlier[f"{number} {mutant.place}"] != "noticed":
+                continue
             begun = time.perf_counter()
             verdict = try_mutant(tree, mutant, record.find_tests(mutant)[: given.tests], given.seconds)
             verdicts[f"{number} {mutant.place}"] = verdict
@@ -234,7 +239,7 @@ def main() -> int:
                 survivors.append("\n".join([mutant.place, *(f"    {d}" for d in difference)]))
     if given.report:
         given.report.write_text(json.dumps(verdicts, indent=1))
-    print(f"\n{Counter(verdicts.values())['noticed']} of {given.count} noticed: {dict(Counter(verdicts.values()))}")
+    print(f"\n{Counter(verdicts.values())['noticed']} of {len(verdicts)} noticed: {dict(Counter(verdicts.values()))}")
     print(*survivors, sep="\n\n")
     return 1 if survivors else 0
 

@@ -58,17 +58,11 @@ def test_the_example_of_every_argument_is_what_it_takes() -> None:
             "thickness True is not a number; .* as in thickness=1.0",
         ),
         (lambda: tpmscad.lattice("gyroid", cell=b"10", thickness=1), "cell b'10' is not a number"),
-        (lambda: tpmscad.lattice("gyroid", cell="10", thickness=1), "cell '10' is not a number"),
-        (lambda: tpmscad.lattice("gyroid", cell=(10, 10), thickness=1), r"cell \(10, 10\) must be .* not 2"),
-        (lambda: tpmscad.lattice("gyroid", cell=10, thickness=1, cells=2.5), "cells 2.5 must be a whole number"),
         (lambda: tpmscad.lattice("gyroid", cell=10, thickness=1, phase=(0, np.nan, 0)), "phase .* must be finite"),
-        (lambda: tpmscad.maps.stretching((1, -1, 1)), "factors .* must be positive"),
-        (lambda: tpmscad.maps.cylinder(float("nan")), "radius nan must be finite"),
         (lambda: fields.warp(fields.tpms("gyroid"), 3), "map 3 can't be called"),
         (lambda: fields.rotate(1.0, "x", float("nan")), "angle nan must be finite"),
         (lambda: fields.sphere((0, 0, 0), 1e308), r"radius 1e\+308 is beyond 1e\+100"),
         (lambda: fields.sphere((0, 0, 0), 10**400), r"radius 1000.* is beyond 1e\+100"),
-        (lambda: fields.tpms("gyroid")(["1", "2", "3"]), "points .* is no array of numbers"),
     ],
 )
 def test_values_of_the_wrong_kind_are_refused_by_name_value_and_example(call: Any, said: str) -> None:
@@ -138,6 +132,8 @@ def test_requests_beyond_the_memory_are_refused_before_it_is_taken() -> None:
     for make in (tpmscad.struts, lambda kind, cell, cells, diameter: fields.strut_lattice(kind, cell, diameter, cells)):
         with pytest.raises(OutOfMemory, match=r"struts of 2000 x 2000 x 2000 cells; use fewer cells"):
             make("octet", cell=6, cells=(2000, 2000, 2000), diameter=0.8)
+        with pytest.raises(OutOfMemory, match=r"struts of 1e\+99 x 1 x 1 cells"):
+            make("octet", cell=6, cells=(10**99, 1, 1), diameter=0.8)
     require_memory(1, physical_memory() / 2, "half of it", "nothing")
     with pytest.raises(OutOfMemory):
         require_memory(2, physical_memory(), "twice of it", "half of it")
@@ -157,7 +153,7 @@ def test_memory_that_the_process_may_not_take_is_not_counted(monkeypatch: pytest
 
 
 def test_a_solid_of_a_field_without_slope_on_its_surface_is_refused() -> None:
-    flat = fields.from_function(lambda p: p[:, 0] - 5, gradient=lambda p: 0 * p)
+    flat = fields.from_function(lambda p: (p[:, 0] - 5) ** 3, gradient=lambda p: 3 * (p - 5) ** 2 * [1, 0, 0])
     with pytest.raises(TpmscadError, match="gradient is zero"):
         tpmscad.solidify(flat, ((0, 0, 0), (10, 10, 10)), tol=0.5)
 

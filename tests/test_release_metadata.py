@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-import importlib.util
 import re
+import runpy
 import tomllib
 from pathlib import Path
 from typing import Any
@@ -20,13 +20,8 @@ HOOK = tomllib.loads((ROOT / "pyproject.toml").read_text())["tool"]["hatch"]["me
 def complete(home: str) -> dict[str, Any]:
     """The metadata that the hook adds for a home of the repository."""
     pytest.importorskip("hatchling", reason="hatchling is not installed: pip install '.[test]'")
-    spec = importlib.util.spec_from_file_location("hatch_build", ROOT / "hatch_build.py")
-    assert spec is not None
-    assert spec.loader is not None
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
     metadata: dict[str, Any] = {"version": "1.2.3"}
-    module.HomeHook(str(ROOT), {**HOOK, "home": home}).update(metadata)
+    runpy.run_path(str(ROOT / "hatch_build.py"))["HomeHook"](str(ROOT), {**HOOK, "home": home}).update(metadata)
     return metadata
 
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import dataclasses
 import inspect
-import traceback
 from collections.abc import Callable
 from functools import cache
 from html.parser import HTMLParser
@@ -205,21 +204,3 @@ def test_a_sweep_is_a_table_in_notebooks(tmp_path: Path, monkeypatch: pytest.Mon
     assert "<th>volume</th>" in html
     assert "<th>E1</th>" not in html
     assert "{" not in html
-
-
-def test_the_traceback_of_a_bad_request_ends_at_the_call() -> None:
-    with pytest.raises(tpmscad.InvalidRequest) as caught:
-        tpmscad.lattice("gyroid", cell=10, thickness=20)
-    frames = traceback.extract_tb(caught.value.__traceback__)
-    assert Path(frames[0].filename).name == Path(__file__).name
-    assert len(frames) == 2
-    assert caught.value.__context__ is None
-
-
-def test_the_cause_in_a_function_of_the_caller_is_kept() -> None:
-    def field(points: np.ndarray) -> np.ndarray:
-        raise ZeroDivisionError("at the origin")
-
-    with pytest.raises(tpmscad.TpmscadError) as caught:
-        tpmscad.solidify(field, ((0, 0, 0), (1, 1, 1)), tol=0.1)
-    assert isinstance(caught.value.__cause__, ZeroDivisionError)

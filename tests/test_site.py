@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import ast
-import importlib.util
 import inspect
 import re
+import runpy
 from pathlib import Path
 from typing import Any
 
@@ -19,16 +19,7 @@ PICTURE = re.compile(r"!\[[^]]+\]\(([^)]+\.png)\)")
 PICTURE_BYTES = 50_000
 
 
-@pytest.fixture(scope="module")
-def check_site() -> Any:
-    """The script of that name."""
-    spec = importlib.util.spec_from_file_location("check_site", ROOT / "scripts" / "check_site.py")
-    assert spec is not None
-    assert spec.loader is not None
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
-    return module
-
+find_faults = runpy.run_path(str(ROOT / "scripts" / "check_site.py"))["find_faults"]
 
 WHOLE = '<a href="b/two.html#here">two</a><a href="https://example.org/">away</a><img src="data:image/png;base64,">'
 FAULTS = {
@@ -50,13 +41,13 @@ def make_site(folder: Path, page: str) -> Path:
     return folder
 
 
-def test_a_whole_site_has_no_faults(check_site: Any, tmp_path: Path) -> None:
-    assert check_site.find_faults(make_site(tmp_path, WHOLE)) == []
+def test_a_whole_site_has_no_faults(tmp_path: Path) -> None:
+    assert find_faults(make_site(tmp_path, WHOLE)) == []
 
 
 @pytest.mark.parametrize(("page", "said"), FAULTS.items())
-def test_a_fault_of_a_site_is_named_with_its_page(page: str, said: str, check_site: Any, tmp_path: Path) -> None:
-    (fault,) = check_site.find_faults(make_site(tmp_path, WHOLE + page))
+def test_a_fault_of_a_site_is_named_with_its_page(page: str, said: str, tmp_path: Path) -> None:
+    (fault,) = find_faults(make_site(tmp_path, WHOLE + page))
     assert said in fault
     assert fault.startswith("one.html ")
 

@@ -90,17 +90,12 @@ def test_initial_errors_are_those_of_the_initial_weight():
 
 @pytest.mark.slow
 @pytest.mark.parametrize("method", ["beta-growth", "discrete-reconstruction", "sigmoid", "gaussian-rbf"])
-def test_a_baseline_method_reports_its_defects_and_keeps_the_outside(method):
-    first, second = RECOMMENDED["components"]
-    result = blend_by_baseline([first, second], [LEFT, RIGHT], [MIDDLE], method, SIZE)
+def test_a_baseline_method_reports_its_defects(method):
+    result = blend_by_baseline(RECOMMENDED["components"], [LEFT, RIGHT], [MIDDLE], method, SIZE)
     assert result.converged == (result.errors.remaining == 0)
     assert result.iterations == 0
     if method != "gaussian-rbf":
         assert result.errors.n0.final[0] > 0
-    points = np.random.default_rng(0).uniform((0, 0, 0), (1, 0.25, 0.25), (5000, 3))
-    values, x = result.field(points), points[:, 0]
-    assert np.array_equal(values[x < 0.3], first(points)[x < 0.3])
-    assert np.array_equal(values[x > 0.7], second(points)[x > 0.7])
 
 
 @pytest.mark.parametrize("method", ["beta-growth", "sigmoid"])

@@ -12,6 +12,7 @@ EXAMPLES = [path for path in sorted(FOLDER.glob("blend_*.py")) if path.stem != "
 
 
 @pytest.mark.documentation
+@pytest.mark.slow
 @pytest.mark.parametrize("path", EXAMPLES, ids=lambda path: path.stem)
 def test_an_example_holds_what_it_checks_and_draws_it(path, tmp_path, monkeypatch):
     monkeypatch.syspath_prepend(str(FOLDER))

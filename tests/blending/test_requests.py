@@ -152,11 +152,3 @@ def test_progress_reports_the_beginning_and_the_end_of_each_stage_in_turn():
     stages = list(result.seconds)
     assert reports == [(stage, fraction) for stage in stages for fraction in (0.0, 1.0)]
     assert stages == ["sampling", "weights", "optimisation", "subgrid defects", "check"]
-
-
-def test_errors_become_plain_values_for_a_report():
-    result = blend((ROD, OTHER), (LEFT, RIGHT), [MIDDLE], resolution=SIZE)
-    report = result.errors.to_dict()
-    assert report["resolutions"] == (SIZE, (48, 26, 24))
-    assert set(report["n0"]) == {"initial", "final", "intrinsic"}
-    assert set(result.seconds) >= {"sampling", "weights", "optimisation", "check"}

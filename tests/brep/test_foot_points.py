@@ -13,6 +13,7 @@ from tpmscad._typing import Array
 from tpmscad.brep.foot_points import find_foot_points
 from tpmscad.brep.foot_surface import prepare_foot_surface
 from tpmscad.brep.free_form_surface import FreeFormSurface, find_smooth_seams
+from tpmscad.brep.patch_pairs import unit_vectors
 from tpmscad.rigid_motion import Motion
 from tpmscad.splines.bspline import BSplineSurface
 from tpmscad.splines.knots import greville_abscissae, insert_knot, restrict_surface, uniform_knots
@@ -121,8 +122,7 @@ def beside(carrier: FreeFormSurface, count: int, seed: int = 3) -> tuple[Array, 
     uv = np.array(
         [rng.uniform(low + 0.02 * (high - low), high - 0.02 * (high - low), count) for low, high in carrier.domain]
     )
-    normal = carrier.normal(*uv)
-    normal /= np.linalg.norm(normal, axis=1)[:, None]
+    normal = unit_vectors(carrier.normal(*uv))
     distance = rng.uniform(-reach, reach, count)
     return carrier(*uv) + distance[:, None] * normal, uv.T, distance, normal
 
@@ -254,10 +254,8 @@ def test_feet_in_the_seam_of_a_tube_are_not_forced_unless_it_is_not_told_closed(
     spline = tube()
     assert find_smooth_seams(spline) == (True, False)
     v = np.linspace(0.3, 3.7, 40)
-    normal = spline.normal(0 * v, v)
-    normal /= np.linalg.norm(normal, axis=1)[:, None]
-    tangent = spline(0 * v, v, 1, 0)
-    tangent /= np.linalg.norm(tangent, axis=1)[:, None]
+    normal = unit_vectors(spline.normal(0 * v, v))
+    tangent = unit_vectors(spline(0 * v, v, 1, 0))
     points = spline(0 * v, v) + 0.2 * normal + 1e-3 * np.linspace(-1, 1, 40)[:, None] * tangent
     closed = FreeFormSurface(spline, (True, False)).foot_points(points)
     assert not closed.forced.any()
@@ -287,8 +285,7 @@ def test_beyond_its_border_a_surface_goes_on_by_its_polynomials_and_no_farther()
     carriers = [FreeFormSurface(whole), FreeFormSurface(part, continuation=length), FreeFormSurface(part)]
     rng = np.random.default_rng(9)
     uv = rng.uniform(0.25, 0.85, (500, 2))
-    normal = whole.normal(*uv.T)
-    normal /= np.linalg.norm(normal, axis=1)[:, None]
+    normal = unit_vectors(whole.normal(*uv.T))
     points = whole(*uv.T) + rng.uniform(-0.05, 0.05, (500, 1)) * normal
     full, long, short = (carrier.foot_points(points) for carrier in carriers)
     inside = ((uv > (0.3, 0.4)) & (uv < (0.7, 0.8))).all(axis=1)
@@ -314,8 +311,7 @@ def test_where_forced_it_is_the_tangent_plane_of_the_border() -> None:
     carrier = FreeFormSurface(with_poles(wave, (4, 3), (3, 2)))
     points = points_about(carrier, 500)
     found = carrier.foot_points(points)
-    n = carrier.normal(*found.parameters.T)
-    n /= np.linalg.norm(n, axis=1)[:, None]
+    n = unit_vectors(carrier.normal(*found.parameters.T))
     plane = np.einsum("nk,nk->n", points - carrier(*found.parameters.T), n)
     assert 50 < found.forced.sum() < 450
     np.testing.assert_allclose(found.distance, plane, rtol=0, atol=1e-14)
@@ -376,8 +372,7 @@ def test_near_centres_of_curvature_no_second_foot_is_missed() -> None:
     carrier = FreeFormSurface(with_poles(wave, (4, 3), (3, 2)))
     u, v = np.random.default_rng(1).random((2, 20000))
     su, sv, suu, suv, svv = (carrier(u, v, *order) for order in ((1, 0), (0, 1), (2, 0), (1, 1), (0, 2)))
-    normal = np.cross(su, sv)
-    normal /= np.linalg.norm(normal, axis=1)[:, None]
+    normal = unit_vectors(np.cross(su, sv))
     first = np.einsum("inc,jnc->nij", [su, sv], [su, sv])
     second = np.einsum("ijnc,nc->nij", [[suu, suv], [suv, svv]], normal)
     bends = np.linalg.eigvals(np.linalg.solve(first, second)).real
@@ -404,7 +399,6 @@ def test_layers_closer_than_their_cells_are_thick_are_told_apart() -> None:
     carrier = FreeFormSurface(fitted(spiral, (40, 1), (7, 2), (0.0, end), (0.0, 1.0)))
     rng = np.random.default_rng(1)
     u, v, distance = rng.uniform(0.3, end - 0.3, 2000), rng.uniform(0.1, 0.9, 2000), rng.uniform(-0.0045, 0.0045, 2000)
-    normal = carrier.normal(u, v)
-    normal /= np.linalg.norm(normal, axis=1)[:, None]
+    normal = unit_vectors(carrier.normal(u, v))
     found = carrier.foot_points(carrier(u, v) + distance[:, None] * normal)
     np.testing.assert_allclose(found.distance, distance, rtol=0, atol=1e-13)

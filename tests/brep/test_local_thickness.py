@@ -13,16 +13,12 @@ from tpmscad.levelset.level_set_fit import MIN_NORMAL_COSINE, LevelSetFit
 from tpmscad.splines.basis import bernstein_basis, evaluate_bezier_patches
 
 
-def ball(radius: float, counts: tuple[int, int, int]) -> LevelSetFit:
-    return ball_fit(counts, radius=radius, spacing=1.5)[0]
-
-
 @pytest.mark.slow
 @pytest.mark.parametrize(("part", "crossing"), [(0.2, True), (3.0, False)])
 def test_sides_of_a_wall_that_cross_have_normals_against_the_gradient(part: float, crossing: bool) -> None:
-    outer = ball(RADIUS, (6, 7, 5))
+    outer = ball_fit(spacing=1.5)
     off = float(outer.quality.samples.distance.max())
-    inner = ball(RADIUS - part * off, (5, 8, 6))
+    inner = ball_fit((5, 8, 6), radius=RADIUS - part * off, spacing=1.5)
     wall = fields.sphere(CENTRE, RADIUS) & ~fields.sphere(CENTRE, RADIUS - part * off)
     beyond = clearly_beyond(outer, inner, 0.2 * off)
     assert (len(beyond) > 0) == crossing

@@ -19,7 +19,7 @@ from tpmscad.rigid_motion import Motion
 from tpmscad.splines.bspline import BSplineCurve, BSplineSurface, line_segment
 from tpmscad.splines.knots import bezier_knots, restrict_surface
 
-SIZE = np.array([2.0, 3.0, 5.0])
+SIZE, IDENTITY, ORIGIN = np.array([2.0, 3.0, 5.0]), np.eye(3), np.zeros(3)
 
 
 def patch_box(degree: int = 1) -> Brep:
@@ -39,8 +39,17 @@ def patch_box(degree: int = 1) -> Brep:
     return weld_patches(surfaces, np.arange(n), Motion.identity(n), np.ones(n, int), np.zeros(n, int), ["box"])
 
 
+def moments_of(
+    surface: BSplineSurface, rotation: np.ndarray = IDENTITY, translation: np.ndarray = ORIGIN
+) -> integral_properties.FaceMoments:
+    """Moments of a whole surface as a face, placed."""
+    one = np.ones(1, int)
+    place = Motion(rotation[None], translation[None])
+    return integral_properties.integrate_faces(weld_patches([surface], 0 * one, place, one, 0 * one, ["a"]))
+
+
 MOTIONS = {
-    "at rest": (np.eye(3), np.zeros(3)),
+    "at rest": (IDENTITY, ORIGIN),
     "turned": (Rotation.from_rotvec([0.3, -1.1, 0.7]).as_matrix(), np.array([0.4, -7.0, 2.5])),
     "mirrored": (np.diag([1.0, -1.0, 1.0]) @ Rotation.from_rotvec([1.3, 0.1, 0.2]).as_matrix(), np.array([1.0, 2, 3])),
 }
@@ -72,15 +81,8 @@ def test_moments_of_moved_patches_are_those_of_patches_with_moved_poles(motion: 
     rng = np.random.default_rng(7)
     knots_u, knots_v = np.array([0, 0, 0, 0.4, 1, 1, 1]), np.array([0, 0, 0, 0, 1, 1, 1, 1.0])
     surface = BSplineSurface(rng.random((4, 4, 3)), knots_u, knots_v, 2, 3)
-    one = np.ones(1, int)
-
-    def moments(s: BSplineSurface, r: np.ndarray, t: np.ndarray) -> integral_properties.FaceMoments:
-        return integral_properties.integrate_faces(
-            weld_patches([s], 0 * one, Motion(r[None], t[None]), one, 0 * one, ["a"])
-        )
-
-    placed = moments(surface, rotation, translation)
-    baked = moments(surface.moved(Motion(rotation, translation)), np.eye(3), np.zeros(3))
+    placed = moments_of(surface, rotation, translation)
+    baked = moments_of(surface.moved(Motion(rotation, translation)))
     for name in ("area", "normal", "first", "second"):
         np.testing.assert_allclose(getattr(placed, name), getattr(baked, name), rtol=1e-12, atol=1e-13)
 
@@ -90,13 +92,8 @@ def test_inner_knots_do_not_blur_the_quadrature() -> None:
     rng = np.random.default_rng(5)
     knots_u, knots_v = np.array([0, 0, 0, 0.3, 0.7, 1, 1, 1]), np.array([0, 0, 0, 0, 0.45, 1, 1, 1, 1.0])
     surface = BSplineSurface(rng.random((5, 5, 3)), knots_u, knots_v, 2, 3)
-    one = np.ones(1, int)
-
-    def moments(s: BSplineSurface) -> integral_properties.FaceMoments:
-        return integral_properties.integrate_faces(weld_patches([s], 0 * one, Motion.identity(1), one, 0 * one, ["a"]))
-
     pieces = [restrict_surface(surface, u, v) for u in ((0, 0.3), (0.3, 0.7), (0.7, 1)) for v in ((0, 0.45), (0.45, 1))]
-    whole, parts = moments(surface), [moments(p) for p in pieces]
+    whole, parts = moments_of(surface), [moments_of(p) for p in pieces]
     for name in ("normal", "first", "second"):
         np.testing.assert_allclose(
             getattr(whole, name), sum(getattr(p, name) for p in parts), rtol=0, atol=1e-14, err_msg=name
@@ -124,11 +121,7 @@ def test_a_face_within_a_large_spline_needs_no_integral_from_the_first_knot() ->
     corners = np.array([[u0, v0], [u1, v0], [u1, v1], [u0, v1]])
     loop = [(line_segment(a, b), (0.0, 1.0)) for a, b in zip(corners, np.roll(corners, -1, axis=0), strict=True)]
     found = integrate_pcurves(surface, loop, np.full(4, 0.375)).sum(axis=0)
-    one = np.ones(1, int)
-    cut = restrict_surface(surface, (u0, u1), (v0, v1))
-    expected = integral_properties.integrate_faces(
-        weld_patches([cut], 0 * one, Motion.identity(1), one, 0 * one, ["cut"])
-    )
+    expected = moments_of(restrict_surface(surface, (u0, u1), (v0, v1)))
     np.testing.assert_allclose(found[1:4], expected.normal[0], rtol=0, atol=1e-14)
     np.testing.assert_allclose(found[4:13].reshape(3, 3), expected.first[0], rtol=0, atol=1e-14)
     np.testing.assert_allclose(found[13:], expected.second[0], rtol=0, atol=1e-14)

@@ -25,10 +25,3 @@ def test_patches_in_one_piece_or_two_a_side_have_the_moments_that_line_integrals
     assert np.allclose(fast.area, slow.area, rtol=1e-6)  # a square root, which no rule integrates exactly
     for name in ("normal", "first", "second"):
         assert np.allclose(getattr(fast, name), getattr(slow, name), rtol=1e-12, atol=1e-9), name
-
-
-def test_a_ball_of_whole_patches_has_its_centre_and_volume() -> None:
-    solid = fit_field_solid(fields.sphere((5.0, 5.2, 4.9), 4.0), np.zeros(3), np.full(3, 10.0), 1e-3).brep
-    moments = integral_properties.integrate_faces(solid)
-    assert integral_properties.volume(moments)[0] == pytest.approx(4 / 3 * np.pi * 64, rel=2e-4)
-    assert integral_properties.centroid(moments) == pytest.approx([5.0, 5.2, 4.9], abs=1e-3)

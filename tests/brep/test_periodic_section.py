@@ -71,7 +71,7 @@ def test_the_reversed_section_is_the_rest(kind: str) -> None:
     assert section.thin(0.01).length <= section.length
 
 
-@settings(max_examples=25, deadline=None)
+@settings(max_examples=12, deadline=None)
 @given(st.sampled_from(KINDS), st.integers(0, 10**6))
 def test_clipped_by_an_outline_it_is_what_clipper_makes(kind: str, seed: int) -> None:
     rng = np.random.default_rng(seed)

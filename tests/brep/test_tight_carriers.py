@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -80,13 +81,7 @@ def cut() -> tuple[Brep, Brep]:
     tight = trim(lattice, box([1.3, 2.1, 1.7], [8.2, 9.1, 7.9])).brep
     wholes, number = whole_surfaces(tight)
     carriers = tuple(wholes.get(i, c) for i, c in enumerate(tight.carriers))
-    faces = type(tight.faces)(
-        number[tight.faces.carrier],
-        *(getattr(tight.faces, n) for n in ("motion", "sense", "tag", "loop_start", "use_start")),
-    )
-    return tight, Brep(
-        carriers, tight.curves, tight.pcurves, tight.vertices, tight.edges, tight.uses, faces, tight.tags
-    )
+    return tight, replace(tight, carriers=carriers, faces=replace(tight.faces, carrier=number[tight.faces.carrier]))
 
 
 @pytest.mark.slow

@@ -5,14 +5,13 @@ from __future__ import annotations
 import json
 import os
 import re
-import shlex
 import shutil
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from tpmscad import cli
+from tests.cli.test_cli import run
 
 EXAMPLES = Path(__file__).resolve().parents[2] / "examples"
 RODS = "\n".join(
@@ -25,12 +24,6 @@ BOXES = "\n".join(
 )
 TORN = f'tol = 0.05\nmethod = "initial"\nresolution = [100, 26, 26]\n{RODS}\n{BOXES}\n'
 """A blend left as it starts: in pieces."""
-
-
-def run(line: str) -> int:
-    with pytest.raises(SystemExit) as stop:
-        cli.main(shlex.split(line))
-    return int(stop.value.code or 0)
 
 
 @pytest.fixture(autouse=True)
@@ -55,13 +48,6 @@ def test_a_dry_run_blends_and_writes_the_report_only(capsys: pytest.CaptureFixtu
     assert report["errors"]["n0"]["final"] == [0, 0]
 
 
-@pytest.mark.slow
-def test_a_dry_run_of_a_field_tells_how_solid_it_is(capsys: pytest.CaptureFixture[str]) -> None:
-    assert run("solidify graded.toml --dry-run --report out.json") == 0
-    assert "% of it solid" in capsys.readouterr().out
-    assert 0.3 < json.loads(Path("out.json").read_text())["volume_fraction"] < 0.5
-
-
 def test_a_blend_with_errors_left_ends_in_1_with_its_message_and_no_model(capsys: pytest.CaptureFixture[str]) -> None:
     assert run("blend torn.toml -o out.step --report out.json") == 1
     out, err = capsys.readouterr()
@@ -72,12 +58,6 @@ def test_a_blend_with_errors_left_ends_in_1_with_its_message_and_no_model(capsys
     assert run("blend torn.toml --dry-run --allow-errors") == 0
 
 
-def test_a_dry_run_names_the_file_that_it_does_not_write(capsys: pytest.CaptureFixture[str]) -> None:
-    assert run("blend scaffold.toml --dry-run -o out.step") == 0
-    assert capsys.readouterr().out.endswith("out.step would be written\n")
-    assert made() == []
-
-
 @pytest.mark.parametrize(
     "line",
     [
@@ -85,21 +65,12 @@ def test_a_dry_run_names_the_file_that_it_does_not_write(capsys: pytest.CaptureF
         "blend missing.toml -o out.step",
         "blend scaffold.toml -o out.obj",
         "blend scaffold.toml -o nowhere/out.step",
-        "blend graded.toml -o out.step",
-        "solidify scaffold.toml -o out.step",
-        "solidify graded.toml",
         "solidify graded.toml --dry-run --report nowhere/out.json",
     ],
 )
 def test_bad_usage_ends_in_2_before_anything_is_made(capsys: pytest.CaptureFixture[str], line: str) -> None:
     assert run(line) == 2
     assert capsys.readouterr().err
-    assert made() == []
-
-
-def test_options_of_arrays_are_refused_for_a_recipe(capsys: pytest.CaptureFixture[str]) -> None:
-    assert run("solidify graded.toml --level 0.3 --tol 0.1 -o out.step") == 2
-    assert "--level, --tol: a recipe says these itself" in capsys.readouterr().err
     assert made() == []
 
 
@@ -153,7 +124,6 @@ class TestArrays:
         ("line", "message"),
         [
             ("organs.npy --level 0.5", "organs.npy holds the labels 0, 1, 2, .*: --label makes the surface of one"),
-            ("organs.npy --label 3", "organs.npy holds no label 3: its values are 0, 1, 2"),
             (
                 "organs.npy --label 1 --level 0.5",
                 "give either --level or --volume-fraction, for grey values, or --label",
@@ -161,23 +131,19 @@ class TestArrays:
             ("organs.npy --label 1 --point-data", "leave --point-data out"),
             ("density.npy", "grey values: it needs --level.*; of a segmentation give --label"),
             ("density.npy --level 0.5 --volume 1", "volume 1: density.npy holds one volume: leave --volume out"),
-            ("density.npy --level 7", "reach from 0 to 1; Otsu's threshold of their histogram is 0.5"),
-            ("density.npy --smoothing 1", "grey values: it needs --level"),
             ("density.npy --as gyroid", "a lattice needs --cell, the edge of its cell"),
             ("density.npy --as gyroid --cell 6 --level 0.5", "--level: a lattice is graded by all of the densities"),
             ("density.npy --cell 6 --level 0.5", "--cell is that of a lattice: give --as too"),
             ("organs.npy --as gyroid --cell 6", "organs.npy holds values that are no densities from 0 to 1, 0 to 2"),
-            ("density.npy --as giroid --cell 6", "gyroid"),
             ("organs.npy --label 0 --among 1,2", "label 0 is none of those in --among, 1, 2"),
             ("organs.npy --among 1,2", "give one --label of those in --among, 1, 2"),
-            ("organs.npy --label 1,2 --among 1,2", "give one --label of those in --among, 1, 2"),
             ("organs.npy --among 1,2 --level 0.5", "--among is for labels: leave it out, or --level"),
             ("organs.npy --smoothing 1", "leave --smoothing out, it is for grey values"),
             ("density.npz --level 0.5", "holds 2 arrays, 'rho', 'smooth': name one of them, --array-name rho"),
             ("density.npy --level 0.5 --frame RAS", "states no frame.*leave --frame out"),
             (
-                "graded.toml --label 1 --cell-data --frame file",
-                "--label, --cell-data, --frame: a recipe says these itself",
+                "graded.toml --label 1 --cell-data --frame file --tol 0.1",
+                "--label, --cell-data, --frame, --tol: a recipe says these itself",
             ),
         ],
     )
@@ -186,6 +152,7 @@ class TestArrays:
         assert re.search(message, capsys.readouterr().err)
         assert self.made() == []
 
+    @pytest.mark.slow
     def test_a_dry_run_tells_what_is_assumed(self, capsys: pytest.CaptureFixture[str]) -> None:
         assert run("solidify density.npy --level 0.5 --dry-run --report out.json") == 0
         assert (
@@ -207,6 +174,7 @@ class TestArrays:
         assert "about 40.0 % of it solid" in out
         assert "density.npz: smoothed by a Gaussian of 0.5 samples" in out
 
+    @pytest.mark.slow
     def test_a_density_is_a_lattice_of_as_much_volume(self, capsys: pytest.CaptureFixture[str]) -> None:
         """Half of the plate is full and half is empty: .6 and .15 of it, as a lattice."""
         line = "solidify density.npy --as gyroid --cell 4 --cell-data --dry-run"
@@ -290,11 +258,6 @@ def test_a_file_that_is_no_array_is_refused_with_the_way_to_use_it(
     error = capsys.readouterr().err
     assert "no recipe and no array" in error
     assert remedy in error
-
-
-def test_the_help_of_domains_names_no_option_that_domains_lacks(capsys: pytest.CaptureFixture[str]) -> None:
-    assert run("domains --help") == 0
-    assert "--kind" not in capsys.readouterr().out
 
 
 @pytest.mark.parametrize(

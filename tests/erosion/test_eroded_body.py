@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 from benchmarks.small_bodies import FREE_FORM_BODIES
+from tests.shapes.misfits import volume
 from tpmscad.brep.boundary_representation import Brep
 from tpmscad.brep.connectivity import find_unmatched_edges, label_shells
 from tpmscad.brep.moments import integral_properties
@@ -30,10 +31,6 @@ def eroded(body: Any, skin: float) -> Brep:
     """The part of a body deeper than a skin."""
     read = read_free_form_body(read_body(body).shape)
     return erode_body(read.brep, read.free_form, skin)
-
-
-def volume(brep: Brep) -> float:
-    return float(integral_properties.volume(integral_properties.integrate_faces(brep)).sum())
 
 
 def area(brep: Brep) -> float:
@@ -124,7 +121,7 @@ def test_an_eroded_body_has_its_closed_form_volume(name: str) -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", ["cam", "turned", "blade"])
+@pytest.mark.parametrize("name", ["turned", "blade"])
 def test_the_volume_of_a_free_form_body_falls_with_the_skin_by_its_area(name: str) -> None:
     """The coarea law: -dV / dskin is the area of the boundary. It fails where a part is lost, or a surface is off."""
     body = FREE_FORM_BODIES[name]()

@@ -113,42 +113,12 @@ def test_every_entry_cites_the_surface_and_its_formula(info: fields.SurfaceRecor
     assert info.title
 
 
-def test_every_name_and_alias_finds_its_entry(info: fields.SurfaceRecord) -> None:
-    for name in (info.name, info.title, *info.aliases, info.name.upper().replace("_", " ")):
-        assert fields.find_surface(name) is info
-
-
 def test_fields_and_surfaces_read_one_catalogue() -> None:
     assert fields.TPMS is surfaces.CATALOGUE
     assert inspect.unwrap(fields.find_surface) is inspect.unwrap(surfaces.find_surface)
-
-
-def test_no_two_entries_share_a_name() -> None:
-    keys = [{"".join(filter(str.isalnum, n.lower())) for n in (i.name, *i.aliases)} for i in fields.TPMS.values()]
-    assert sum(map(len, keys)) == len(set().union(*keys))
-
-
-@pytest.mark.parametrize(
-    ("wrong", "meant"), [("gyriod", "gyroid"), ("schwartz p", "schwarz_p"), ("neovious", "neovius")]
-)
-def test_a_name_misspelt_is_answered_with_the_nearest(wrong: str, meant: str) -> None:
-    with pytest.raises(InvalidRequest, match=f"did you mean .*{meant}"):
-        fields.tpms(wrong)
-
-
-def test_a_name_far_from_all_is_answered_with_the_list() -> None:
-    with pytest.raises(InvalidRequest, match="choose one of gyroid, diamond, "):
-        fields.tpms("12345")
 
 
 @pytest.mark.parametrize("period", [0, -1.0, np.nan, np.inf, (1, 2), (1, 2, 0), "wide"])
 def test_periods_must_be_positive(period: object) -> None:
     with pytest.raises(InvalidRequest, match="period"):
         fields.tpms("gyroid", period)
-
-
-def test_phase_moves_the_structure_by_so_many_cells() -> None:
-    moved = fields.tpms("gyroid", (3.0, 4.0, 5.0), phase=(0.25, 0, 0.1))
-    np.testing.assert_allclose(
-        moved(POINTS + np.array([0.75, 0, 0.5])), fields.tpms("gyroid", (3.0, 4.0, 5.0))(POINTS), atol=1e-12
-    )

@@ -10,6 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from benchmarks.field_tape import HIGH, LOW, make_kinds
+from tests.fields.test_tape import TracedFormula, draw_knots
 from tpmscad import fields
 from tpmscad._typing import Array
 from tpmscad.fields.kinds.linear_extension import extend_linearly
@@ -21,18 +22,6 @@ from tpmscad.fields.tape.tape_nodes import ELEMENTARY_FUNCTIONS, Node
 
 KINDS = make_kinds()
 Formula = Callable[[Node, Node, Node], Node]
-
-
-class TracedFormula(fields.Field):
-    """A field of a formula of nodes, given as a function."""
-
-    __slots__ = ("formula",)
-
-    def __init__(self, formula: Formula) -> None:
-        self.formula = formula
-
-    def trace(self, x: Node, y: Node, z: Node) -> Node:
-        return self.formula(x, y, z)
 
 
 def make_boxes(seed: int, size: float, count: int = 60) -> tuple[Array, Array]:
@@ -150,12 +139,8 @@ def test_random_formulas_lie_within(formula: tuple[Formula, Formula], seed: int,
 @pytest.mark.parametrize("degrees", [(3, 3, 3), (1, 2, 4), (5, 0, 2)])
 @pytest.mark.parametrize("size", [1.0, 0.05, 1e-3])
 def test_splines_of_any_degrees_and_knots_lie_within(degrees: tuple[int, int, int], size: float) -> None:
-    rng, counts, knots = np.random.default_rng(7), (9, 11, 12), []
-    for degree, count in zip(degrees, counts, strict=True):
-        inner = np.sort(rng.uniform(0.0, 1.0, count - degree - 1))
-        if degree > 1:
-            inner[len(inner) // 2] = inner[len(inner) // 2 - 1]  # a double knot
-        knots.append(np.concatenate([np.zeros(degree + 1), inner, np.ones(degree + 1)]))
+    rng, counts = np.random.default_rng(7), (9, 11, 12)
+    knots = draw_knots(rng, degrees, counts)
     coefficients = rng.standard_normal(counts)
     field = TracedFormula(lambda *nodes: tape_nodes.tensor_spline(knots, degrees, coefficients, nodes))
     lo = np.random.default_rng(2).uniform(0, 1 - size, (80, 3))

@@ -26,27 +26,19 @@ def ovals(half: float, sign: float) -> fields.Field:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("half", [4e-3, 1e-3])
 @pytest.mark.parametrize(
     ("way", "sign", "expected"),
     [(1, 1, (1, 0, 0)), (-1, 1, (2, 0, 0)), (1, -1, (1, 0, 1)), (-1, -1, (1, 0, 2))],
     ids=["strut", "gap", "channel", "wall"],
 )
-def test_necks_thinner_than_the_grids_spacing_are_seen(
-    half: float, way: int, sign: int, expected: tuple[int, int, int]
-) -> None:
-    assert compute_betti_numbers(ovals(way * half, sign), LO, HI) == expected
+def test_necks_thinner_than_the_grids_spacing_are_seen(way: int, sign: int, expected: tuple[int, int, int]) -> None:
+    assert compute_betti_numbers(ovals(way * 1e-3, sign), LO, HI) == expected
 
 
 def test_plain_grids_do_not_see_them() -> None:
     axes = [np.linspace(a, b, INITIAL_LINES) for a, b in zip(LO, HI, strict=True)]
     seen = {topology.betti(ovals(way * 1e-3, 1).on_grid(*axes)).b0 for way in (1, -1)}
     assert len(seen) == 1
-
-
-def test_fields_without_necks_are_counted_as_they_are() -> None:
-    assert compute_betti_numbers(fields.sphere((0.1, 0.0, 0.1), 1.0), LO, HI) == (1, 0, 0)
-    assert compute_betti_numbers(-fields.sphere((0.1, 0.0, 0.1), 1.0), LO, HI) == (1, 0, 1)
 
 
 BALL, FAR = fields.sphere((0.1, 0.0, 0.1), 1.0), fields.sphere((-1.4, -1.0, -0.9), 0.3)

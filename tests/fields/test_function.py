@@ -151,18 +151,13 @@ def norm_of_all(p: np.ndarray) -> np.ndarray:
     ("f", "said"),
     [
         (lambda x, y, z: math.sin(x), "can't be called with arrays"),
-        (lambda x, y, z: x if x > 0 else y, "can't be called with arrays"),
         (norm_of_all, r"norm_of_all gave shape \(\) for 5 points"),
-        (lambda p: p[0], r"gave shape \(3,\) for 5 points"),
         (lambda p: p, r"gave shape \(5, 3\)"),
-        (lambda x, y, z: 0.0, r"gave shape \(\)"),
         (lambda p: p[:, 0] / np.abs(p).max(), "depends on the other points of the call"),
         (lambda a, b: a, "2 arguments"),
-        (lambda a, b, c, d: a, "4 arguments"),
         (lambda: 1.0, "0 arguments"),
         (lambda p: "solid", "can't be called with arrays"),
         (3.0, "can't be called"),
-        (None, "can't be called"),
     ],
 )
 def test_functions_that_cannot_be_fields_are_refused(f: object, said: str) -> None:

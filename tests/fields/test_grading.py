@@ -45,16 +45,6 @@ def test_the_gradient_is_that_of_the_values() -> None:
         )
 
 
-@pytest.mark.parametrize(
-    ("span", "kind", "message"),
-    [((0.5, 0.2), "rod", "least first"), ((0.2, 1.0), "rod", "between 0 and 1"), (0.3, "rod", "span 0.3 must be two numbers"),
-     ((0.2, 0.5), "wall", "choose one of 'rod', 'pore', 'sheet'")],
-)  # fmt: skip
-def test_bad_requests_are_refused(span: object, kind: str, message: str) -> None:
-    with pytest.raises(InvalidRequest, match=message):
-        fields.graded_threshold(GYROID, FRACTION, span, kind)  # type: ignore[arg-type]
-
-
 @pytest.mark.slow
 def test_the_span_of_a_ramp_is_that_of_its_values() -> None:
     falling = fields.ramp("x", (0.0, 5.0), (0.5, 0.2))

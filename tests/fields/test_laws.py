@@ -120,10 +120,6 @@ def test_a_grid_has_the_bits_of_its_points(field: fields.Field) -> None:
     assert (slopes == field.gradient(GRID)).all()
 
 
-def test_values_with_the_gradient_are_those_without(field: fields.Field) -> None:
-    assert (field.value_and_gradient(POINTS)[0] == field(POINTS)).all()
-
-
 def test_shapes_are_those_of_the_points(field: fields.Field) -> None:
     for shape in ((3,), (0, 3), (1, 3), (2, 4, 3), (2, 1, 0, 3)):
         points = np.zeros(shape) + 0.3
@@ -135,14 +131,6 @@ def test_stated_periods_leave_the_field_unchanged(field: fields.Field) -> None:
     periods = field.periods()
     if periods is not None:
         np.testing.assert_allclose(field(POINTS + np.array(periods)), field(POINTS), rtol=0, atol=1e-12)
-
-
-def test_points_of_another_shape_are_refused(field: fields.Field) -> None:
-    for wrong in (1.0, np.zeros((3, 2)), [[0.0, "a", 1.0]]):
-        with pytest.raises(InvalidRequest, match="points"):
-            field(wrong)
-    with pytest.raises(InvalidRequest, match="one-dimensional"):
-        field.on_grid(AXES[0], GRID[..., 1], AXES[2])
 
 
 def test_more_points_than_a_slab_change_nothing() -> None:

@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 
 from tpmscad import fields
-from tpmscad.errors import InvalidRequest
 from tpmscad.fields.analysis.isometries import find_isometries
 from tpmscad.fields.kinds.foot_point_search import POINTS_PER_BATCH
 
@@ -44,11 +43,6 @@ def test_a_graded_wall_is_as_thick_as_its_thickness_there() -> None:
     wall = fields.wall(fields.halfspace((0, 0, 0), (0, 0, 1)), fields.ramp("x", (0, 10), (1.0, 2.0), smooth=False))
     assert float(wall((5.0, 0.0, 0.75))) == pytest.approx(0.0, abs=1e-12)
     assert float(wall((0.0, 3.0, -0.5))) == pytest.approx(0.0, abs=1e-12)
-
-
-def test_a_wall_without_thickness_is_refused() -> None:
-    with pytest.raises(InvalidRequest, match="thickness"):
-        fields.wall(fields.tpms("gyroid"), 0.0)
 
 
 @pytest.mark.slow

@@ -8,7 +8,6 @@ from scipy.spatial import cKDTree
 from scipy.spatial.transform import Rotation
 
 from tpmscad import fields
-from tpmscad.errors import InvalidRequest
 
 RNG = np.random.default_rng(3)
 POINTS = RNG.uniform(-4, 4, (2000, 3))
@@ -53,9 +52,8 @@ def test_regions_are_where_they_are_drawn() -> None:
         "halfspace": (x - 1) + 2 * y + 3 * (z - 0.5) < 0,
         "sphere": (x - 0.1) ** 2 + (y - 0.2) ** 2 + (z - 0.3) ** 2 < 1.69,
         "short cylinder": ((x - 0.1) ** 2 + (z - 0.3) ** 2 < 0.64) & (np.abs(y - 0.2) < 0.7),
-        "larger cylinder": ((y - 1 + 3) ** 2 + z**2 < 2.25) & (np.abs(x) < 1.5),
+        "larger cylinder": ((y + 2) ** 2 + z**2 < 2.25) & (np.abs(x) < 1.5),
     }
-    inside["larger cylinder"] = ((y + 2) ** 2 + z**2 < 2.25) & (np.abs(x) < 1.5)
     for name, mask in inside.items():
         assert ((REGIONS[name](POINTS) < 0) == mask).all(), name
 
@@ -84,34 +82,6 @@ def test_a_shifted_grid_is_still_evaluated_as_a_grid() -> None:
     axes = np.arange(3.0), np.arange(4.0), np.arange(5.0)
     fields.translate(fields.scale(Spy(), 2.0), (1, 0, 2)).on_grid(*axes)
     assert shapes == [((3, 1, 1), (1, 4, 1), (1, 1, 5))]
-
-
-@pytest.mark.parametrize(
-    "make",
-    [
-        lambda: fields.box((0, 0, 0), (1, 1, 0)),
-        lambda: fields.box((0, 0), (1, 1)),
-        lambda: fields.box((-np.inf,) * 3, (np.inf,) * 3),
-        lambda: fields.sphere((0, 0, 0), 0),
-        lambda: fields.sphere((0, 0, np.nan), 1),
-        lambda: fields.cylinder((0, 0, 0), 1, (0, 0, 0)),
-        lambda: fields.cylinder((0, 0, 0), 1, "w"),
-        lambda: fields.cylinder((0, 0, 0), 1, "x", -2),
-        lambda: fields.halfspace((0, 0, 0), (1, 2)),
-        lambda: fields.scale(fields.constant(1), 0),
-        lambda: fields.image_region(np.eye(4), (0, 0), (1, 1)),
-        lambda: fields.image_region(np.ones((4, 4), bool), (0, 0), (1, 1)),
-        lambda: fields.image_region(np.eye(4) > 0, (0, 0, 0), (1, 1, 1)),
-        lambda: fields.image_region(np.eye(4) > 0, (0, 1), (1, 1)),
-        lambda: fields.image_region(np.eye(4) > 0, (0, 0), (1, 1), axis="r"),
-        lambda: fields.image_region(np.array([True, False]), (0,), (1,)),
-        lambda: fields.bspline_unit(np.ones((2, 2))),
-        lambda: fields.bspline_unit(np.full((2, 2, 2), np.nan)),
-    ],
-)
-def test_regions_that_make_no_sense_are_refused(make: object) -> None:
-    with pytest.raises(InvalidRequest):
-        make()
 
 
 @pytest.mark.parametrize("axis", ["x", "y", "z"])
@@ -159,8 +129,3 @@ def test_maps_compose_with_their_derivatives() -> None:
     x, y, z = POINTS.T
     expected = sum(np.cos(2 * np.pi * t) for t in (np.arctan2(y, x), np.hypot(x, y), z))
     np.testing.assert_allclose(polar(POINTS), expected, atol=1e-12)
-    for wrong in (lambda p: p[:, :2], lambda p: p / 0 * 0):
-        with np.errstate(all="ignore"), pytest.raises(InvalidRequest, match="map"):
-            fields.warp(polar, wrong)(POINTS)
-    with pytest.raises(InvalidRequest, match="Jacobian"):
-        fields.warp(polar, lambda p: p, lambda p: np.eye(3)).gradient(POINTS)

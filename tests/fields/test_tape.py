@@ -154,16 +154,21 @@ def test_fields_sampled_together_have_the_values_of_each_and_call_what_they_shar
         assert np.array_equal(gradients, slopes)
 
 
-@pytest.mark.parametrize("degrees", [(3, 3, 3), (1, 2, 4), (5, 0, 8)])
-def test_tensor_product_splines_of_any_degrees_and_knots_are_those_of_scipy(degrees: tuple[int, int, int]) -> None:
-    rng = np.random.default_rng(7)
-    counts = (9, 11, 12)
+def draw_knots(rng: np.random.Generator, degrees: tuple[int, ...], counts: tuple[int, ...]) -> list[np.ndarray]:
+    """Clamped knots on [0, 1] at random places; those of degree 2 and more have a double one."""
     knots = []
     for degree, count in zip(degrees, counts, strict=True):
         inner = np.sort(rng.uniform(0.0, 1.0, count - degree - 1))
         if degree > 1:
-            inner[len(inner) // 2] = inner[len(inner) // 2 - 1]  # a double knot
+            inner[len(inner) // 2] = inner[len(inner) // 2 - 1]
         knots.append(np.concatenate([np.zeros(degree + 1), inner, np.ones(degree + 1)]))
+    return knots
+
+
+@pytest.mark.parametrize("degrees", [(3, 3, 3), (1, 2, 4), (5, 0, 8)])
+def test_tensor_product_splines_of_any_degrees_and_knots_are_those_of_scipy(degrees: tuple[int, int, int]) -> None:
+    rng, counts = np.random.default_rng(7), (9, 11, 12)
+    knots = draw_knots(rng, degrees, counts)
     coefficients = rng.standard_normal(counts)
     field = TracedFormula(lambda *nodes: tensor_spline(knots, degrees, coefficients, nodes))
     points = np.concatenate([rng.uniform(0.0, 1.0, (400, 3)), np.zeros((1, 3)), np.ones((1, 3))])

@@ -34,9 +34,9 @@ NO_MASS = MassProperties(1.0, 1.0, (0.0, 0.0, 0.0))
     ("body", "surface", "asked"),
     [
         (
-            bd.Pos(0.02, 0.01, 0.03) * bd.Cylinder(0.9, 1.4),
+            bd.Pos(0.02, 0.01, 0) * bd.Cylinder(0.85, 1.16),
             "gyroid",
-            {"rotation": (8, 0, 35), "phase": (0.38, 0.41, 0.44)},
+            {"rotation": (0, 0, 35), "phase": (0.38, 0.41, 0.44)},
         ),
         (bd.Box(1.6, 1.65, 2.6), "schwarz_p", {"skin": 0.25, "open_faces": ">Z", "phase": (0.38, 0.41, 0.04)}),
     ],
@@ -112,6 +112,16 @@ def test_joined_text_is_that_of_the_parts(tmp_path: Path) -> None:
         write(re.sub(old, new, joined, count=1))
         with pytest.raises(KernelError, match=r"part\.step"):
             check_joined(read_entity_table(whole), part, 700)
+
+
+def test_of_a_large_file_the_kernel_reads_an_excerpt_with_every_solid(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(_export_infill, "KERNEL_READ_LIMIT", 0)
+    file = tpmscad.export_infill(bd.Box(1.4, 1.4, 1.4), "P", tmp_path / "parts.step", **WALL)
+    table = read_entity_table(file.path)
+    with pytest.raises(KernelError, match=f"of {file.parts + 1} solids the kernel reads {file.parts}"):
+        _export_infill._verify(file.path, table, volume=file.volume, parts=file.parts + 1, whole=False)
 
 
 def test_refusals_name_the_remedy(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

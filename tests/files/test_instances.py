@@ -18,8 +18,10 @@ pytestmark = pytest.mark.kernel
 REQUEST: dict[str, Any] = {"cell": 8.0, "thickness": 0.8, "tol": 0.05}
 
 
-@pytest.mark.parametrize("counts", [(1, 1, 1), (3, 2, 1), (5, 1, 20), (5, 5, 5)])
-@pytest.mark.parametrize("schema", ["ap242", "ap214"])
+@pytest.mark.parametrize(
+    ("counts", "schema"),
+    [((1, 1, 1), "ap242"), ((3, 2, 1), "ap214"), ((4, 1, 11), "ap242"), ((3, 4, 2), "ap242")],
+)
 def test_every_cell_stands_in_its_place(counts: tuple[int, int, int], schema: str, tmp_path: Path) -> None:
     file = tpmscad.export_instances("schwarz_p", tmp_path / "p.step", cells=counts, schema=schema, **REQUEST)
     one = tpmscad.lattice("schwarz_p", **REQUEST)

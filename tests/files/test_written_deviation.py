@@ -109,6 +109,15 @@ def test_bodies_with_seams_and_poles_keep_the_deviation(body: bd.Part, distance:
     assert 0.01 < off.max() <= found.deviation <= 0.02
 
 
+def test_nodes_closer_than_occt_resolves_are_one() -> None:
+    """The edge of an intersection may be a few times as long as its tolerance."""
+    outline = bd.Polyline((0, 0), (10, 0), (10, 8), (10 - 3e-7, 8 + 3e-7), (0, 8), (0, 0))
+    found = measure_meshes(bd.extrude(bd.make_face(outline), 5), 0.05, 0.5)
+    assert len(found.meshes[0].triangles) == 12
+    assert found.meshes[0].volume == pytest.approx(400, rel=1e-6)
+    assert 2e-7 < found.deviation < 2e-6
+
+
 def test_triangles_without_a_solid_keep_the_deviation() -> None:
     pytest.importorskip("manifold3d")
     part = tpmscad.infill_triangles(bd.Cylinder(3, 3), "P", cell=2, thickness=0.3, skin=0.3, deviation=0.01)

@@ -1,4 +1,4 @@
-"""Tpms in build123d: it is a part object like any other, and holds what tpmscad.lattice makes."""
+"""Tpms and Struts in build123d: part objects like any other, which hold what tpmscad.lattice and tpmscad.struts make."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ import build123d as bd
 import pytest
 
 import tpmscad
-from tpmscad.build123d import Tpms, TpmsInfill
+from tpmscad.build123d import Struts, Tpms, TpmsInfill
 
 pytestmark = pytest.mark.kernel
 
@@ -26,6 +26,8 @@ PIECES: dict[str, Any] = {
 }
 """One cell of a gyroid sheet falls into three pieces at the phase of the nodal formula."""
 
+BCC: dict[str, Any] = {"kind": "bcc", "cell": (8, 9, 10), "diameter": 1}
+
 
 @pytest.fixture(scope="module")
 def gyroid() -> Tpms:
@@ -37,21 +39,22 @@ def schwarz() -> Tpms:
     return Tpms(**P)
 
 
+@pytest.fixture(scope="module")
+def bcc() -> Struts:
+    return Struts(**BCC)
+
+
 def box_of_caps(part: bd.Shape) -> tuple[list[float], list[float]]:
     """Corners of the box of the part's vertices: what the caps span, without the slack of a kernel bounding box."""
     corners = [tuple(v) for v in part.vertices()]
     return [min(c) for c in zip(*corners, strict=True)], [max(c) for c in zip(*corners, strict=True)]
 
 
-def test_the_keywords_are_those_of_lattice_with_rotation_align_and_mode() -> None:
-    ours = inspect.signature(Tpms.__init__).parameters
-    theirs = inspect.signature(tpmscad.lattice).parameters
-    assert [*theirs, "rotation", "align", "mode"] == list(ours)[1:]
+@pytest.mark.parametrize(("part", "function"), [(Tpms, tpmscad.lattice), (Struts, tpmscad.struts)])
+def test_the_keywords_are_those_of_the_function_with_rotation_align_and_mode(part: type, function: Any) -> None:
+    ours, theirs = (inspect.signature(of).parameters for of in (part, function))
+    assert [*theirs, "rotation", "align", "mode"] == list(ours)
     assert all(ours[name].default == theirs[name].default and ours[name].kind == theirs[name].kind for name in theirs)
-
-
-def test_a_shell_that_completes_the_call_sees_every_keyword() -> None:
-    assert list(inspect.signature(Tpms).parameters) == list(inspect.signature(Tpms.__init__).parameters)[1:]
 
 
 def test_every_parameter_becomes_an_attribute_under_its_name(schwarz: Tpms) -> None:
@@ -67,9 +70,8 @@ def test_every_parameter_becomes_an_attribute_under_its_name(schwarz: Tpms) -> N
     assert schwarz.mode is bd.Mode.ADD
 
 
-@pytest.mark.parametrize("request_", [P, PIECES], ids=["one piece", "several pieces"])
-def test_the_part_is_the_lattice_about_the_origin(request_: dict[str, Any]) -> None:
-    part, model = Tpms(**request_), tpmscad.lattice(**request_)
+def test_the_part_is_the_lattice_about_the_origin(gyroid: Tpms) -> None:
+    part, model = gyroid, tpmscad.lattice(**PIECES)
     assert part.is_valid
     assert part.certificate.met
     assert part.model.name == part.label == model.name
@@ -124,31 +126,20 @@ def test_rotation_turns_the_aligned_lattice() -> None:
 
 
 class TestAlgebraMode:
-    def test_a_placed_lattice_keeps_its_certificate(self, gyroid: Tpms) -> None:
-        for placed in (bd.Pos(1, 2, 3) * gyroid, bd.Rot(0, 0, 30) * gyroid, copy.copy(gyroid), copy.deepcopy(gyroid)):
-            assert placed.is_valid
-            assert placed.volume == pytest.approx(gyroid.volume, rel=1e-9)
-            assert placed.certificate is gyroid.certificate
-            assert placed.model is gyroid.model
+    def test_a_placed_lattice_keeps_its_certificate(self, schwarz: Tpms) -> None:
+        turned = bd.Rot(0, 0, 30) * schwarz
+        assert turned.is_valid
+        assert turned.volume == pytest.approx(schwarz.volume, rel=1e-9)
+        for placed in (bd.Pos(1, 2, 3) * schwarz, turned, copy.copy(schwarz), copy.deepcopy(schwarz)):
+            assert placed.certificate is schwarz.certificate
+            assert placed.model is schwarz.model
 
-    def test_placing_moves_a_copy(self, schwarz: Tpms) -> None:
-        moved = bd.Pos(1, 2, 3) * schwarz
-        assert tuple(moved.center() - schwarz.center()) == pytest.approx((1, 2, 3), abs=1e-9)
-        assert tuple(schwarz.center()) == pytest.approx((0, 0, 0), abs=1e-6)
-
-    @pytest.mark.parametrize("which", ["gyroid", "schwarz"])
-    def test_booleans_share_the_volume_out(self, which: str, request: pytest.FixtureRequest) -> None:
-        part, tool = request.getfixturevalue(which), bd.Cylinder(radius=4, height=12)
-        cut, common = part - tool, part & tool
+    def test_booleans_share_the_volume_out(self, schwarz: Tpms) -> None:
+        tool = bd.Cylinder(radius=4, height=12)
+        cut, common = schwarz - tool, schwarz & tool
         assert cut.is_valid
         assert common.is_valid
-        assert cut.volume + common.volume == pytest.approx(part.volume, rel=1e-6)
-
-    def test_it_joins_a_plate(self, schwarz: Tpms) -> None:
-        joined = schwarz + bd.Pos(0, 0, -6) * bd.Box(14, 14, 2)
-        assert joined.is_valid
-        assert len(joined.solids()) == 1
-        assert joined.volume == pytest.approx(schwarz.volume + 14 * 14 * 2, rel=1e-6)
+        assert cut.volume + common.volume == pytest.approx(schwarz.volume, rel=1e-6)
 
 
 class TestBuilderMode:
@@ -182,16 +173,6 @@ def test_selectors_find_caps_edges_and_pieces(gyroid: Tpms) -> None:
     assert len(gyroid.solids().sort_by(bd.SortBy.VOLUME)) == 3
 
 
-def test_build123d_writes_and_reads_it(gyroid: Tpms, tmp_path: Path) -> None:
-    bd.export_step(gyroid, tmp_path / "gyroid.step")
-    back = bd.import_step(tmp_path / "gyroid.step")
-    assert back.is_valid
-    assert back.volume == pytest.approx(gyroid.volume, rel=1e-9)
-    assert len(back.solids()) == 3
-    bd.export_stl(gyroid, tmp_path / "gyroid.stl", tolerance=0.1)
-    assert (tmp_path / "gyroid.stl").stat().st_size > 1000
-
-
 def test_calls_that_do_not_fit_are_answered_with_the_call_as_it_is_written() -> None:
     with pytest.raises(TypeError, match=r"Tpms takes surface by position .* Tpms\(\"gyroid\", cell=10"):
         Tpms("gyroid", 10, 1)  # type: ignore[call-arg]
@@ -199,13 +180,8 @@ def test_calls_that_do_not_fit_are_answered_with_the_call_as_it_is_written() -> 
         Tpms("gyroid", cell=10, thickness=1, aling=None)  # type: ignore[call-arg]
     with pytest.raises(TypeError, match="TpmsInfill takes body and surface by position"):
         TpmsInfill(bd.Box(1, 1, 1), "gyroid", 8)  # type: ignore[call-arg]
-
-
-def test_what_cannot_be_made_is_refused_by_name() -> None:
-    with pytest.raises(tpmscad.InvalidRequest, match="thickness"):
-        Tpms("P", cell=10, thickness=50)
-    with pytest.raises(tpmscad.InvalidRequest, match="align=None"):
-        Tpms("P", cell=10, thickness=1, boundary="natural", map=lambda points: points)
+    with pytest.raises(TypeError, match=r"Struts takes kind by position .* Struts\(\"octet\", cell=10"):
+        Struts("bcc", 10, 1)  # type: ignore[call-arg]
 
 
 class TestTheOneKindOfResult:
@@ -238,3 +214,40 @@ class TestTheOneKindOfResult:
     def test_an_operator_on_the_model_says_to_take_its_solid(self, schwarz: Tpms) -> None:
         with pytest.raises(tpmscad.InvalidRequest, match=r"model\.solid - Box"):
             schwarz.model - bd.Box(1, 1, 1)
+
+
+class TestStruts:
+    def test_the_part_is_the_lattice_about_the_origin(self, bcc: Struts) -> None:
+        model = tpmscad.struts(**BCC)
+        assert bcc.is_valid
+        assert bcc.certificate.met
+        assert bcc.label == bcc.model.name == "bcc struts"
+        assert bcc.cell == (8, 9, 10)
+        assert bcc.volume == pytest.approx(model.volume, rel=1e-7)
+        low, high = box_of_caps(bcc)
+        assert low == pytest.approx([-4, -4.5, -5], abs=1e-9)
+        assert high == pytest.approx([4, 4.5, 5], abs=1e-9)
+        assert {face.geom_type for face in bcc.faces()} == {bd.GeomType.CYLINDER, bd.GeomType.PLANE}
+
+    def test_they_are_aligned_before_they_are_rotated(self) -> None:
+        part = Struts(**BCC, align=(bd.Align.MIN, bd.Align.CENTER, bd.Align.MAX), rotation=(0, 0, 90))
+        low, high = box_of_caps(part)
+        assert low == pytest.approx([-4.5, 0, -10], abs=1e-9)
+        assert high == pytest.approx([4.5, 8, 0], abs=1e-9)
+
+    def test_placed_ones_are_written_where_they_are(self, bcc: Struts, tmp_path: Path) -> None:
+        moved = copy.copy(bd.Pos(30, 0, 0) * bcc)
+        assert moved.certificate is bcc.certificate
+        moved.export(tmp_path / "bcc.step")
+        read = bd.import_step(tmp_path / "bcc.step")
+        assert read.volume == pytest.approx(bcc.volume, rel=1e-7)
+        assert box_of_caps(read)[0] == pytest.approx([26, -4.5, -5], abs=1e-6)
+
+    def test_a_builder_joins_them_and_a_plate(self, bcc: Struts) -> None:
+        with bd.BuildPart() as built:
+            with bd.Locations((0, 0, -6)):
+                bd.Box(10, 11, 2)
+            Struts(**BCC)
+        assert built.part.is_valid
+        assert len(built.part.solids()) == 1
+        assert built.part.volume == pytest.approx(bcc.volume + 10 * 11 * 2, rel=1e-6)

@@ -1,4 +1,4 @@
-"""The method that cq_plugins.tpms gives to CadQuery's Workplane: chains, selectors, booleans and exporters go on after it."""
+"""The methods that cq_plugins.tpms gives to CadQuery's Workplane: chains, selectors, booleans and exporters go on after it."""
 
 from __future__ import annotations
 
@@ -24,6 +24,8 @@ PIECES: dict[str, Any] = {
     "loose": "keep",
 }
 """One cell of a gyroid sheet falls into three pieces at the phase of the nodal formula."""
+
+BCC: dict[str, Any] = {"kind": "bcc", "cell": (8, 9, 10), "diameter": 1}
 
 
 @pytest.fixture(scope="module")
@@ -52,16 +54,13 @@ def box_of_caps(shape: Any) -> tuple[list[float], list[float]]:
     return [min(c) for c in zip(*corners, strict=True)], [max(c) for c in zip(*corners, strict=True)]
 
 
-def test_the_keywords_are_those_of_lattice_with_centered_combine_and_clean(cq: Any) -> None:
-    ours = inspect.signature(cq.Workplane.tpms).parameters
-    theirs = inspect.signature(tpmscad.lattice).parameters
+@pytest.mark.parametrize(("method", "function"), [("tpms", tpmscad.lattice), ("struts", tpmscad.struts)])
+def test_the_keywords_are_those_of_the_function_with_centered_combine_and_clean(
+    cq: Any, method: str, function: Any
+) -> None:
+    ours, theirs = (inspect.signature(of).parameters for of in (getattr(cq.Workplane, method), function))
     assert [*theirs, "centered", "combine", "clean"] == list(ours)[1:]
     assert all(ours[name].default == theirs[name].default and ours[name].kind == theirs[name].kind for name in theirs)
-
-
-def test_it_combines_by_default_as_every_primitive_does(cq: Any) -> None:
-    assert inspect.signature(cq.Workplane.tpms).parameters["combine"].default is True
-    assert inspect.signature(cq.Workplane.box).parameters["combine"].default is True
 
 
 def test_the_models_behind_a_chain_stay_with_it(cq: Any, gyroid: Any, schwarz: Any) -> None:
@@ -121,14 +120,6 @@ def test_centered_is_of_the_box_of_cells(cq: Any, centered: Any, low: list[float
     assert box_of_caps(work.val())[0] == pytest.approx(low, abs=1e-9)
 
 
-def test_selectors_find_caps_edges_and_pieces(gyroid: Any) -> None:
-    top = gyroid.faces(">Z")
-    assert {face.geomType() for face in top.vals()} == {"PLANE"}
-    assert [face.Center().z for face in top.vals()] == pytest.approx([10] * top.size(), abs=1e-9)
-    assert gyroid.faces("%PLANE").size() == 6 * top.size()
-    assert gyroid.edges("|Z").size() == 12
-
-
 @pytest.mark.parametrize("which", ["schwarz", "gyroid"])
 def test_booleans_share_the_volume_out(cq: Any, which: str, request: pytest.FixtureRequest) -> None:
     work = request.getfixturevalue(which)
@@ -137,12 +128,6 @@ def test_booleans_share_the_volume_out(cq: Any, which: str, request: pytest.Fixt
     assert cut.isValid()
     assert common.isValid()
     assert cut.Volume() + common.Volume() == pytest.approx(work.val().Volume(), rel=1e-6)
-
-
-def test_the_chain_goes_on_from_a_face(gyroid: Any) -> None:
-    bored = gyroid.faces(">Z").workplane(origin=(5, 5, 10)).hole(3)
-    assert bored.val().isValid()
-    assert bored.val().Volume() < gyroid.val().Volume() - 1
 
 
 def test_it_combines_with_the_part_in_the_chain(cq: Any, schwarz: Any) -> None:
@@ -187,11 +172,11 @@ def test_the_model_of_a_centered_lattice_stays_where_it_was_made(cq: Any, tmp_pa
     model.export(tmp_path / "p.stl")
 
 
-def test_what_cannot_be_made_is_refused_by_name(cq: Any) -> None:
-    with pytest.raises(tpmscad.InvalidRequest, match="thickness"):
-        cq.Workplane().tpms("P", cell=10, thickness=50)
-    with pytest.raises(tpmscad.InvalidRequest, match="centered"):
+def test_what_cannot_be_put_at_points_is_refused(cq: Any) -> None:
+    with pytest.raises(tpmscad.InvalidRequest, match="leave centered out"):
         cq.Workplane().tpms("P", cell=10, thickness=1, map=lambda points: points, centered=True)
+    with pytest.raises(tpmscad.InvalidRequest, match="combine 'fuse' is none of"):
+        cq.Workplane().struts(**BCC, combine="fuse")
 
 
 def test_a_result_that_misses_the_request_is_not_put_on_the_stack(cq: Any, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -203,3 +188,21 @@ def test_a_result_that_misses_the_request_is_not_put_on_the_stack(cq: Any, monke
     with pytest.raises(tpmscad.NotMet, match="gap 1 exceeds") as caught:
         plugin.tpms(cq.Workplane(), **P)
     assert caught.value.certificate is failed.certificate
+
+
+def test_struts_are_on_the_stack_and_their_model_stays_with_the_chain(cq: Any) -> None:
+    bcc = cq.Workplane().struts(**BCC)
+    (model,) = bcc.faces(">Z").tpmsModels()
+    assert model.certificate.met
+    assert bcc.val().isValid()
+    assert bcc.solids().size() == 1
+    assert bcc.val().Volume() == pytest.approx(model.certificate.volume, rel=1e-9)
+    low, high = box_of_caps(bcc.val())
+    assert low == pytest.approx([0, 0, 0], abs=1e-9)
+    assert high == pytest.approx([8, 9, 10], abs=1e-9)
+
+
+def test_struts_stand_at_every_point_centred_along_the_axes_that_say_so(cq: Any) -> None:
+    work = cq.Workplane().pushPoints([(0, 0), (30, 40)]).struts(**BCC, centered=(True, True, False), combine=False)
+    lows = [box_of_caps(v)[0] for v in work.vals()]
+    assert lows == [pytest.approx(low, abs=1e-9) for low in ([-4, -4.5, 0], [26, 35.5, 0])]

@@ -9,20 +9,13 @@ from typing import Any
 import pytest
 
 import tpmscad
+from tests.frontends.test_cadquery import cq
 
 pytestmark = [pytest.mark.kernel, pytest.mark.frontend, pytest.mark.slow]
 
+__all__ = ["cq"]
+
 P: dict[str, Any] = {"surface": "P", "cell": 10, "thickness": 1, "tol": 0.1}
-
-
-@pytest.fixture(scope="module")
-def cq() -> Any:
-    """CadQuery with the plug-in; imported here, as tests are collected without it too."""
-    import cadquery
-
-    import cq_plugins.tpms  # noqa: F401
-
-    return cadquery
 
 
 @pytest.fixture(scope="module")

@@ -6,6 +6,7 @@ import build123d as bd
 import numpy as np
 import pytest
 
+from tests.kernel.test_short_edges import count_shared, glue
 from tpmscad.kernel.export.alike_sides import make_sides_alike
 from tpmscad.kernel.measure.shape_report import check_shape
 from tpmscad.kernel.occt.exploration import faces_of, vertices_of
@@ -45,11 +46,7 @@ def test_a_vertex_without_image_divides_the_edge_of_the_other_side() -> None:
     assert report.ok, str(report)
     assert report.volume == pytest.approx(check_shape(tube).volume, rel=1e-12)
     for before, after in zip(faces_of(tube), faces_of(found), strict=True):
-        assert check_center(before) == pytest.approx(check_center(after), abs=1e-9)
-
-
-def check_center(face: object) -> tuple[float, ...]:
-    return tuple(bd.Face(face).center())
+        assert tuple(bd.Face(after).center()) == pytest.approx(tuple(bd.Face(before).center()), abs=1e-9)
 
 
 def test_vertices_that_nearly_are_images_are_moved_to_them() -> None:
@@ -65,18 +62,7 @@ def test_vertices_that_nearly_are_images_are_moved_to_them() -> None:
 def test_solids_that_share_a_face_share_it_afterwards() -> None:
     tube = make_tube(50.0)
     plug = bd.Pos(0, 1.5, 1.5) * bd.Rot(Y=90) * bd.Cylinder(0.8, 4, align=(bd.Align.CENTER,) * 2 + (bd.Align.MIN,))
-    from OCP.BOPAlgo import BOPAlgo_Builder
-
-    builder = BOPAlgo_Builder()
-    for shape in (tube, plug.solid().wrapped):
-        builder.AddArgument(shape)
-    builder.Perform()
-    solids = [s.wrapped for s in bd.Compound(builder.Shape()).solids()]
+    solids = glue(tube, plug.solid().wrapped)
     found, _ = make_sides_alike(solids, LOW, HIGH, 0.01, 0.05)
-
-    def shared(shapes: list[object]) -> int:
-        first, second = ({hash(f) for f in faces_of(shape)} for shape in shapes)
-        return len(first & second)
-
-    assert shared(solids) == shared(found) > 0
+    assert count_shared(solids) == count_shared(found) > 0
     assert all(check_shape(each).ok for each in found)

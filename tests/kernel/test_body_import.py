@@ -22,10 +22,8 @@ from tpmscad.brep.solid_properties import measure_solid
 from tpmscad.errors import InvalidRequest, NotQuadric
 from tpmscad.kernel.body_import.body_brep import brep_and_source_faces, brep_from_shape
 from tpmscad.kernel.build.solids import build_solids
-from tpmscad.kernel.export.shape_file import write_shape
 from tpmscad.kernel.measure.shape_report import check_shape
 from tpmscad.kernel.recognise.edge_curves import UnsupportedFace
-from tpmscad.kernel.step.step_reader import read_step
 
 
 @cache
@@ -105,11 +103,7 @@ def kinds(brep, origin) -> Counter:
 
 
 def assert_same(shape, brep, volume=1e-10) -> None:
-    before, after, own = (
-        check_shape(shape),
-        check_shape(build_solids(brep).shape),
-        measure_solid(brep),
-    )
+    before, after, own = check_shape(shape), check_shape(build_solids(brep).shape), measure_solid(brep)
     assert after.ok
     assert own.closed
     assert own.volume == pytest.approx(before.volume, rel=volume)
@@ -218,13 +212,6 @@ def test_planes_and_quadrics_in_disguise_are_recognised(name: str) -> None:
     brep, origin = brep_and_source_faces(disguised)
     assert kinds(brep, origin) == BODIES[name][1]
     assert measure_solid(brep).volume == pytest.approx(body.volume, rel=1e-9)
-
-
-def test_a_step_file_of_a_body_gives_the_same_complex_as_the_body(tmp_path) -> None:
-    body = bracket()
-    write_shape(body, tmp_path / "bracket.step")
-    again = read_step(tmp_path / "bracket.step")
-    assert_same(again, brep_from_shape(again))
 
 
 def test_free_form_faces_are_named() -> None:

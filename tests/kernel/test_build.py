@@ -15,7 +15,8 @@ from OCP.BRepAdaptor import BRepAdaptor_Curve, BRepAdaptor_Curve2d, BRepAdaptor_
 from OCP.GeomAbs import GeomAbs_Line
 from OCP.TopAbs import TopAbs_EDGE, TopAbs_FACE, TopAbs_SHELL, TopAbs_VERTEX
 
-from tests.shapes.kernel_shapes import CASES, joined, plane_box, turned_inside_out
+from tests.shapes.kernel_shapes import CASES, plane_box
+from tpmscad.brep.boundary_representation import join_breps, reverse_faces, select_faces
 from tpmscad.brep.moments import integral_properties
 from tpmscad.errors import KernelError
 from tpmscad.kernel.build.solids import build_solids, select_solids
@@ -74,25 +75,18 @@ def test_a_void_belongs_to_the_solid_around_it_even_where_boxes_mislead() -> Non
 
 
 def test_pieces_come_largest_first() -> None:
-    boxes = joined(
-        plane_box((1, 1, 1)), plane_box((2, 2, 2), translation=(5, 0, 0)), plane_box((1, 1, 1), translation=(9, 0, 0))
-    )
-    assert build_solids(boxes).nesting.shells_of_solid == ((1,), (0,), (2,))
+    boxes = [plane_box((size,) * 3, translation=(x, 0, 0)) for size, x in ((1, 0), (2, 5), (1, 9))]
+    assert build_solids(join_breps(boxes)).nesting.shells_of_solid == ((1,), (0,), (2,))
 
 
 def test_a_missing_face_is_refused() -> None:
-    box, f = plane_box(), plane_box().faces
-    faces = type(f)(f.carrier[:5], f.motion[:5], f.sense[:5], f.tag[:5], f.loop_start[:6], f.use_start[:6])
-    u = box.uses
-    uses = type(u)(u.edge[:20], u.sense[:20], u.pcurve[:20])
-    open_box = replace(box, faces=faces, uses=uses)
     with pytest.raises(KernelError, match="4 edges do not join two faces"):
-        build_solids(open_box)
+        build_solids(select_faces(plane_box(), np.arange(5)))
 
 
 def test_a_solid_inside_out_is_refused() -> None:
     with pytest.raises(KernelError, match=r"volume -30 .*inside out"):
-        build_solids(turned_inside_out(plane_box()))
+        build_solids(reverse_faces(plane_box()))
 
 
 def test_the_result_is_a_build123d_solid_or_compound() -> None:

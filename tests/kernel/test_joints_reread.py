@@ -1,4 +1,4 @@
-"""Offset faces of a file join with continuous position, tangent plane and curvature, as the kernel reads and evaluates them.
+"""Faces of a file join with continuous position, tangent plane and, in lattices, curvature, as the kernel evaluates them.
 
 OCCT evaluates its own faces along its own pcurves; the boundary representation is not used. Joined faces differ from gap
 faces in degree: a ruled gap face has degree 1 in one direction.
@@ -21,22 +21,24 @@ from OCP.BRep import BRep_Tool
 from OCP.BRepAdaptor import BRepAdaptor_Curve, BRepAdaptor_Curve2d, BRepAdaptor_Surface
 from OCP.GeomAbs import GeomAbs_BSplineSurface
 from OCP.gp import gp_Pnt, gp_Vec
-from OCP.TopAbs import TopAbs_FACE, TopAbs_REVERSED, TopAbs_VERTEX
+from OCP.TopAbs import TopAbs_REVERSED, TopAbs_VERTEX
 from OCP.TopExp import TopExp_Explorer
 
 import tpmscad
-from tpmscad import surfaces
+from tpmscad import fields, surfaces
 from tpmscad.brep.boundary_representation import scale_brep
 from tpmscad.kernel.build.solids import build_solids
 from tpmscad.kernel.occt import convert
-from tpmscad.kernel.occt.exploration import edges_of
+from tpmscad.kernel.occt.exploration import edges_of, faces_of
 from tpmscad.kernel.step.brep_writer import write_step
 from tpmscad.kernel.step.step_reader import read_step
 from tpmscad.lattices import copies
 from tpmscad.lattices.primitive import fit_offset_surfaces
 
 CELL = 10.0
-SAMPLES = 9
+SHARES = np.array([0.0, *np.random.default_rng(7).uniform(size=9), 1.0])
+"""Where joints are measured: the ends of an edge, and nine places at random between them."""
+
 GAP, TURN, BEND = 1e-9, 1e-6, 1e-6
 """The gap in cells, the tangent jump in degrees, the curvature jump over the greatest curvature at any joint."""
 
@@ -60,14 +62,6 @@ def evaluate(face: Any, surface: Any, u: float, v: float) -> Here:
     tangents = np.column_stack([a, b])
     dual = tangents @ np.linalg.inv(tangents.T @ tangents)
     return Here(np.array(p.Coord()), n, dual @ np.array([[aa @ n, ab @ n], [ab @ n, bb @ n]]) @ dual.T)
-
-
-def faces_of(shape: Any) -> list[Any]:
-    explorer, found = TopExp_Explorer(shape, TopAbs_FACE), []
-    while explorer.More():
-        found.append(convert.as_face(explorer.Current()))
-        explorer.Next()
-    return found
 
 
 def smooth(surface: Any) -> bool:
@@ -102,8 +96,8 @@ def joins(shape: Any) -> tuple[Joins, Joins]:
             continue
         for edge in edges_of(face):
             curve, flat = BRepAdaptor_Curve(edge), BRepAdaptor_Curve2d(edge, face)
-            row = []
-            for t in np.linspace(curve.FirstParameter(), curve.LastParameter(), SAMPLES).tolist():
+            row, first = [], curve.FirstParameter()
+            for t in (first + (curve.LastParameter() - first) * SHARES).tolist():
                 row.append(evaluate(face, surface, *flat.Value(t).Coord()))
                 assert np.linalg.norm(row[-1].point - curve.Value(t).Coord()) <= GAP * CELL
             along[hash(edge)].append((edge, row))
@@ -158,11 +152,22 @@ def test_offset_faces_read_back_join_with_continuous_curvature_at_every_edge_and
 
 @pytest.mark.slow
 def test_so_do_those_of_a_lattice_cut_by_a_box(tmp_path: Path) -> None:
-    model = tpmscad.lattice("gyroid", cell=CELL, thickness=1.0, tol=1e-3, boundary="box")
+    model = tpmscad.lattice("gyroid", cell=CELL, kind="skeletal", tol=1e-3, boundary="box")
     model.export_step(tmp_path / "lattice.step")
     edges, vertices = joins(read_step(tmp_path / "lattice.step").shape)
     assert max(vertices.valences) == 6
     assert_continuous(edges, vertices)
+
+
+def test_joints_of_a_field_are_tangent_in_the_file_and_in_the_certificate(tmp_path: Path) -> None:
+    field = fields.rod(fields.tpms("gyroid", CELL), 0.1)
+    model = tpmscad.solidify(field, ((0.0, 0.0, 0.0), (CELL, CELL, CELL)), tol=0.01)
+    model.export_step(tmp_path / "cell.step")
+    edges, _ = joins(read_step(tmp_path / "cell.step").shape)
+    assert len(edges.valences) > 100
+    assert edges.turn < 1e-3
+    assert model.certificate.met
+    assert model.certificate.tangent_jump_deg < 1e-6
 
 
 def assert_continuous(edges: Joins, vertices: Joins) -> None:

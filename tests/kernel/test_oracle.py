@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 
@@ -11,37 +9,24 @@ pytestmark = pytest.mark.kernel
 
 from tests.kernel import occt_oracle
 from tests.shapes.kernel_shapes import CASES, drilled_dome, plane_box
+from tests.shapes.misfits import volume
 from tpmscad.brep import connectivity
-from tpmscad.brep.boundary_representation import Brep, EdgeUses, Faces
-from tpmscad.brep.moments import integral_properties
+from tpmscad.brep.boundary_representation import select_faces
 from tpmscad.kernel.build.solids import build_faces, build_solids
 from tpmscad.kernel.measure.shape_report import check_shape
-
-
-def lone_faces(brep: Brep):
-    """Each face built by itself, so that nothing is shared."""
-    f, u = brep.faces, brep.uses
-    for i in range(len(f)):
-        loops = slice(f.loop_start[i], f.loop_start[i + 1] + 1)
-        starts = f.use_start[loops]
-        uses = slice(starts[0], starts[-1])
-        one = slice(i, i + 1)
-        faces = Faces(f.carrier[one], f.motion[one], f.sense[one], f.tag[one],
-                      np.array([0, len(starts) - 1]), starts - starts[0])  # fmt: skip
-        own = EdgeUses(u.edge[uses], u.sense[uses], u.pcurve[uses])
-        yield build_faces(replace(brep, faces=faces, uses=own))[0]
 
 
 @pytest.mark.parametrize("case", ["box of planes", "bent cube", "drilled dome", "mirrored box"])
 def test_sewing_finds_the_solid_that_shared_edges_give(case: str) -> None:
     brep = CASES[case]()
     assert connectivity.is_closed(brep)
-    (solid,) = occt_oracle.sew_solids(lone_faces(brep), 1e-6)
+    lone = [
+        build_faces(select_faces(brep, np.array([face])))[0] for face in range(len(brep.faces))
+    ]  # nothing is shared
+    (solid,) = occt_oracle.sew_solids(lone, 1e-6)
     report = check_shape(solid)
     assert report.closed
-    assert abs(report.volume) == pytest.approx(
-        integral_properties.volume(integral_properties.integrate_faces(brep))[0], rel=1e-12
-    )
+    assert abs(report.volume) == pytest.approx(volume(brep), rel=1e-12)
 
 
 def test_the_kernels_boolean_cuts_a_built_solid() -> None:

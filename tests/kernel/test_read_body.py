@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from pathlib import Path
 from typing import Any
 
 import build123d as bd
@@ -36,11 +35,6 @@ def test_a_body_is_read_from(name: str) -> None:
     body = read_body(SOURCES[name]())
     assert body.report.volume == pytest.approx(24.0)
     assert body.report.solids == 1
-
-
-def test_a_body_is_read_from_a_file(tmp_path: Path) -> None:
-    bd.export_step(bd.Box(2, 3, 4), tmp_path / "box.step")
-    assert read_body(tmp_path / "box.step").report.volume == pytest.approx(24.0)
 
 
 @pytest.mark.parametrize("source", [bd.Sketch() + bd.Rectangle(1, 2), bd.Line((0, 0), (1, 1)), object()])

@@ -5,6 +5,7 @@ from __future__ import annotations
 import build123d as bd
 import numpy as np
 import pytest
+from OCP.BOPAlgo import BOPAlgo_Builder
 
 from tpmscad.kernel.export.short_edges import merge_short_edges
 from tpmscad.kernel.measure.shape_report import check_shape
@@ -23,6 +24,20 @@ def extrude(*corners: tuple[float, float]) -> bd.Solid:
 def cut_corner(gap: float) -> bd.Solid:
     """A box with a narrow face along one edge."""
     return extrude((0, 0), (4, 0), (4, 3 - gap), (4 - gap, 3), (0, 3))
+
+
+def glue(*shapes: object) -> list[object]:
+    """The solids, with what they have in common as one face of both."""
+    builder = BOPAlgo_Builder()
+    for shape in shapes:
+        builder.AddArgument(shape)
+    builder.Perform()
+    return [each.wrapped for each in bd.Compound(builder.Shape()).solids()]
+
+
+def count_shared(shapes: list[object]) -> int:
+    first, second = ({hash(face) for face in faces_of(shape)} for shape in shapes)
+    return len(first & second)
 
 
 def test_a_narrow_face_goes_with_one_of_its_edges_and_its_vertices_go_to_the_edge_of_the_box() -> None:
@@ -68,20 +83,9 @@ def test_a_hole_that_is_as_small_keeps_three_sides() -> None:
 
 
 def test_solids_that_share_a_face_share_what_is_left_of_it() -> None:
-    from OCP.BOPAlgo import BOPAlgo_Builder
-
-    builder = BOPAlgo_Builder()
     left = extrude((0, 0), (2, 0), (2, 3 - GAP), (2 - GAP, 3), (0, 3))
     right = extrude((2, 0), (4, 0), (4, 3), (2 - GAP, 3), (2, 3 - GAP))
-    for shape in (left, right):
-        builder.AddArgument(shape)
-    builder.Perform()
-    solids = [each.wrapped for each in bd.Compound(builder.Shape()).solids()]
-
-    def count_shared(shapes: list[object]) -> int:
-        first, second = ({hash(face) for face in faces_of(shape)} for shape in shapes)
-        return len(first & second)
-
+    solids = glue(left, right)
     assert count_shared(solids) == 2
     found = merge_short_edges(solids, LOW, HIGH, 2 * GAP)
     assert count_shared(found.solids) == 1

@@ -163,7 +163,6 @@ def test_the_amount_is_half_the_wall_where_two_turns_coincide() -> None:
             lambda p: np.stack([(p[..., 0] - 5) ** 2 / 5, p[..., 1], p[..., 2]], axis=-1),
             r"folds.*near lattice point \(5,",
         ),
-        (lambda p: p + 8 * np.sin(0.5 * p), "folds"),
         (maps.sphere(4.0, centre=(0.0, 0.0)), "folds"),
     ],
 )

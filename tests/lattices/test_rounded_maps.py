@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from scipy.interpolate import make_interp_spline
 
+from tests.splines.test_common_space import clamped
 from tpmscad import maps
 from tpmscad._typing import Array
 from tpmscad.errors import InvalidRequest
@@ -16,10 +17,6 @@ from tpmscad.splines.basis import design_matrix
 CELLS, CELL = (4, 6, 1), np.array([10.0, 7.0, 9.0])
 SIZE = CELL * CELLS
 RNG = np.random.default_rng(5)
-
-
-def clamped(degree: int, inner: list[float]) -> Array:
-    return np.array([0.0] * (degree + 1) + inner + [1.0] * (degree + 1))
 
 
 def bumpy(height: float, inner_u: list[float], degree_u: int = 3) -> SplineMap:

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from scipy.interpolate import BSpline
 
+from tests.splines.test_common_space import clamped
 from tpmscad import maps
 from tpmscad.errors import InvalidRequest
 
@@ -20,10 +21,6 @@ def control_net(shape: tuple[int, int, int], warp: float = 0.2) -> np.ndarray:
     net = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1)
     moved = net + warp * (RNG.random(net.shape) - 0.5) / np.array(shape)
     return moved * np.array([8.0, 6.0, 10.0])
-
-
-def clamped(degree: int, inner: list[float]) -> list[float]:
-    return [0.0] * (degree + 1) + inner + [1.0] * (degree + 1)
 
 
 @lru_cache(1)

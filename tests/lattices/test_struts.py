@@ -93,6 +93,7 @@ def test_a_cell_of_every_kind_fills_what_its_field_does(kind: str, node_radius: 
 
 
 @pytest.mark.parametrize(("kind", "node_radius"), WITH_BALLS)
+@pytest.mark.slow
 def test_a_cell_has_the_volume_of_an_integral_over_the_angle_of_each_strut(kind: str, node_radius: float) -> None:
     field = fields.strut_lattice(kind, 10.0, 1.0, node_radius=node_radius)
     assert volume(bound(field, BOX)) == pytest.approx(exact_volume(field, *BOX, steps=2000), rel=3e-7)

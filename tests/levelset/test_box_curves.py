@@ -15,15 +15,11 @@ from tpmscad.levelset.fit.box_curves import (
     measure_overshoot,
     sample_box_curves,
 )
-from tpmscad.levelset.level_set_fit import LevelSetFit, classify_failures
-
-
-def fit_of_ball() -> LevelSetFit:
-    return ball_fit()[0]
+from tpmscad.levelset.level_set_fit import classify_failures
 
 
 def test_box_curves_of_a_fit_that_passes_stay_in_the_box_and_cross_nothing() -> None:
-    made = fit_of_ball()
+    made = ball_fit()
     assert (made.network.plane >= 0).sum() > 4
     assert measure_overshoot(made.network, sample_box_curves(made.network, made.fit), made.tree).max() <= 0
     assert not find_crossing_curves(made.network, sample_box_curves(made.network, made.fit)).any()
@@ -31,7 +27,7 @@ def test_box_curves_of_a_fit_that_passes_stay_in_the_box_and_cross_nothing() -> 
 
 @pytest.mark.parametrize("reach", [0.9, 1.1])
 def test_two_curves_that_cross_are_found_and_their_patches_are_folded(reach: float) -> None:
-    made = fit_of_ball()
+    made = ball_fit()
     net, fit = made.network, made.fit
     on_box = np.flatnonzero(net.plane >= 0)
     middle = np.array([0.5 * (fit.curves[c][0] + fit.curves[c][-1]) for c in on_box])

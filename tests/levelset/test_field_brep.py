@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from concurrent.futures import ProcessPoolExecutor
 from functools import cache
 
 import numpy as np
@@ -17,7 +16,6 @@ from tpmscad.fields.analysis import volume_quadrature
 from tpmscad.fields.kinds.linear_extension import extend_linearly
 from tpmscad.levelset.field_solid import FieldSolid, fit_field_solid
 from tpmscad.levelset.fit import fit_quality
-from tpmscad.parallel import task_runner
 
 LO, HI, TOL = np.zeros(3), np.full(3, 10.0), 1e-2
 GYROID = fields.tpms("gyroid", 10.0)
@@ -54,16 +52,12 @@ class TestEverySolid:
         assert solid.deviation.max <= TOL
         assert solid.continuity.tangent_jump_deg <= 1e-5
 
-
-@pytest.mark.slow
-@pytest.mark.parametrize(
-    "name", [pytest.param(n, marks=[pytest.mark.slow] * (n in ("sheet", "corner on the level"))) for n in FIELDS]
-)
-def test_continuity_measured_on_the_brep_agrees(name: str) -> None:
-    solid, _ = made(name)
-    found = measure_edge_continuity(solid.brep, ("surface",))
-    assert found.gap < 1e-12
-    assert abs(found.tangent_jump_deg - solid.continuity.tangent_jump_deg) < 1e-5
+    @pytest.mark.slow
+    def test_has_that_continuity_measured_on_the_brep(self, name: str) -> None:
+        solid, _ = made(name)
+        found = measure_edge_continuity(solid.brep, ("surface",))
+        assert found.gap < 1e-12
+        assert abs(found.tangent_jump_deg - solid.continuity.tangent_jump_deg) < 1e-5
 
 
 def test_a_balls_volume_and_area_are_those_of_the_closed_form() -> None:
@@ -166,28 +160,6 @@ def test_what_the_field_is_beyond_the_box_does_not_matter() -> None:
     there, here = (fit_field_solid(f, LO, HI, TOL).brep for f in (changed, plain))
     assert len(there.faces) == pytest.approx(len(here.faces), rel=0.2)
     assert measure_solid(there).volume == pytest.approx(measure_solid(here).volume, rel=1e-4)
-
-
-def test_a_field_seen_from_a_box_is_itself_inside_and_continuously_differentiable_across_the_faces() -> None:
-    seen = extend_linearly(GYROID, LO, HI)
-    rng = np.random.default_rng(3)
-    points = rng.uniform(LO, HI, (50, 3))
-    assert np.array_equal(seen(points), GYROID(points))
-    points[:, 1] = 10.0
-    step = np.array([0.0, 1e-5, 0.0])
-    assert np.allclose((seen(points + step) - seen(points - step)) / 2e-5, GYROID.gradient(points)[:, 1], atol=1e-4)
-
-
-@pytest.mark.slow
-def test_workers_make_the_same_solid_face_by_face() -> None:
-    field = FIELDS["rod"][0]
-    with ProcessPoolExecutor(2) as pool, task_runner(pool, field) as run_tasks:
-        pooled = fit_field_solid(field, LO, HI, TOL, run_tasks=run_tasks).brep
-    serial = made("rod")[0].brep
-    assert np.array_equal(pooled.vertices, serial.vertices)
-    for one, other in zip(pooled.carriers, serial.carriers, strict=True):
-        assert type(one) is type(other)
-        assert not hasattr(one, "poles") or np.array_equal(one.poles, other.poles)
 
 
 def test_a_patch_that_leaves_the_box_is_off_by_as_much_as_it_leaves_it() -> None:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from concurrent.futures import Executor, Future, ThreadPoolExecutor
+from concurrent.futures import Executor, Future, ProcessPoolExecutor, ThreadPoolExecutor
 from dataclasses import astuple
 from functools import cache
 from typing import Any
@@ -178,7 +178,11 @@ class Late(Executor):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("executor", [Late, lambda: ThreadPoolExecutor(3)], ids=["one of the caller's own", "threads"])
+@pytest.mark.parametrize(
+    "executor",
+    [Late, lambda: ThreadPoolExecutor(3), lambda: ProcessPoolExecutor(2)],
+    ids=["one of the caller's own", "threads", "processes"],
+)
 def test_any_executor_makes_the_same_solid_face_by_face(executor: Any, monkeypatch: pytest.MonkeyPatch) -> None:
     for module in (network_fit, fit_quality):
         monkeypatch.setattr(module, "ITEMS_PER_TASK", 64)

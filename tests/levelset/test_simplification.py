@@ -27,10 +27,6 @@ from tpmscad.levelset.quadmesh.smoothing import project_to_level_set
 from tpmscad.levelset.quadmesh.vectors import normalize
 
 
-def full_fit() -> tuple[LevelSetFit, np.ndarray]:
-    return ball_fit(share=0.1)
-
-
 def polygons_of(mesh: QuadMesh) -> set[tuple[tuple[float, ...], ...]]:
     """Polygons by the start positions of their vertices."""
     start = [tuple(point) for point in mesh.start_positions.tolist()]
@@ -41,7 +37,7 @@ def polygons_of(mesh: QuadMesh) -> set[tuple[tuple[float, ...], ...]]:
 def test_large_fits_are_simplified_again_only_after_a_simplification_that_removed_enough(
     kept: float, tried: int, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    whole, _samples = full_fit()
+    whole = ball_fit(share=0.1)
     calls = []
 
     def simplify_once(fit: LevelSetFit, max_distortion: float) -> LevelSetFit:
@@ -61,7 +57,7 @@ def test_large_fits_are_simplified_again_only_after_a_simplification_that_remove
 
 @pytest.mark.parametrize("name", ["distance", "min_normal_cosine"])
 def test_a_patch_whose_measurements_are_not_finite_fails(name: str) -> None:
-    whole, _samples = full_fit()
+    whole = ball_fit(share=0.1)
     measured = whole.quality.samples
     values = getattr(measured, name).copy()
     values[7] = np.nan
@@ -72,7 +68,7 @@ def test_a_patch_whose_measurements_are_not_finite_fails(name: str) -> None:
 
 @pytest.mark.slow
 def test_a_fit_that_passes_is_simplified_to_fewer_patches_that_pass_too() -> None:
-    whole, _samples = full_fit()
+    whole = ball_fit(share=0.1)
     assert not len(whole.bad_leaves)
     small = simplify_fit(whole)
     assert not len(small.bad_leaves)
@@ -83,7 +79,7 @@ def test_a_fit_that_passes_is_simplified_to_fewer_patches_that_pass_too() -> Non
 
 @pytest.mark.slow
 def test_a_fit_stays_where_nothing_simplified_passes(monkeypatch: pytest.MonkeyPatch) -> None:
-    whole, _samples = full_fit()
+    whole = ball_fit(share=0.1)
     tried = []
 
     def failing(*args: object) -> LevelSetFit:
@@ -100,7 +96,7 @@ def test_a_fit_stays_where_nothing_simplified_passes(monkeypatch: pytest.MonkeyP
 def test_a_simplification_of_which_many_patches_fail_is_given_up_in_large_fits(
     part: float, is_large: bool, fits: int, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    whole, _samples = full_fit()
+    whole = ball_fit(share=0.1)
     if is_large:
         monkeypatch.setattr(fit_simplification, "MIN_GAIN_PATCHES", len(whole.fit.patches) - 1)
     many = replace(
@@ -122,7 +118,7 @@ def test_a_simplification_of_which_many_patches_fail_is_given_up_in_large_fits(
 
 @pytest.mark.slow
 def test_polygons_come_back_where_patches_fail_and_stay_merged_elsewhere(monkeypatch: pytest.MonkeyPatch) -> None:
-    whole, _samples = full_fit()
+    whole = ball_fit(share=0.1)
     at = int(np.argmax(whole.mesh.vertices[:, 0]))
     wanted = {p for p in polygons_of(whole.mesh) if tuple(whole.mesh.start_positions[at]) in p}
     misses = []
@@ -143,7 +139,7 @@ def test_polygons_come_back_where_patches_fail_and_stay_merged_elsewhere(monkeyp
 def test_where_nothing_is_left_to_undo_near_a_failure_edits_farther_away_are_undone(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    whole, _samples = full_fit()
+    whole = ball_fit(share=0.1)
     asked = []
 
     class Reluctant(EditHistory):
@@ -164,14 +160,14 @@ def test_where_nothing_is_left_to_undo_near_a_failure_edits_farther_away_are_und
 
 def test_periods_stay_alike() -> None:
     field = fields.rod(fields.tpms("gyroid", 10.0), -0.3)
-    whole, _samples = full_fit()
+    whole = ball_fit(share=0.1)
     periodic = replace(whole, request=replace(whole.request, field=field))
     assert simplify_fit(periodic) is periodic
 
 
 @pytest.mark.slow
 def test_triangles_with_a_side_on_the_box_leave_the_solid_closed() -> None:
-    whole, _samples = full_fit()
+    whole = ball_fit(share=0.1)
     mesh = whole.mesh
     polygons = PolygonMesh(mesh)
     on_box = [n for n, p in polygons.corners_of.items() if len(p) == 4 and polygons.box_sides([n])]
@@ -192,7 +188,8 @@ def test_triangles_with_a_side_on_the_box_leave_the_solid_closed() -> None:
 
 
 def test_sides_on_the_box_that_leave_it_are_not_accepted() -> None:
-    whole, net = full_fit()[0], full_fit()[0].network
+    whole = ball_fit(share=0.1)
+    net = whole.network
     side = np.flatnonzero(net.plane == 0)
     height = net.vertices[net.ends[side], 1].max(axis=1)
     curve, top = side[height.argmax()], height.max()
@@ -203,7 +200,7 @@ def test_sides_on_the_box_that_leave_it_are_not_accepted() -> None:
 
 
 def test_a_fit_passes_after_polygons_of_its_few_bad_leaves_are_merged(monkeypatch: pytest.MonkeyPatch) -> None:
-    whole, _samples = full_fit()
+    whole = ball_fit(share=0.1)
     inner = ~whole.mesh.fixed.any(axis=1)
     quads = [row for row in whole.mesh.corners if row[3] >= 0 and inner[row].all()]
     one = replace(whole, bad_leaves=np.unique(whole.mesh.leaf[quads[len(quads) // 2]]))
@@ -218,7 +215,7 @@ def test_a_fit_passes_after_polygons_of_its_few_bad_leaves_are_merged(monkeypatc
 
 @pytest.mark.slow
 def test_polygons_of_two_places_are_merged_one_after_the_other() -> None:
-    whole, _samples = full_fit()
+    whole = ball_fit(share=0.1)
     inner = ~whole.mesh.fixed.any(axis=1)
     quads = [row for row in whole.mesh.corners if row[3] >= 0 and inner[row].all()]
     two = replace(whole, bad_leaves=np.unique(whole.mesh.leaf[[quads[0], quads[-1]]]))
@@ -245,7 +242,7 @@ def test_polygons_of_two_places_are_merged_one_after_the_other() -> None:
 @pytest.mark.parametrize(("part", "bad"), [(1e-4, True), (0.05, False)])
 @pytest.mark.slow
 def test_vertices_that_come_to_rest_on_others_are_bad(part: float, bad: bool) -> None:
-    whole, _samples = full_fit()
+    whole = ball_fit(share=0.1)
     mesh = whole.mesh
     side = int(np.flatnonzero(~mesh.fixed[mesh.side_ends].any(axis=(1, 2)))[0])
     a, b = mesh.side_ends[side]
@@ -267,7 +264,7 @@ def test_vertices_that_come_to_rest_on_others_are_bad(part: float, bad: bool) ->
 
 @pytest.mark.parametrize("known", [True, False])
 def test_patches_that_failed_before_are_fitted_again_and_the_others_reused(known: bool) -> None:
-    whole, _samples = full_fit()
+    whole = ball_fit(share=0.1)
     at = int(np.flatnonzero((whole.network.corners >= 0).all(axis=1))[7])
     patches = [p.copy() for p in whole.fit.patches]
     patches[at][1:-1, 1:-1] += 0.1
@@ -282,7 +279,7 @@ def test_patches_that_failed_before_are_fitted_again_and_the_others_reused(known
 
 def test_patches_between_sides_of_different_degrees_have_one_degree_both_ways() -> None:
     """Of degrees 9 and 5 they fold."""
-    whole, _samples = full_fit()
+    whole = ball_fit(share=0.1)
     fit = whole.fit
     at = int(np.flatnonzero((whole.network.piece == 0).all(axis=1))[3])
     degree = np.full(len(fit.curves), 5)

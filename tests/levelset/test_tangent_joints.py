@@ -15,10 +15,6 @@ from tpmscad.splines.basis import bernstein_basis
 PIECE_SPAN = {WHOLE: (0.0, 1.0), FIRST_HALF: (0.0, 0.5), SECOND_HALF: (0.5, 1.0)}
 
 
-def fit_with_hanging_vertices() -> LevelSetFit:
-    return ball_fit(share=0.1)[0]
-
-
 def evaluate_side(poles: np.ndarray, side: int, t: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Derivative across a side of one patch, and the unit normal, at t (m,) along the side, counter-clockwise."""
     p, q = poles.shape[0] - 1, poles.shape[1] - 1
@@ -41,7 +37,7 @@ def curve_parameters(fit: LevelSetFit, patch: int, side: int, t: np.ndarray) -> 
 
 
 def test_the_network_has_what_makes_joints_hard() -> None:
-    fit = fit_with_hanging_vertices()
+    fit = ball_fit(share=0.1)
     network = fit.network
     valences = set(np.bincount(network.corners[network.corners >= 0])) - {1, 2}
     assert len(network.split_curve) > 20
@@ -50,7 +46,7 @@ def test_the_network_has_what_makes_joints_hard() -> None:
 
 @pytest.mark.slow
 def test_the_derivative_across_a_side_is_orthogonal_to_the_normal_of_its_curve_identically() -> None:
-    fit = fit_with_hanging_vertices()
+    fit = ball_fit(share=0.1)
     worst = 0.0
     for patch, side in joined_sides(fit):
         poles, normal = fit.fit.patches[patch], fit.fit.normals[fit.network.curve[patch, side]]
@@ -66,7 +62,7 @@ def test_the_derivative_across_a_side_is_orthogonal_to_the_normal_of_its_curve_i
 
 
 def test_patches_on_both_sides_of_a_joint_have_the_same_normals_at_random_parameters() -> None:
-    fit = fit_with_hanging_vertices()
+    fit = ball_fit(share=0.1)
     rng = np.random.default_rng(5)
     sides: dict[int, list[tuple[int, int]]] = {}
     for patch, side in joined_sides(fit):

@@ -11,30 +11,21 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from tpmscad import fields
-from tpmscad.levelset.quadmesh import octree
-from tpmscad.levelset.quadmesh.dual_mesh import QuadMesh, build_dual_mesh
+from tests.levelset.test_collapses import full_mesh
+from tests.shapes.cut_fields import FIELDS, HI, LO
+from tpmscad.levelset.quadmesh.dual_mesh import QuadMesh
 from tpmscad.levelset.quadmesh.quality import corner_distortion
 from tpmscad.levelset.quadmesh.simplification import edit_history
 from tpmscad.levelset.quadmesh.simplification.edit_history import EditHistory
 from tpmscad.levelset.quadmesh.simplification.greedy_simplification import simplify_mesh
-from tpmscad.levelset.quadmesh.smoothing import smooth_mesh
 from tpmscad.levelset.quadmesh.vectors import normalize
 
-LO, HI = np.array([0.0, 0.0, 0.0]), np.array([10.0, 11.0, 9.0])
-FIELD = fields.rod(fields.tpms("gyroid", 10.0), -0.3)
-
-
-@cache
-def full_mesh() -> QuadMesh:
-    tree = octree.uniform_octree(LO, HI, np.array((4, 5, 4)))
-    tree = octree.split_leaves(tree, np.random.default_rng(4).random(len(tree.size)) < 0.2)
-    return smooth_mesh(build_dual_mesh(tree, FIELD), FIELD, LO, HI)
+FIELD = FIELDS["gyroid"]
 
 
 @cache
 def simplified() -> EditHistory:
-    return simplify_mesh(full_mesh(), FIELD, LO, HI)
+    return simplify_mesh(full_mesh("gyroid", share=0.2), FIELD, LO, HI)
 
 
 def history() -> EditHistory:
@@ -52,17 +43,12 @@ def directed(mesh: QuadMesh) -> list[tuple[int, int]]:
 
 
 @pytest.mark.slow
-def test_a_simplified_mesh_has_fewer_polygons() -> None:
-    assert len(simplified().mesh()[0].corners) < 0.7 * len(full_mesh().corners)
-
-
-@pytest.mark.slow
 @given(draws=st.lists(st.tuples(st.integers(0, 10**6), st.integers(1, 3)), min_size=1, max_size=12))
 @settings(max_examples=15, deadline=None)
 def test_any_edits_undone_leave_a_two_manifold_of_the_same_topology_on_the_field_and_in_the_box(
     draws: list[tuple[int, int]],
 ) -> None:
-    wanted, original = history(), full_mesh()
+    wanted, original = history(), full_mesh("gyroid", share=0.2)
     for draw, levels in draws:
         numbers = wanted.mesh()[1]
         wanted.undo([int(numbers[draw % len(numbers)])], levels)
@@ -86,7 +72,7 @@ def test_the_vertices_round_an_undone_edit_return_to_where_they_were_before_it()
         recorded = wanted.edits[last]
         wanted._undo_edit(last)
         np.testing.assert_array_equal(wanted._vertices[recorded.vertices], recorded.positions)
-        moved += (recorded.positions != full_mesh().vertices[recorded.vertices]).any()
+        moved += (recorded.positions != full_mesh("gyroid", share=0.2).vertices[recorded.vertices]).any()
     assert 0 < moved < len(simplified().edits)
 
 
@@ -96,13 +82,13 @@ def test_smoothing_that_would_tangle_polygons_is_not_kept(monkeypatch: pytest.Mo
     assert smoothed.undo(made, 1)
     monkeypatch.setattr(edit_history, "smooth_vertices", lambda mesh, *_: replace(mesh, vertices=mesh.vertices[::-1]))
     assert kept.undo(made, 1)
-    assert measure_distortion(kept.mesh()[0]).max() < 2.5 < measure_distortion(full_mesh()).max()
+    assert measure_distortion(kept.mesh()[0]).max() < 2.5 < measure_distortion(full_mesh("gyroid", share=0.2)).max()
     assert not np.array_equal(kept.mesh()[0].vertices, smoothed.mesh()[0].vertices)
 
 
 @pytest.mark.slow
 def test_where_nothing_is_left_to_undo_vertices_go_back_to_where_they_were_to_the_last_bit() -> None:
-    wanted, original = history(), full_mesh()
+    wanted, original = history(), full_mesh("gyroid", share=0.2)
     while wanted.undo(wanted.mesh()[1].tolist(), 3):
         pass
     mesh, numbers = wanted.mesh()

@@ -7,7 +7,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from tests.meshing.test_mesh_improvement import check_same_body, jitter
+from tests.meshing.test_edge_collapse import check_same_body
+from tests.meshing.test_mesh_improvement import jitter
 from tests.meshing.test_volume_mesh import EXTENT, block
 from tpmscad._typing import Array
 from tpmscad.meshing import mesh_improvement, swaps

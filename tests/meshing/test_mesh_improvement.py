@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from tests.meshing.test_edge_collapse import areas, squeeze
+from tests.meshing.test_edge_collapse import check_same_body, squeeze, straighten
 from tests.meshing.test_volume_mesh import EXTENT, block
 from tpmscad._typing import Array
 from tpmscad.meshing import edge_collapse, editable_mesh, mesh_improvement
@@ -27,30 +27,6 @@ def jitter(mesh: VolumeMesh, seed: int, most: float) -> VolumeMesh:
     ties, _ = mesh.periodic_ties()
     moved = mesh.points + rng.uniform(-most, most, mesh.points.shape)[ties] * free
     return straighten(replace(mesh, points=moved))
-
-
-def straighten(mesh: VolumeMesh) -> VolumeMesh:
-    ((kind, cells),) = mesh.cells.items()
-    points = mesh.points.copy()
-    if kind == "tetra10":
-        for k, (i, j) in enumerate(((0, 1), (1, 2), (2, 0), (0, 3), (1, 3), (2, 3))):
-            points[cells[:, 4 + k]] = 0.5 * (points[cells[:, i]] + points[cells[:, j]])
-    return replace(mesh, points=points)
-
-
-def check_same_body(found: VolumeMesh, before: VolumeMesh) -> None:
-    assert found.quality.inverted == 0
-    assert found.volume == pytest.approx(before.volume, rel=1e-12)
-    assert areas(found) == pytest.approx(areas(before), rel=1e-12)
-    assert found.mismatch == 0.0
-    assert {name: len(of) for name, of in found.cell_groups.items()}["body"] == found.n_cells
-    ((_, facets),) = found.facets.items()
-    ((_, outer),) = boundary_facets(found.cells).items()
-    assert {frozenset(row) for row in facets.tolist()} == {frozenset(row) for row in outer.tolist()}
-    for name, pairs in found.periodic.items():
-        number = "xyz".index(name)
-        on_side = np.flatnonzero(np.abs(found.points[:, number] - EXTENT[number]) < 1e-12)
-        np.testing.assert_array_equal(np.sort(pairs[:, 1]), on_side)
 
 
 @pytest.mark.parametrize(("kind", "seed"), [("tetra", 0), ("tetra", 1), ("tetra10", 2)])

@@ -85,6 +85,8 @@ def test_both_sides_of_an_interface_are_mapped_to_each_other(tmp_path: Path) -> 
     assert ours.group(1, 2) == ("channel_plus", "channel_plus_to_wall")
     assert theirs.group(1) == "wall_to_channel_plus"
     assert ours.group(3) == theirs.group(2)
+    regions = (tmp_path / "case/constant/regionProperties").read_text()
+    assert "regions ( fluid (channel_plus) solid (wall) );" in regions
     zones = (tmp_path / "case/constant/channel_plus/polyMesh/faceZones").read_text()
     assert f"interfaces {{ type faceZone; faceLabels List<label> {ours.group(3)}(" in zones
     velocity = (tmp_path / "case/flow/channel_plus/0/U").read_text()

@@ -83,22 +83,14 @@ names = { ball = { kind = "sphere", center = [2, 2, 2], radius = 1.5 } }"""
         ('kind = "labels"\nfile = "organs.npy"\nlabel = "bone"', "line 6, field.label: 'bone' is unknown"),
         ('kind = "sampled"\nfile = "flat.npy"\nframe = "LAS"', "line 6, field.frame"),
         ('kind = "sampled"\nfile = "absent.npy"', "line 5, field.file: there is no file"),
-        ('kind = "scattered"\nfile = "short.csv"', "line 5, field.file: file short.csv, line 2: 3 columns"),
-        ('kind = "scattered"\nfile = "words.csv"', "line 5, field.file: file words.csv, line 3: '1, 2, x, 4' are not"),
-        ('kind = "scattered"\nfile = "empty.csv"', "line 5, field.file: file empty.csv holds no row"),
         ('kind = "expression"\nformula = "sin(x) +"', "formula"),
         ('kind = "expression"\nformula = "__import__(1)"', "__import__"),
-        ('kind = "expression"\nformula = "x"\nperiod = 1\ncell = 2', "is another name of 'period': give one of them"),
         ('kind = "rod"\nsurface = "P"\ncell = 2\nlevel = 0\nof = 1', "give exactly one of 'of' and 'surface'"),
-        ('kind = "rod"\nof = 1\ncell = 2\nlevel = 0', "has a meaning only together with 'surface'"),
     ],
 )
 def test_what_is_wrong_is_told_with_its_line(tmp_path: Path, text: str, words: str) -> None:
     np.save(tmp_path / "flat.npy", np.zeros((3, 3)))
     np.save(tmp_path / "organs.npy", np.indices((4, 4, 4))[0])
-    (tmp_path / "short.csv").write_text("x,y,z\n1,2,3\n")
-    (tmp_path / "words.csv").write_text("x,y,z,v\n1,2,3,4\n1,2,x,4\n")
-    (tmp_path / "empty.csv").write_text("x,y,z,v\n")
     with pytest.raises(RecipeError, match=r"^part\.toml, line \d, field") as caught:
         read_field(tmp_path, text)
     assert words in str(caught.value)

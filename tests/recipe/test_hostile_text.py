@@ -40,7 +40,6 @@ def test_a_byte_order_mark_changes_nothing(tmp_path: Path) -> None:
         ("tol = 0.05", f"tol = {'9' * 400}", "line 2, tol: 9999.* is beyond 1e\\+100"),
         ("tol = 0.05", f"tol = {'9' * 5000}", r"part\.toml holds a value that cannot be read: .* digits"),
         ("tol = 0.05", "tol = 1e308", r"line 2, tol: 1e\+308 is beyond"),
-        ("tol = 0.05", f"tol = {'[' * 900}{']' * 900}", "nested too deeply|tol"),
         ("tol = 0.05", f"tol = {'[' * 5000}{']' * 5000}", "nested too deeply"),
         ("tol = 0.05", f"tol = {'{a=' * 500}1{'}' * 500}", "nested too deeply|tol"),
     ],

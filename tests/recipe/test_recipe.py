@@ -459,17 +459,6 @@ class TestScaffold:
         with pytest.raises(RecipeError, match=r"line 9, structures\[1\]: structure 1 is under-sampled"):
             read_blend_recipe(path).run()
 
-    def test_a_field_made_of_itself_is_refused(self, tmp_path: Path) -> None:
-        path = tmp_path / "part.toml"
-        path.write_text(
-            "tol = 1\ndomain = [[0, 0, 0], [1, 1, 1]]\n[fields.a]\nkind='complement'\nof='b'\n"
-            "[fields.b]\nof='a'\nkind='complement'\n[field]\nkind='complement'\nof='a'\n"
-        )
-        with pytest.raises(
-            RecipeError, match=r"line 7, fields\.b\.of: the field 'a' is defined by itself: a -> b -> a"
-        ):
-            read_solid_recipe(path)
-
     @pytest.mark.parametrize(
         ("text", "kind", "entries"),
         [

@@ -8,7 +8,6 @@ import pytest
 
 bd = pytest.importorskip("build123d")
 
-from tpmscad.errors import InvalidRequest  # noqa: E402
 from tpmscad.kernel.body_import.cad_body import read_body  # noqa: E402
 from tpmscad.kernel.occt.exploration import faces_of  # noqa: E402
 from tpmscad.requests.face_selection import resolve_face_selectors  # noqa: E402
@@ -38,20 +37,6 @@ def test_numbers_and_faces_pass_and_a_single_selector_needs_no_list() -> None:
     face = object()
     assert resolve_face_selectors(body, (face,)) == resolve_face_selectors(body, face) == (face,)
     assert resolve_face_selectors(body, 4) == (4,)
-
-
-@pytest.mark.parametrize(
-    ("shape", "selector", "words"),
-    [
-        (bd.Sphere(3), ">Z", "no plane face of the body is there"),
-        (bd.Cylinder(3, 4), "<X", "no plane face of the body is there"),
-        (BOX, "Z", "is no selector"),
-        (BOX, ">W", "is no selector"),
-    ],
-)
-def test_an_end_without_a_plane_face_is_refused(shape: object, selector: str, words: str) -> None:
-    with pytest.raises(InvalidRequest, match=words):
-        resolve_face_selectors(read_body(shape), [selector])
 
 
 @pytest.mark.parametrize(

@@ -19,9 +19,9 @@ BALL = fields.sphere(CENTRE, RADIUS)
 @cache
 def ball_fit(
     counts: tuple[int, int, int] = (6, 7, 5), share: float = 0.0, radius: float = RADIUS, spacing: float = 0.7
-) -> tuple[LevelSetFit, np.ndarray]:
-    """The fit and the samples that it was measured against; a fraction `share` of its leaves is split."""
+) -> LevelSetFit:
+    """A fraction `share` of the leaves is split."""
     field, tree = fields.sphere(CENTRE, radius), octree.uniform_octree(LO, HI, np.array(counts))
     tree = octree.split_leaves(tree, np.random.default_rng(3).random(len(tree.size)) < share)
-    samples = sample_level_set(field, LO, HI, spacing)
-    return fit_level_set(FitRequest(field, TOL, samples), tree, mesh_level_set(tree, field)[0]), samples
+    request = FitRequest(field, TOL, sample_level_set(field, LO, HI, spacing))
+    return fit_level_set(request, tree, mesh_level_set(tree, field)[0])

@@ -5,82 +5,19 @@ Every one is known in closed form or by its symmetry, and has unequal sizes and 
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 
 from tests.shapes.box_shapes import plane_box
 from tpmscad._typing import Array
-from tpmscad.brep.boundary_representation import Brep, Edges, EdgeUses, Faces
+from tpmscad.brep.boundary_representation import Brep, Edges, EdgeUses, Faces, join_breps, reverse_faces
 from tpmscad.brep.welding import weld_patches
 from tpmscad.rigid_motion import Motion
 from tpmscad.splines.bspline import BSplineCurve, BSplineSurface, line_segment
 
 
-def joined(*parts: Brep) -> Brep:
-    """Boundary representations side by side, nothing shared."""
-    offset = np.zeros(8, np.int64)
-    lists: dict[str, list] = {}
-
-    def put(name: str, value: np.ndarray, by: int = 0) -> None:
-        lists.setdefault(name, []).append(value + by if by else value)
-
-    for part in parts:
-        carriers, curves, pcurves, vertices, edges, uses, loops, tags = offset.tolist()
-        e, u, f = part.edges, part.uses, part.faces
-        put("curve", e.curve, curves)
-        put("start", e.start, vertices)
-        put("end", e.end, vertices)
-        put("edge", u.edge, edges)
-        put("pcurve", np.where(u.pcurve >= 0, u.pcurve + pcurves, -1))
-        put("carrier", f.carrier, carriers)
-        put("tag", f.tag, tags)
-        put("loop_start", f.loop_start[:-1], loops)
-        put("use_start", f.use_start[:-1], uses)
-        for name, value in (
-            ("span", e.span), ("deviation", e.deviation), ("u_sense", u.sense), ("f_sense", f.sense),
-            ("vertices", part.vertices),
-        ):  # fmt: skip
-            put(name, value)
-        offset += [len(part.carriers), len(part.curves), len(part.pcurves), len(part.vertices), len(e), len(u),
-                   len(f.use_start) - 1, len(part.tags)]  # fmt: skip
-    a = {name: np.concatenate(values) for name, values in lists.items()}
-    return Brep(
-        carriers=sum((p.carriers for p in parts), ()),
-        curves=sum((p.curves for p in parts), ()),
-        pcurves=sum((p.pcurves for p in parts), ()),
-        vertices=a["vertices"],
-        edges=Edges(
-            a["curve"],
-            Motion.concatenate([p.edges.motion for p in parts]),
-            a["span"],
-            a["start"],
-            a["end"],
-            a["deviation"],
-        ),
-        uses=EdgeUses(a["edge"], a["u_sense"], a["pcurve"]),
-        faces=Faces(
-            a["carrier"],
-            Motion.concatenate([p.faces.motion for p in parts]),
-            a["f_sense"],
-            a["tag"],
-            np.append(a["loop_start"], offset[6]),
-            np.append(a["use_start"], offset[5]),
-        ),
-        tags=sum((p.tags for p in parts), ()),
-    )
-
-
-def turned_inside_out(brep: Brep) -> Brep:
-    """The same faces with reversed outward normals."""
-    f = brep.faces
-    faces = Faces(f.carrier, f.motion, -f.sense, f.tag, f.loop_start, f.use_start)
-    return replace(brep, faces=faces)
-
-
 def hollow_box() -> Brep:
     """The box 2 x 3 x 5 with a void of 0.5 x 1 x 2 in it."""
-    return joined(plane_box(), turned_inside_out(plane_box((0.5, 1.0, 2.0), translation=(0.5, 1.0, 1.5))))
+    return join_breps([plane_box(), reverse_faces(plane_box((0.5, 1.0, 2.0), translation=(0.5, 1.0, 1.5)))])
 
 
 def bend(points: Array) -> Array:
@@ -158,8 +95,8 @@ def drilled_dome() -> Brep:
     start = np.concatenate([e.start, 8 + np.arange(4), 12 + np.arange(4), 8 + np.arange(4)])
     end = np.concatenate([e.end, 8 + (np.arange(4) + 1) % 4, 12 + (np.arange(4) + 1) % 4, 12 + np.arange(4)])
     n = len(curves)
-    edges = Edges(np.arange(n), Motion.identity(n), np.tile([0.0, 1.0], (n, 1)),
-                  start, end, np.zeros(n))  # fmt: skip
+    span = np.concatenate([e.span, np.tile([0.0, 1.0], (n - len(e), 1))])
+    edges = Edges(np.arange(n), Motion.identity(n), span, start, end, np.zeros(n))
     pcurves: list[BSplineCurve] = []
 
     def pcurve(curve: BSplineCurve) -> int:
@@ -175,7 +112,7 @@ def drilled_dome() -> Brep:
             p = -1
             if face == 5:
                 ends = vertices[[start[u.edge[k]], end[u.edge[k]]]][:, :2] / [2.0, 3.0]
-                p = pcurve(line_segment(*ends))
+                p = pcurve(line_segment(*ends, tuple(span[u.edge[k]])))
             uses.append((int(u.edge[k]), int(u.sense[k]), p))
         use_start.append(len(uses))
         if face == 5:  # the hole clockwise seen from above
@@ -230,11 +167,9 @@ def notched_hollow() -> Brep:
     """A long box with a void at its foot, which stands in the notch of a smaller U: the void is in both boxes, not in the U."""
     u = np.ones((3, 1, 3), bool)
     u[1, :, 1:] = False
-    held = joined(
-        plane_box((0.6, 0.6, 40.0), translation=(1.2, 0.2, 1.4)),
-        turned_inside_out(plane_box((0.2, 0.2, 0.2), translation=(1.4, 0.3, 1.6))),
-    )
-    return joined(voxels(u, 3), held)
+    bar = plane_box((0.6, 0.6, 40.0), translation=(1.2, 0.2, 1.4))
+    void = reverse_faces(plane_box((0.2, 0.2, 0.2), translation=(1.4, 0.3, 1.6)))
+    return join_breps([voxels(u, 3), bar, void])
 
 
 TURN = np.array([[0.0, 0.6, 0.8], [1.0, 0.0, 0.0], [0.0, 0.8, -0.6]])
@@ -243,7 +178,9 @@ CASES = {
     "box of planes": plane_box,
     "mirrored box": lambda: plane_box(rotation=np.diag([1.0, -1.0, 1.0]) @ TURN, translation=(1.0, -2.0, 0.5)),
     "box with a void": hollow_box,
-    "two boxes": lambda: joined(plane_box((1.0, 1.0, 2.0)), plane_box((3.0, 3.0, 5.0), translation=(10.0, 0.0, 0.0))),
+    "two boxes": lambda: join_breps(
+        [plane_box((1.0, 1.0, 2.0)), plane_box((3.0, 3.0, 5.0), translation=(10.0, 0.0, 0.0))]
+    ),
     "bent cube": lambda: voxels(np.ones((1, 1, 1)), 5),
     "bent frame": lambda: voxels(frame(1), 3),
     "drilled dome": drilled_dome,

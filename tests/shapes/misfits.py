@@ -1,4 +1,4 @@
-"""How far the curves of a boundary representation are from its carriers and vertices, measured."""
+"""Measures of boundary representations: their volume, and how far their curves are from their carriers and vertices."""
 
 from __future__ import annotations
 
@@ -6,6 +6,14 @@ import numpy as np
 
 from tpmscad.brep.boundary_representation import Brep
 from tpmscad.brep.carriers import Plane
+from tpmscad.brep.moments import integral_properties
+
+
+def volume(brep: Brep) -> float:
+    """Inside of all shells; none without faces."""
+    return (
+        float(integral_properties.volume(integral_properties.integrate_faces(brep)).sum()) if len(brep.faces) else 0.0
+    )
 
 
 def misfit(brep: Brep) -> np.ndarray:

@@ -34,12 +34,12 @@ def areas_of_groups(model: Any) -> Counter[str]:
 
 
 def bored_block() -> bd.Part:
-    return bd.Box(20, 16, 14) - bd.Pos(1, 0, 0) * bd.Cylinder(2, 30)
+    return bd.Box(15, 13, 14) - bd.Pos(1, 0, 0) * bd.Cylinder(2, 30)
 
 
 def stepped_block() -> bd.Part:
     """A step as high as the skin: the skin's inner side lies in the plane of the lower face, and both look up."""
-    return bd.Box(24, 16, 14) - bd.Pos(8, 0, 7) * bd.Box(8, 16, 2 * SKIN)
+    return bd.Box(16, 13, 14) - bd.Pos(5, 0, 7) * bd.Box(6, 13, 2 * SKIN)
 
 
 def domed_block() -> bd.Part:
@@ -60,27 +60,11 @@ def test_each_face_with_a_skin_is_a_group_of_its_whole_area() -> None:
 @pytest.mark.slow
 def test_what_is_left_of_an_open_face_is_a_group_too() -> None:
     body = bored_block()
-    whole, opened = (areas_of_groups(tpmscad.infill(body, **P, skin=SKIN, open_faces=o)) for o in ([], [">Z"]))
+    found = areas_of_groups(tpmscad.infill(body, **P, skin=SKIN, open_faces=[">Z"]))
     top = int(np.argmax([face.center().Z for face in body.faces()]))
-    changed = {label for label in whole if label.startswith("body") and opened[label] != pytest.approx(whole[label])}
-    assert changed == {f"body {top}"}
-    assert 0 < opened[f"body {top}"] < whole[f"body {top}"]
-
-
-@pytest.mark.slow
-def test_the_methods_of_trimming_agree_on_the_groups(monkeypatch: pytest.MonkeyPatch) -> None:
-    body, asked = domed_block(), P | {"phase": (0.1, 0.2, 0.3)}
-    quick = tpmscad.infill(body, **asked)
-
-    def refuse(*_: Any) -> None:
-        raise tpmscad.KernelError("trim", "not today")
-
-    monkeypatch.setattr("tpmscad.solids.boolean_strategies.trim_on_parameters", refuse)
-    slow = tpmscad.infill(body, **asked)
-    assert slow.certificate.notes != quick.certificate.notes
-    one, other = areas_of_groups(quick), areas_of_groups(slow)
-    assert {f"body {n}" for n in range(len(body.faces()))} < one.keys()
-    assert other == pytest.approx(one, rel=1e-6)
+    for number, face in enumerate(body.faces()):
+        area = found[f"body {number}"]
+        assert 0 < area < face.area if number == top else area == pytest.approx(face.area, rel=1e-9)
 
 
 def test_a_lattice_that_was_moved_keeps_the_labels_of_its_walls() -> None:
@@ -96,11 +80,10 @@ def test_a_lattice_that_was_moved_keeps_the_labels_of_its_walls() -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("skin", [None, SKIN])
-def test_the_deviation_of_a_lattice_that_was_moved_is_that_from_where_it_was_asked_for(skin: float | None) -> None:
-    side = 10 + 2 * ((skin or 0) + 3e-4)
+def test_the_deviation_of_a_lattice_that_was_moved_is_that_from_where_it_was_asked_for() -> None:
+    side = 10 + 2 * (SKIN + 3e-4)
     body = bd.Box(side, side, side)
-    model = tpmscad.infill(body, "neovius", cell=10, thickness=0.6, tol=0.03, skin=skin)
+    model = tpmscad.infill(body, "neovius", cell=10, thickness=0.6, tol=0.03, skin=SKIN)
     assert any("the lattice was moved" in note for note in model.certificate.notes)
     assert model.certificate.met
     assert model.distance_to_reference is not None
@@ -114,20 +97,6 @@ def test_the_deviation_of_a_lattice_that_was_moved_is_that_from_where_it_was_ask
     ]
     off = float(model.distance_to_reference(np.array(points)).max())
     assert 0.01 < off <= model.certificate.max_deviation <= 0.03
-
-
-@pytest.mark.slow
-def test_the_parts_of_the_wall_on_a_face_are_on_that_face() -> None:
-    body = bored_block()
-    model = tpmscad.infill(body, **P)
-    faces = body.faces()
-    seen = set()
-    for of in model.named_solids():
-        for label, face in zip(of.labels, bd.Shape.cast(of.solid).faces(), strict=True):
-            if number := re.fullmatch(r"body (\d+)", label):
-                seen.add(label)
-                assert faces[int(number[1])].distance_to(face.position_at(0.5, 0.5)) < 1e-6 or face.inner_wires()
-    assert len(seen) == len(faces)
 
 
 @pytest.mark.slow

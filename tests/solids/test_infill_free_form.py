@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 import tpmscad
+from tests.solids.test_face_groups import areas_of_groups
 from tpmscad import fields
 from tpmscad.errors import TrimmingError
 from tpmscad.kernel.measure.shape_report import check_shape
@@ -26,8 +27,8 @@ P: dict[str, Any] = {"surface": "P", "cell": 10, "thickness": 1, "tol": 0.1, "ph
 
 def prism() -> bd.Part:
     """An extruded spline profile."""
-    points = [(9, 0), (4, 6), (-3, 7), (-9, 2), (-7, -5), (1, -6)]
-    return bd.extrude(bd.make_face(bd.Spline(*points, periodic=True)), 13)
+    points = [(6.5, 0), (3, 5), (-2, 5.5), (-6.5, 1.5), (-5, -4), (1, -5)]
+    return bd.extrude(bd.make_face(bd.Spline(*points, periodic=True)), 11)
 
 
 def flask() -> bd.Part:
@@ -38,8 +39,10 @@ def flask() -> bd.Part:
     )
 
 
-def loft() -> bd.Solid:
-    return bd.loft([bd.Ellipse(9, 6).face(), bd.Pos(0, 0, 12) * bd.RectangleRounded(10, 10, 2).face()]).solid()
+def domed_block() -> bd.Part:
+    """A block under a free-form face."""
+    outline = bd.Polyline((-6, 0), (-6, -9), (6, -9), (6, 0)) + bd.Spline((6, 0), (2, 2), (-2, 1), (-6, 0))
+    return bd.extrude(bd.Plane.XZ * bd.make_face(outline), 5.5, both=True)
 
 
 def tags_of_faces(part: tpmscad.Model) -> list[str]:
@@ -64,8 +67,8 @@ def refuse_to_trim(*_: Any, **__: Any) -> None:
     raise TrimmingError("not today")
 
 
-def test_it_is_the_plain_boolean(monkeypatch: pytest.MonkeyPatch) -> None:
-    body = loft()
+def test_it_is_the_plain_boolean_and_has_its_groups_of_faces(monkeypatch: pytest.MonkeyPatch) -> None:
+    body = domed_block()
     monkeypatch.setattr(
         "tpmscad.solids.boolean_strategies.corner_clearance", lambda _: 0.0
     )  # else the lattice is moved
@@ -81,11 +84,14 @@ def test_it_is_the_plain_boolean(monkeypatch: pytest.MonkeyPatch) -> None:
     assert quick.certificate.volume == pytest.approx(slow.certificate.volume, rel=0, abs=moved)
     assert quick.certificate.area == pytest.approx(slow.certificate.area, rel=1e-6)
     assert quick.certificate.betti == slow.certificate.betti
+    one, other = areas_of_groups(quick), areas_of_groups(slow)
+    assert {f"body {n}" for n in range(len(body.faces()))} < one.keys()
+    assert other == pytest.approx(one, rel=1e-6)
 
 
 def test_fluid_domains_split_by_the_kernel_are_those_that_are_trimmed(monkeypatch: pytest.MonkeyPatch) -> None:
     asked = P | {"phase": (0.1, 0.2, 0.3)}
-    body = bd.Box(13, 12, 11)
+    body = bd.Box(11, 10.5, 10)
     trimmed = tpmscad.fluid_domains(body, **asked)
     assert "trimmed" in trimmed.certificate.notes[0]
 

@@ -58,14 +58,10 @@ def test_arrays_kernel_and_file_agree_on_what_is_left(dropped: Model, whole: Mod
     assert used.tolist() == list(range(len(dropped.patches.carriers)))
 
 
-def test_copies_of_one_cell_would_bring_the_pieces_back_and_are_refused(
-    dropped: Model, whole: Model, tmp_path: Path
-) -> None:
+def test_copies_of_one_cell_would_bring_the_pieces_back_and_are_refused(dropped: Model, tmp_path: Path) -> None:
     with pytest.raises(InvalidRequest, match=r"2 loose pieces were left out.*keep"):
         dropped.export_step(tmp_path / "cells.step", instanced=True)
     assert not (tmp_path / "cells.step").exists()
-    whole.export_step(tmp_path / "cells.step", instanced=True)
-    assert tpmscad.check_step(tmp_path / "cells.step").shape.solids == 3
 
 
 def test_the_field_of_a_solid_is_compared_with_all_of_its_pieces() -> None:
@@ -82,17 +78,12 @@ def test_the_field_of_a_solid_is_compared_with_all_of_its_pieces() -> None:
 
 @pytest.mark.slow
 def test_an_infill_loses_its_chips_too() -> None:
-    body = bd.Box(20, 10, 10).moved(bd.Location((10, 5, 5)))
+    body = bd.Box(10, 10, 10).moved(bd.Location((5, 5, 5)))
     kept, left = (tpmscad.infill(body, "gyroid", **CORNERS, loose=loose) for loose in ("keep", "drop"))
     assert len(kept.certificate.pieces) == 3
     assert len(left.certificate.pieces) == len(left.solid.solids()) == 1
     assert left.certificate.volume + sum(left.certificate.dropped) == pytest.approx(kept.certificate.volume, rel=1e-4)
     assert left.certificate.met
-
-
-def test_what_is_neither_drop_nor_keep_is_refused() -> None:
-    with pytest.raises(InvalidRequest, match="loose 'maybe' is unknown"):
-        tpmscad.lattice("gyroid", cell=10, thickness=1, loose="maybe")
 
 
 @pytest.mark.parametrize(
@@ -122,7 +113,7 @@ def test_the_summary_has_units_and_keeps_the_names_of_bounds_for_the_verbose_one
 
 
 def test_a_closed_cavity_is_a_trap_and_the_certificate_warns() -> None:
-    shell = fields.sheet(fields.from_function(lambda p: np.linalg.norm(p - 5.0, axis=-1)), 2.0, 3.0)
+    shell = fields.sheet(fields.expression("sqrt((x - 5)^2 + (y - 5)^2 + (z - 5)^2 + 0.01)"), 2.0, 3.0)
     certificate = tpmscad.solidify(shell, ((0.0, 0.0, 0.0), (10.0, 10.0, 10.0)), tol=0.05).certificate
     assert certificate.betti == (1, 0, 1)
     assert "1 closed cavity: powder or resin stays inside" in str(certificate)

@@ -12,7 +12,6 @@ from threadpoolctl import threadpool_info, threadpool_limits
 from tpmscad import fields
 from tpmscad.brep import connectivity
 from tpmscad.errors import LevelSetError
-from tpmscad.levelset.field_solid import fit_field
 from tpmscad.solids import field_patches
 from tpmscad.solids.field_patches import FieldPatches, fit_field_patches
 from tpmscad.solids.patch_measures import measure_field_patches
@@ -61,21 +60,16 @@ BALL_AND_SPECK = fields.expression(
 )
 
 
-def test_a_part_that_the_first_fit_misses_is_found() -> None:
-    alone = fit_field(BALL_AND_SPECK, np.zeros(3), np.full(3, 2.0), 2e-2)
-    assert connectivity.label_shells(alone.brep)[0] == 1
-    found = fit(BALL_AND_SPECK)
-    assert found.properties.betti == (2, 0, 0)
-    assert failed(found) == []
+@pytest.mark.parametrize("continuation_fails", [False, True])
+def test_a_part_that_the_first_fit_misses_is_found(continuation_fails: bool, monkeypatch: pytest.MonkeyPatch) -> None:
+    def refine(first: Any, *rest: Any) -> Any:
+        assert connectivity.label_shells(first.brep)[0] == 1
+        if continuation_fails:
+            raise LevelSetError("4 places could not be fitted")
+        return refine_field_fit(first, *rest)
 
-
-def test_a_part_that_the_first_fit_misses_is_found_though_its_continuation_fails(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    def fail(*_: Any) -> Any:
-        raise LevelSetError("4 places could not be fitted")
-
-    monkeypatch.setattr(field_patches, "refine_field_fit", fail)
+    refine_field_fit = field_patches.refine_field_fit
+    monkeypatch.setattr(field_patches, "refine_field_fit", refine)
     found = fit(BALL_AND_SPECK)
     assert found.properties.betti == (2, 0, 0)
     assert failed(found) == []

@@ -72,8 +72,6 @@ CLOSED_FORMS = {
         1.0,
         grown_box(14, 12, 10, 2.0),
     ),
-    "a torus": (lambda: bd.Torus(20, 7), 1.0, 2 * PI**2 * 20 * 6**2),
-    "a bore": (lambda: bd.Box(20, 18, 16) - bd.Cylinder(3, 20), 1.0, (18 * 16 - PI * 16) * 14),
     "two blocks with a bridge thinner than two skins": (
         lambda: bd.Box(30, 10, 10) - bd.Pos(0, 0, 3.5) * bd.Box(10, 10, 14),
         1.0,
@@ -91,29 +89,6 @@ def test_what_is_deeper_than_the_skin_has_its_closed_form_volume(name: str) -> N
     measured = thickness(found)
     assert measured.least == pytest.approx(skin, rel=1e-6)
     assert measured.greatest == pytest.approx(skin, rel=1e-6)
-
-
-def test_a_cone_keeps_its_apex() -> None:
-    radius, height, skin = 14.0, 30.0, 1.0
-    slant = np.hypot(radius, height)
-    left = height - skin - skin * slant / radius  # the apex sinks by skin / sin(half-angle)
-    found = eroded(bd.Cone(radius, 0, height), skin)
-    assert volume(found) == pytest.approx(PI / 3 * (radius / height) ** 2 * left**3, rel=1e-7)
-
-
-def test_round_a_concave_edge_in_space_there_is_no_mitre() -> None:
-    body = bd.Cylinder(9, 30) + bd.Rot(0, 90, 0) * bd.Pos(0, 0, 9) * bd.Cylinder(6, 18)
-    found = eroded(body)
-    assert found.method == "an arrangement of offset faces"
-    measured = thickness(found)
-    assert (measured.least, measured.greatest) == pytest.approx((1.0, 1.0), rel=1e-6)
-
-
-def test_a_free_form_body_is_eroded_without_the_kernel() -> None:
-    found = eroded(bd.extrude(bd.Ellipse(3.9, 2.4), 5), 2.0)
-    assert found.method == "an arrangement of offset faces"
-    measured = thickness(found)
-    assert (measured.least, measured.greatest) == pytest.approx((2.0, 2.0), rel=1e-6)
 
 
 def test_a_skin_of_just_the_reach_of_a_tube_is_made_a_little_thicker() -> None:
@@ -169,8 +144,7 @@ def dumbbell() -> bd.Part:
     return block + bd.Pos(8, 0, 0) * rod + bd.Pos(12, 0, 0) * plate
 
 
-@pytest.mark.parametrize("lost", [0, 1])
-def test_an_offset_that_lacks_a_part_is_refused(lost: int) -> None:
+def test_an_offset_that_lacks_a_part_is_refused() -> None:
     found = eroded(dumbbell())
     assert len(found.parts) == 2
     assert found.breps is not None
@@ -179,8 +153,9 @@ def test_an_offset_that_lacks_a_part_is_refused(lost: int) -> None:
     points, depths = sample_depths(found.depth, 1.0, DEPTH_SAMPLES, INSET_SAMPLES)
     deep = points[depths > DEEP_RATIO]
     check_eroded(found.parts, (), 1.0, found.depth, deep)
-    with pytest.raises(tpmscad.KernelError, match="misses a part of the body near"):
-        check_eroded((found.parts[1 - lost],), (), 1.0, found.depth, deep)
+    for part in found.parts:
+        with pytest.raises(tpmscad.KernelError, match="misses a part of the body near"):
+            check_eroded((part,), (), 1.0, found.depth, deep)
 
 
 def test_a_sheet_barely_deeper_than_the_skin_is_found() -> None:
@@ -193,34 +168,6 @@ def test_open_faces_get_no_skin() -> None:
     found = eroded(body, 1.0, top)
     assert volume(found) == pytest.approx(22 * (38 * 4 + 4 * 20 + (1 - PI / 4)), rel=1e-7)
     assert thickness(found, top).greatest == pytest.approx(1.0, rel=1e-6)
-
-
-def test_adjacent_faces_may_be_open() -> None:
-    body = bd.Box(16, 14, 12)
-    corner = [body.faces().sort_by(axis)[-1] for axis in (bd.Axis.X, bd.Axis.Y, bd.Axis.Z)]
-    found = eroded(body, 1.5, corner)
-    assert volume(found) == pytest.approx(14.5 * 12.5 * 10.5, rel=1e-12)
-    assert thickness(found, corner).greatest == pytest.approx(1.5, rel=1e-9)
-
-
-def test_beside_a_fillet_the_skin_ends_in_a_round_of_its_own_thickness() -> None:
-    long_edges = bd.Box(40, 24, 12).edges().filter_by(bd.Axis.Y).sort_by(bd.Axis.Z)[-2:]
-    body = bd.fillet(long_edges, 3)
-    top = body.faces().sort_by(bd.Axis.Z)[-1:]
-    found = eroded(body, 1.0, top)
-    below_the_fillet, below_the_round = 3 * 2 - PI * 2**2 / 4, PI / 4
-    assert volume(found) == pytest.approx(22 * (38 * 11 - 2 * (below_the_fillet + below_the_round)), rel=1e-7)
-    measured = thickness(found, top)
-    assert (measured.least, measured.greatest) == pytest.approx((1.0, 1.0), rel=1e-6)
-
-
-def test_beside_a_leaning_side_the_skin_ends_in_a_round_where_a_mitre_would_be_too_thick() -> None:
-    body = bd.extrude(bd.Rectangle(40, 40), 8, taper=60)
-    top = body.faces().sort_by(bd.Axis.Z)[-1:]
-    found = eroded(body, 1.0, top)
-    measured = thickness(found, top)
-    assert found.method == "an arrangement of offset faces"
-    assert (measured.least, measured.greatest) == pytest.approx((1.0, 1.0), rel=1e-6)
 
 
 def test_a_skin_thicker_than_the_fillets_beside_an_open_face_ends_in_a_round() -> None:

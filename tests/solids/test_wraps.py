@@ -16,26 +16,6 @@ pytestmark = pytest.mark.kernel
 
 
 @pytest.mark.slow
-def test_a_ring_is_one_valid_solid_in_memory_and_in_its_file(tmp_path: Path) -> None:
-    model = tpmscad.lattice(
-        "schwarz_p",
-        cell=(8.0, 10.0, 10.0),
-        cells=(5, 1, 1),
-        thickness=0.6,
-        tol=0.3,
-        map=maps.cylinder(20 / np.pi),
-        boundary="natural",
-    )
-    certificate = model.certificate
-    assert certificate.met, certificate.shortfalls
-    assert certificate.betti == (1, 16, 0)
-    model.export_step(tmp_path / "ring.step")
-    read = tpmscad.check_step(tmp_path / "ring.step")
-    assert read.ok
-    assert read.shape.volume == pytest.approx(certificate.volume, rel=1e-6)
-
-
-@pytest.mark.slow
 def test_a_dome_lies_around_the_axis_and_is_certified() -> None:
     model = tpmscad.lattice(
         "schwarz_p", cell=10.0, cells=(2, 2, 1), thickness=0.6, tol=0.3, map=maps.sphere(15.0), boundary="natural"

@@ -7,6 +7,7 @@ import pytest
 from scipy.linalg import null_space
 
 from tpmscad import surfaces
+from tpmscad.lattices.primitive import self_joint_conditions
 from tpmscad.splines.affine_subspace import pole_metric, solve_conditions, unconstrained_subspace
 from tpmscad.splines.bspline import BSplineSurface
 from tpmscad.splines.continuity_conditions import Joint, joint_conditions
@@ -80,11 +81,10 @@ def test_subspace_directions_and_basis_agree(weighted: bool) -> None:
 
 @pytest.mark.parametrize("reference", ["minimal", "nodal"])
 def test_the_pole_metric_keeps_poles_near_the_surface(reference: str) -> None:
-    patch, symmetry = surfaces.primitive_patch("schwarz_p", reference), surfaces.patch_symmetry("schwarz_p")
-    joints = [Joint(s, symmetry.edge_motions.rotation[s], symmetry.edge_motions.translation[s], s) for s in range(4)]
+    patch = surfaces.primitive_patch("schwarz_p", reference)
     axis = gauss_axis(bezier_knots(14), 14)
     samples = patch.jet(*np.meshgrid(axis.points, axis.points, indexing="ij"), 0.8 * patch.max_offset).position
-    conditions = joint_conditions(joints, axis, axis, valence=6)
+    conditions = self_joint_conditions("schwarz_p", axis, axis)
     sizes = []
     for metric in (None, pole_metric(axis, axis)):
         fitted = fit_surface(samples, axis, axis, solve_conditions(conditions, metric))

@@ -13,7 +13,6 @@ from benchmarks.progressive_iteration import (
     iterate_pia,
     pia_convergence_rate,
 )
-from tpmscad import surfaces
 from tpmscad.splines.affine_subspace import solve_conditions, unconstrained_subspace
 from tpmscad.splines.basis import design_matrix
 from tpmscad.splines.continuity_conditions import Joint, joint_conditions
@@ -26,8 +25,6 @@ from tpmscad.splines.cpia import (
 from tpmscad.splines.knots import bezier_knots, greville_abscissae, uniform_knots
 from tpmscad.splines.spline_axis import SplineAxis, gauss_axis, pole_axis, sampled_axis
 from tpmscad.splines.surface_fit import fit_surface, gram_eigenvalue_bounds
-
-EXACT = [info.name for info in surfaces.CATALOGUE.values() if info.primitives == "exact"]
 
 KNOTS_U, KNOTS_V = uniform_knots(5, 3), uniform_knots(3, 4)
 
@@ -61,33 +58,7 @@ def test_lspia_comes_to_the_least_squares_fit_at_its_rate() -> None:
     assert errors[-1] < errors[0] * ((high - low) / (high + low)) ** 1499
 
 
-def half_turns(name: str) -> list[Joint]:
-    symmetry = surfaces.patch_symmetry(name)
-    return [Joint(s, symmetry.edge_motions.rotation[s], symmetry.edge_motions.translation[s], s) for s in range(4)]
-
-
 U, V = np.linspace(0, 1, 33), (1 - np.cos(np.pi * np.linspace(0, 1, 29))) / 2
-
-
-@pytest.mark.parametrize("name", EXACT)
-@pytest.mark.parametrize("chebyshev", [False, True])
-def test_the_limit_of_cpia_is_the_direct_constrained_fit(name: str, chebyshev: bool) -> None:
-    """The direct fit is made in other coordinates, orthonormal on the data."""
-    patch, grid, joints = surfaces.primitive_patch(name), trapezoidal_grid(U, V), half_turns(name)
-    samples = patch.jet(*np.meshgrid(U, V, indexing="ij"), 0.6 * patch.max_offset).position
-    knots = bezier_knots(9)
-    own = sampled_axis(knots, 9, U, grid.weights_u), sampled_axis(knots, 9, V, grid.weights_v)
-    direct = fit_surface(samples, *own, solve_conditions(joint_conditions(joints, *own, valence=6)))
-    axis = gauss_axis(knots, 9)
-    subspace = solve_conditions(joint_conditions(joints, axis, axis, valence=6))
-    result = fit_cpia(samples, grid, axis, axis, subspace, tol=1e-14, chebyshev=chebyshev)
-    assert result.converged
-    t = np.linspace(0, 1, 41)
-    np.testing.assert_allclose(result.surface.grid(t, t), direct.grid(t, t), rtol=0, atol=1e-13)
-    # Poles from other coordinates carry the Bernstein basis' conditioning: 1.2e-10 between two direct solutions.
-    np.testing.assert_allclose(result.surface.poles, direct.poles, rtol=0, atol=5e-10)
-
-
 TRANSLATES = [Joint(1, np.eye(3), np.array([1.0, 0.2, 0.0]), 3), Joint(2, np.eye(3), np.array([0.0, 1.0, -0.3]), 0)]
 AXES = {
     "poles": (pole_axis(uniform_knots(3, 3), 3), pole_axis(bezier_knots(4), 4)),

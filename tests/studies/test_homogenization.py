@@ -5,12 +5,12 @@ from __future__ import annotations
 import json
 from pathlib import Path
 
-import build123d as bd
 import numpy as np
 import pytest
 
 import tpmscad
-from tpmscad import cli, fields
+from tests.cli.test_cli import run
+from tpmscad import fields
 from tpmscad.errors import InvalidRequest
 from tpmscad.requests.study_options import HomogenizeOptions
 from tpmscad.simulation.periodic_cell import IsotropicMaterial, solve_cell
@@ -22,16 +22,10 @@ pytest.importorskip("skfem")
 pytestmark = [pytest.mark.kernel, pytest.mark.slow]
 
 
-def run_command(line: str) -> int:
-    with pytest.raises(SystemExit) as stop:
-        cli.main(line.split())
-    return int(stop.value.code or 0)
-
-
 def test_a_cell_of_schwarz_p_is_cubic_below_the_bounds_and_the_same_on_tetrahedra(tmp_path: Path) -> None:
     """Conductivity 0.287 and error 2 to 3 % by fast Fourier transforms on 64^3 voxels of the nodal sheet."""
     report = tmp_path / "p.json"
-    assert run_command(f"homogenize P --volume-fraction 0.4 -o {tmp_path / 'p.inp'} --report {report}") == 0
+    assert run(f"homogenize P --volume-fraction 0.4 -o {tmp_path / 'p.inp'} --report {report}") == 0
     found = json.loads(report.read_text())
     assert found["conductivity"][0][0] == pytest.approx(0.287, rel=0.03)
     assert found["volume_fraction"] == pytest.approx(0.4, rel=1e-3)
@@ -46,16 +40,6 @@ def test_a_cell_of_schwarz_p_is_cubic_below_the_bounds_and_the_same_on_tetrahedr
     assert mesh.n_cells > 4 * found["cells"]
     np.testing.assert_allclose(tetrahedra.stiffness, found["stiffness"], atol=0.02 * found["C11"])
     np.testing.assert_allclose(tetrahedra.conductivity, found["conductivity"], atol=0.003)
-
-
-def test_requests_that_fit_no_cell_are_refused() -> None:
-    with pytest.raises(InvalidRequest, match="give exactly one of `volume_fraction`, `porosity`"):
-        tpmscad.homogenize("gyroid")
-    with pytest.raises(InvalidRequest, match=r"from 0 to 0\.49"):
-        tpmscad.homogenize("gyroid", volume_fraction=0.2, poisson_ratio=0.5)
-    model = tpmscad.infill(bd.Box(3, 3, 3), "schwarz_p", cell=3, thickness=0.4, phase=(0.1, 0.2, 0.3), tol=0.05)
-    with pytest.raises(InvalidRequest, match="its own volume_fraction"):
-        tpmscad.homogenize(model, volume_fraction=0.2)
 
 
 def test_a_field_with_a_porosity_is_the_lattice_between_the_same_levels() -> None:

@@ -51,11 +51,10 @@ def field_with_voids(*voids: fields.Field) -> Any:
     return tpmscad.solidify(fields.complement(fields.union(*voids)), ((0, 0, 0), (12, 8, 8)), tol=FIELD_TOL).wrapped
 
 
-@pytest.mark.parametrize("wall", [0.05, 0.1, 0.2])
-def test_the_wall_between_two_voids_of_a_field_is_found(wall: float) -> None:
+def test_the_wall_between_two_voids_of_a_field_is_found() -> None:
     """The voids come nearest at a corner where several patches of each meet."""
-    found, _ = widths(field_with_voids(fields.sphere((4, 4, 4), 2.0), fields.sphere((8 + wall, 4, 4), 2.0)))
-    assert_is(found, wall, 2 * FIELD_TOL)
+    found, _ = widths(field_with_voids(fields.sphere((4, 4, 4), 2.0), fields.sphere((8.05, 4, 4), 2.0)))
+    assert_is(found, 0.05, 2 * FIELD_TOL)
 
 
 @pytest.mark.parametrize("wall", [0.1, 0.8])
@@ -74,19 +73,6 @@ def test_a_search_that_is_given_up_bounds_the_least_width_all_the_same(monkeypat
         assert 0 <= each.bound <= truth
         assert each.value > each.bound
         assert np.linalg.norm(each.places[1] - each.places[0]) == pytest.approx(each.value)
-
-
-@pytest.mark.slow
-def test_print_check_faults_the_wall_that_samples_overlook() -> None:
-    part = field_with_voids(fields.sphere((4, 4, 4), 2.0), fields.sphere((8.1, 4, 4), 2.0))
-    report = tpmscad.check_print(part, min_wall=0.5)
-    assert not report["wall"].met
-    assert report["wall"].value == pytest.approx(0.1, abs=2 * FIELD_TOL)
-    assert report["wall"].bound is not None
-    assert report["wall"].places is not None
-    assert report.smallest_wall is report["wall"]
-    assert report.smallest_gap is report["gap"]
-    assert tpmscad.measure(part).smallest_wall.width == pytest.approx(0.1, abs=2 * FIELD_TOL)  # type: ignore[union-attr]
 
 
 def test_a_wall_is_found_behind_any_number_of_pairs_with_lower_bounds() -> None:
@@ -167,13 +153,6 @@ def test_a_sharp_wedge_has_no_wall() -> None:
 def test_a_sheet_that_ends_in_whole_patches_is_as_thick_as_asked() -> None:
     wall, _ = widths(tpmscad.lattice("gyroid", cell=10, thickness=0.4, boundary="natural", tol=FIELD_TOL).wrapped)
     assert_is(wall, 0.4, FIELD_TOL)
-
-
-@pytest.mark.slow
-def test_a_skin_is_as_thick_as_asked() -> None:
-    part = tpmscad.infill(bd.Box(16, 16, 16), "schwarz_p", cell=8, thickness=1.5, skin=0.4, tol=0.01)
-    wall, _ = widths(part.wrapped)
-    assert_is(wall, 0.4)
 
 
 @pytest.mark.slow

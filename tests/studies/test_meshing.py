@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 import tpmscad
-from tpmscad import cli
+from tests.cli.test_cli import run
 from tpmscad.errors import InvalidRequest
 from tpmscad.kernel.export.shape_file import name_solids, write_solids
 from tpmscad.kernel.occt.construction import make_compound
@@ -26,12 +26,6 @@ pytest.importorskip("gmsh")
 skfem = pytest.importorskip("skfem")
 
 pytestmark = [pytest.mark.kernel, pytest.mark.slow]
-
-
-def run_command(line: str) -> int:
-    with pytest.raises(SystemExit) as stop:
-        cli.main(line.split())
-    return int(stop.value.code or 0)
 
 
 @pytest.fixture(scope="module")
@@ -104,13 +98,6 @@ def test_curvature_refines_where_it_is_asked_for() -> None:
     )
     assert fine.n_cells > 2 * even.n_cells
     assert fine.volume == pytest.approx(160.0 - np.pi, rel=1e-3)
-
-
-def test_sizes_of_metres_are_refused(model: Any) -> None:
-    with pytest.raises(InvalidRequest, match="elements in a box"):
-        model.mesh(1e-3)
-    with pytest.raises(InvalidRequest, match="neither 1 nor 2"):
-        model.mesh(1.0, order=3)
 
 
 def test_a_model_of_the_caller_in_gmsh_is_left_alone() -> None:
@@ -201,15 +188,15 @@ def conducted_heat(mesh: VolumeMesh) -> float:
 def test_the_command_meshes_a_file_and_reports(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     part, mesh, report = tmp_path / "part.step", tmp_path / "part.inp", tmp_path / "part.json"
     tpmscad.export_step(bd.Box(4, 3, 2), part)
-    assert run_command(f"mesh {part} --size 1.5 --periodic -o {mesh} --report {report}") == 0
+    assert run(f"mesh {part} --size 1.5 --periodic -o {mesh} --report {report}") == 0
     content = json.loads(report.read_text())
     assert content["volume"] == pytest.approx(24.0)
     assert content["periodic"] == ["x", "y", "z"]
     assert "surface X+" in content["groups"]
     assert "*EQUATION" in mesh.read_text()
     assert "share no nodes" not in capsys.readouterr().out
-    assert run_command(f"mesh {part} --size 1.5 --order 3 -o {mesh}") == 2
-    assert run_command(f"mesh {part} --size 1.5 -o {tmp_path / 'part.stl'}") == 2
+    assert run(f"mesh {part} --size 1.5 --order 3 -o {mesh}") == 2
+    assert run(f"mesh {part} --size 1.5 -o {tmp_path / 'part.stl'}") == 2
 
 
 def test_facets_of_a_file_have_the_names_that_its_faces_have(tmp_path: Path) -> None:
@@ -225,5 +212,5 @@ def test_the_command_says_that_touching_solids_of_a_step_file_share_no_nodes(
 ) -> None:
     pair = make_compound([bd.Box(2, 2, 2).wrapped, (bd.Pos(2, 0, 0) * bd.Box(2, 2, 2)).wrapped])
     tpmscad.export_step(pair, tmp_path / "pair.step")
-    assert run_command(f"mesh {tmp_path / 'pair.step'} --size 2 --order 1 -o {tmp_path / 'pair.msh'}") == 0
+    assert run(f"mesh {tmp_path / 'pair.step'} --size 2 --order 1 -o {tmp_path / 'pair.msh'}") == 0
     assert "mesh that file" in capsys.readouterr().out

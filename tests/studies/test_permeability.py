@@ -13,7 +13,6 @@ import pytest
 
 import tpmscad
 from tests.cli.test_cli import run
-from tpmscad.errors import InvalidRequest
 from tpmscad.simulation.permeability import permeability
 from tpmscad.studies._permeability import ChannelPermeability
 
@@ -32,10 +31,6 @@ def test_a_channel_of_schwarz_p_lets_through_what_was_published() -> None:
     np.testing.assert_allclose(found.permeability, 4 * 3.4765e-3 * np.eye(3), atol=4 * 3.4765e-3 * 0.04)
     assert found.porosity == pytest.approx(0.5, rel=1e-6)
     assert 0.0 < found.error < 0.1
-    with pytest.raises(InvalidRequest, match="second order"):
-        permeability(channel.mesh(0.5, order=1, periodic=True))
-    with pytest.raises(InvalidRequest, match="a str is no model"):
-        tpmscad.permeability("gyroid")
 
 
 def test_a_channel_of_fluid_domains_lets_through_what_the_solid_on_its_side_of_the_wall_does() -> None:
@@ -44,10 +39,10 @@ def test_a_channel_of_fluid_domains_lets_through_what_the_solid_on_its_side_of_t
     pytest.importorskip("skfem")
     body = bd.Box(10, 10, 10, align=bd.Align.MIN)
     domains = tpmscad.fluid_domains(body, "gyroid", cell=10, thickness=1, tol=0.02, phase=(0.1, 0.2, 0.3))
-    mesh = domains.plus.mesh(1.5, periodic=True)
+    mesh = domains.plus.mesh(1.8, periodic=True)
     found = permeability(mesh)
     skeletal = {"kind": "skeletal", "side": "+", "offset": 0.5, "tol": 0.02, "loose": "keep"}
-    alone = tpmscad.lattice("gyroid", cell=10, phase=(0.3, 0.1, 0.2), **skeletal).mesh(1.5, periodic=True)
+    alone = tpmscad.lattice("gyroid", cell=10, phase=(0.3, 0.1, 0.2), **skeletal).mesh(1.8, periodic=True)
     expected = np.trace(permeability(alone)) / 3  # of a cubic channel, which no phase changes
     np.testing.assert_allclose(found, expected * np.eye(3), atol=0.005 * expected)
     assert mesh.openings == {f"opening {axis}{sign}" for axis in "XYZ" for sign in "+-"}

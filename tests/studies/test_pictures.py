@@ -18,7 +18,7 @@ from tpmscad.errors import InvalidRequest
 from tpmscad.kernel.render.picture import draw_scene
 from tpmscad.kernel.step.face_labels import NamedSolid
 from tpmscad.studies import _render
-from tpmscad.studies._render import find_pieces, render, render_bytes
+from tpmscad.studies._render import find_pieces, render_bytes
 
 pytestmark = pytest.mark.kernel
 
@@ -87,23 +87,6 @@ def test_colours_of_values_come_with_a_scale_that_leaves_the_body_room() -> None
     assert np.ptp(picture[60:240, 300:330].reshape(-1, 3), axis=0).max() > 0.5  # the bar
     red, _, blue = picture[150, 140]
     assert red > blue + 0.1  # 1/2 at every point, the upper end
-
-
-@pytest.mark.parametrize(
-    ("options", "message"),
-    [
-        ({"color_by": "temperature"}, "piece.*tag.*deviation.*curvature"),
-        ({"color_by": "tag"}, "groups of faces"),
-        ({"color_by": "deviation"}, "only the result of"),
-        ({"view": "sideways"}, "front"),
-        ({"section": "z=0.5mm"}, 'such as "z=5"'),
-        ({"section": "z=-10"}, "beside the part, which lies between"),
-    ],
-)
-def test_what_cannot_be_drawn_is_refused_with_the_remedy(tmp_path: Path, options: dict[str, Any], message: str) -> None:
-    with pytest.raises(tpmscad.TpmscadError, match=message):
-        render(bd.Box(1, 1, 1), tmp_path / "a.png", **options)
-    assert not list(tmp_path.iterdir())
 
 
 @pytest.mark.slow

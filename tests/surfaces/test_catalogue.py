@@ -19,13 +19,6 @@ def test_every_spelling_finds_its_entry(name: str) -> None:
                 assert surfaces.primitive_patch(variant).name == name
 
 
-def test_no_spelling_names_two_surfaces() -> None:
-    spellings = [
-        s.casefold() for info in surfaces.CATALOGUE.values() for s in {info.name, info.title.casefold(), *info.aliases}
-    ]
-    assert len(spellings) == len(set(spellings))
-
-
 @pytest.mark.parametrize(
     ("wrong", "meant"),
     [("gyriod", "gyroid"), ("dimond", "diamond"), ("schwarz", "schwarz_p"), ("Primitve", "schwarz_p")],

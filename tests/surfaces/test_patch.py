@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from scipy.spatial import cKDTree
 
-from tpmscad import fields, surfaces
+from tpmscad import surfaces
 from tpmscad.errors import InvalidRequest
 from tpmscad.surfaces.differential_geometry import maximise_on_unit_square
 
@@ -170,17 +170,6 @@ def test_the_normal_points_up_the_nodal_function_handedness_included(name: str, 
     steepness = np.sqrt(sum(along_gradient(f, points, e) ** 2 for e in np.eye(3)))
     cosine = along_gradient(f, points, normals) / steepness
     assert cosine.min() > (1 - 1e-6 if reference == "nodal" else 0.99)
-
-
-@pytest.mark.parametrize("name", NAMES)
-def test_the_nodal_surface_is_the_zero_set_of_the_field_of_its_name(name: str) -> None:
-    field = fields.tpms(name, period=10.0)
-    jet = surfaces.primitive_patch(name, "nodal").jet(U, V)
-    np.testing.assert_allclose(field(10 * jet.position), 0, rtol=0, atol=1e-13)
-    gradient = field.gradient(10 * jet.position)
-    np.testing.assert_allclose(
-        gradient / np.linalg.norm(gradient, axis=-1, keepdims=True), jet.normal, rtol=0, atol=1e-13
-    )
 
 
 @pytest.mark.parametrize(("name", "reference"), BOTH)

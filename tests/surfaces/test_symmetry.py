@@ -39,21 +39,15 @@ def labels(points: np.ndarray, periodic: bool) -> np.ndarray:
     return np.unique(grains.reshape(-1, 3), axis=0, return_inverse=True)[1].reshape(points.shape[:-1])
 
 
-@pytest.mark.parametrize(("name", "reference"), BOTH)
-@pytest.mark.parametrize("offset", [0.0, 0.1, -0.1])
-def test_the_neighbour_over_a_side_meets_it_reversed(name: str, reference: str, offset: float) -> None:
-    symmetry = surfaces.patch_symmetry(name)
-    for side, (u, v) in enumerate(SIDES):
-        jet = surfaces.primitive_patch(name, reference).jet(u, v, offset)
-        turn, shift = symmetry.edge_motions.rotation[side], symmetry.edge_motions.translation[side]
-        np.testing.assert_allclose(jet.position @ turn.T + shift, jet.position[::-1], rtol=0, atol=4e-15)
-        np.testing.assert_allclose(
-            jet.normal @ turn.T, jet.normal[::-1], rtol=0, atol=4e-15
-        )  # the +normal side is kept
+@pytest.mark.parametrize("name", NAMES)
+def test_the_neighbour_over_a_side_is_the_patch_turned_by_half_about_its_middle(name: str) -> None:
+    symmetry, patch = surfaces.patch_symmetry(name), surfaces.primitive_patch(name)
+    middles = patch.jet(*SIDES[:, :, 8].T).position
+    np.testing.assert_allclose(symmetry.side_middles, middles, rtol=0, atol=4e-15)
+    np.testing.assert_allclose(symmetry.edge_motions.apply(middles), middles, rtol=0, atol=4e-15)
+    for turn, shift in zip(symmetry.edge_motions.rotation, symmetry.edge_motions.translation, strict=True):
         np.testing.assert_array_equal(turn @ turn, np.eye(3))
         np.testing.assert_array_equal(turn @ shift + shift, 0)
-        middle = symmetry.side_middles[side]
-        np.testing.assert_allclose(turn @ middle + shift, middle, rtol=0, atol=4e-15)
 
 
 @pytest.mark.parametrize(("name", "reference"), BOTH)

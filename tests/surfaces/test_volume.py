@@ -74,13 +74,6 @@ def test_the_mid_surface_halves_the_cell_and_offsets_trade_volume(name: str, ref
         assert sum(sides) == pytest.approx(1, rel=1e-15)
 
 
-@pytest.mark.parametrize(("name", "reference"), BOTH)
-def test_the_solid_on_the_minus_side_grows_along_the_normal(name: str, reference: str) -> None:
-    for side, sign in (("-", 1), ("+", -1)):
-        assert (surfaces.skeletal_volume_fraction(name, reference, 0.05, side) - 0.5) * sign > 0.1
-        assert surfaces.skeletal_offset_for(name, reference, 0.6, side) * sign > 0.02
-
-
 @settings(max_examples=30, deadline=None, derandomize=True)
 @given(pair=st.sampled_from(BOTH), share=st.floats(1e-6, 0.999), cell=st.floats(0.1, 100))
 def test_the_offsets_for_a_volume_fraction_make_it(pair: tuple[str, str], share: float, cell: float) -> None:

@@ -4,10 +4,9 @@ from __future__ import annotations
 
 import csv
 import math
-import shlex
-from concurrent.futures import Executor, Future, ProcessPoolExecutor
+import pickle
+from concurrent.futures import Executor, Future
 from concurrent.futures.process import BrokenProcessPool
-from multiprocessing import get_context
 from pathlib import Path
 from typing import Any
 
@@ -15,7 +14,8 @@ import build123d as bd
 import pytest
 
 import tpmscad
-from tpmscad import cli, surfaces
+from tests.cli.test_cli import run
+from tpmscad import surfaces
 from tpmscad.api.arguments import arguments_of
 from tpmscad.errors import InvalidRequest, TpmscadError
 from tpmscad.sweeps.cell_text import format_cell, parse_cell
@@ -40,7 +40,7 @@ def read_lines(path: Path) -> list[list[str]]:
 
 
 class Interrupted(Executor):
-    """Runs tasks at once, and is interrupted at one of them."""
+    """Runs tasks at once, pickled as for another process, and is interrupted at one of them."""
 
     def __init__(self, last: int, error: BaseException) -> None:
         self.left, self.error = last, error
@@ -50,7 +50,8 @@ class Interrupted(Executor):
         if self.left == 0:
             future.set_exception(self.error)
         else:
-            future.set_result(fn(*args, **kwargs))
+            run, given, options = pickle.loads(pickle.dumps((fn, args, kwargs)))
+            future.set_result(pickle.loads(pickle.dumps(run(*given, **options))))
         self.left -= 1
         return future
 
@@ -84,6 +85,7 @@ def test_a_row_holds_what_was_measured_and_a_failure_is_a_row(folder: Path) -> N
 def test_an_interrupted_sweep_goes_on_and_ends_in_the_same_table(folder: Path) -> None:
     tpmscad.sweep(TABLE, output="whole.csv")
     whole = read_lines(folder / "whole.csv")
+    assert whole[0] == ["surface", "cell", "tol", "thickness", "boundary", *list(FIGURES)[:-1]]
     for error in (KeyboardInterrupt(), SystemExit(143)):
         (folder / "cut.csv").unlink(missing_ok=True)
         with pytest.raises(type(error)):
@@ -211,32 +213,12 @@ def test_the_command_line_writes_the_results_and_tells_failures(
 ) -> None:
     (folder / "t.csv").write_text("surface,cell,tol,thickness,boundary\nP,10,0.3,1,natural\nP,10,0.3,9,natural\n")
     for line, status in (("sweep t.csv -o out.csv --report r.json", 1), ("sweep absent.csv", 2)):
-        with pytest.raises(SystemExit) as stop:
-            cli.main(shlex.split(line))
-        assert stop.value.code == status
+        assert run(line) == status
     said = capsys.readouterr()
     assert "2 designs: 1 met" in said.out
     assert "1 of 2 designs miss the request: see out.csv" in said.err
     assert len(read_lines(folder / "out.csv")) == 3
     assert '"reused": 0' in (folder / "r.json").read_text()
     (folder / "t.csv").write_text("surface,cell,thickness\nP,10,thick\n")
-    with pytest.raises(SystemExit) as stop:
-        cli.main(["sweep", "t.csv"])
-    assert stop.value.code == 2
+    assert run("sweep t.csv") == 2
     assert "row 1, column thickness" in capsys.readouterr().err
-
-
-@pytest.mark.slow
-def test_a_process_pool_and_dask_write_the_same_table(folder: Path) -> None:
-    distributed = pytest.importorskip("distributed", reason="Dask is not installed")
-    tpmscad.sweep(TABLE, output="serial.csv")
-    with ProcessPoolExecutor(1, mp_context=get_context("spawn")) as pool:
-        tpmscad.sweep(TABLE, pool, "pool.csv")
-    with (
-        distributed.LocalCluster(n_workers=1, threads_per_worker=1, dashboard_address=None) as cluster,
-        distributed.Client(cluster) as client,
-    ):
-        tpmscad.sweep(TABLE, client.get_executor(), "dask.csv")
-    serial, pooled, dask = (read_lines(folder / f"{name}.csv") for name in ("serial", "pool", "dask"))
-    assert serial == pooled == dask
-    assert serial[0] == ["surface", "cell", "tol", "thickness", "boundary", *list(FIGURES)[:-1]]

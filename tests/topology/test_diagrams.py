@@ -130,28 +130,3 @@ def test_figures_name_the_extra_that_they_need(monkeypatch: pytest.MonkeyPatch) 
     monkeypatch.setitem(sys.modules, "matplotlib", None)
     with pytest.raises(InvalidRequest, match=r"tpmscad\[plot\]"):
         persistence_diagram(NOISE[0]).plot_diagram()
-
-
-@pytest.mark.parametrize(
-    ("arguments", "message"),
-    [
-        ({"field_or_values": fields.sphere((0, 0, 0), 1)}, "not periodic"),
-        ({"field_or_values": NOISE[0], "resolution": 9}, "leave out domain"),
-        ({"field_or_values": "gyroid"}, "no array of numbers"),
-        ({"field_or_values": NOISE[0], "dimensions": (0, 3)}, "choose from 0"),
-        ({"field_or_values": NOISE[0], "dimensions": ()}, "choose from 0"),
-        ({"field_or_values": NOISE[0], "convention": "strict"}, "vertices or top_cells"),
-        ({"field_or_values": NOISE[0], "min_persistence": np.nan}, "at least 0"),
-        ({"field_or_values": fields.tpms("gyroid"), "domain": ((0, 0, 0), (0, 1, 1))}, "two corners"),
-        ({"field_or_values": fields.tpms("gyroid"), "resolution": 1}, "at least 2 samples"),
-        ({"field_or_values": fields.tpms("gyroid"), "resolution": (4, 4)}, "one for each axis"),
-    ],
-)
-def test_an_invalid_request_is_refused(arguments: dict[str, object], message: str) -> None:
-    with pytest.raises(InvalidRequest, match=message):
-        persistence_diagram(**arguments)
-
-
-def test_a_dimension_that_was_not_computed_is_refused() -> None:
-    with pytest.raises(InvalidRequest, match="no dimension 1"):
-        persistence_diagram(NOISE[0], dimensions=(0, 2)).pairs(1)

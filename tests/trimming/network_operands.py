@@ -1,4 +1,4 @@
-"""What tests of networks have in common: an operand, all operations on two of them, and volumes."""
+"""What tests of networks have in common: an operand, and all operations on two of them."""
 
 from __future__ import annotations
 
@@ -9,7 +9,6 @@ import numpy as np
 from tpmscad import fields
 from tpmscad.brep import connectivity
 from tpmscad.brep.boundary_representation import Brep
-from tpmscad.brep.moments import integral_properties
 from tpmscad.levelset.field_solid import fit_field
 from tpmscad.trimming.network_boolean import KEPT_PARTS, NetworkResult, Operation, combine_networks
 
@@ -18,10 +17,6 @@ from tpmscad.trimming.network_boolean import KEPT_PARTS, NetworkResult, Operatio
 def rod() -> Brep:
     """A solid with caps at its box, and patches with T-vertices."""
     return fit_field(fields.rod(fields.tpms("schwarz_p", 3.0), -0.6), np.full(3, -1.87), np.full(3, 1.93), 2e-2).brep
-
-
-def volume(brep: Brep) -> float:
-    return float(integral_properties.volume(integral_properties.integrate_faces(brep))[0])
 
 
 def combine(first: Brep, second: Brep) -> dict[Operation, NetworkResult]:

@@ -7,6 +7,7 @@ import pytest
 from scipy.integrate import quad
 from scipy.spatial.transform import Rotation
 
+from tests.shapes.misfits import volume
 from tpmscad.brep import connectivity
 from tpmscad.brep.boundary_representation import Brep
 from tpmscad.brep.moments import integral_properties
@@ -59,7 +60,7 @@ def test_a_loop_inside_one_patch_is_cut_however_small(below_top: float) -> None:
     assert (len(kept.brep.faces), len(rest.brep.faces)) == (7, 2)
     assert connectivity.is_closed(kept.brep)
     assert connectivity.is_closed(rest.brep)
-    volumes = [integral_properties.volume(integral_properties.integrate_faces(c.brep))[0] for c in (kept, rest)]
+    volumes = [volume(cut.brep) for cut in (kept, rest)]
     assert volumes[1] == pytest.approx(above(level), rel=1e-4, abs=1e-11)
     assert sum(volumes) == pytest.approx(1 + HEIGHT * 4 / 9, rel=1e-9)
 
@@ -67,11 +68,9 @@ def test_a_loop_inside_one_patch_is_cut_however_small(below_top: float) -> None:
 def test_a_box_inside_the_block_and_one_across_its_corner() -> None:
     block = bumpy_block()
     inside = trim(block, box([0.2, 0.3, 0.1], [0.7, 0.8, 0.6]), 1e-9, lambda points: np.ones(len(points), bool)).brep
-    assert integral_properties.volume(integral_properties.integrate_faces(inside))[0] == pytest.approx(0.125, rel=1e-12)
+    assert volume(inside) == pytest.approx(0.125, rel=1e-12)
     corner = trim(block, box([-0.5, -0.5, -0.5], [0.25, 0.5, 0.75]), 1e-9).brep
-    assert integral_properties.volume(integral_properties.integrate_faces(corner))[0] == pytest.approx(
-        0.25 * 0.5 * 0.75, rel=1e-12
-    )
+    assert volume(corner) == pytest.approx(0.25 * 0.5 * 0.75, rel=1e-12)
     assert connectivity.is_closed(corner)
 
 
@@ -92,7 +91,7 @@ def test_any_convex_polyhedron_cuts_and_its_volume_matches_a_count_of_points() -
     top = 1 + HEIGHT * 16 * x[:, 0] * (1 - x[:, 0]) * x[:, 1] * (1 - x[:, 1])
     solid = ((x[:, :2] > 0) & (x[:, :2] < 1)).all(axis=1) & (x[:, 2] > 0) & (x[:, 2] < top)
     counted = (solid & np.all([plane.distance(x) < 0 for plane in tool.carriers], axis=0)).mean() * np.prod(hi - lo)
-    assert integral_properties.volume(integral_properties.integrate_faces(cut))[0] == pytest.approx(counted, rel=2e-3)
+    assert volume(cut) == pytest.approx(counted, rel=2e-3)
 
 
 def test_a_cut_and_its_complement_meet_in_the_same_area() -> None:

@@ -11,7 +11,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from tests.shapes.misfits import misfit
+from tests.shapes.misfits import misfit, volume
 from tpmscad import surfaces
 from tpmscad.brep import connectivity
 from tpmscad.brep.boundary_representation import Brep
@@ -29,18 +29,9 @@ NAMES = ("gyroid", "diamond", "schwarz_p")
 AT_HOME = (0.0, 0.0, 0.0)
 
 
-def volume(brep: Brep) -> float:
-    return float(integral_properties.volume(integral_properties.integrate_faces(brep))[0]) if len(brep.faces) else 0.0
-
-
 def trim_box(lattice: Brep, lo: np.ndarray, hi: np.ndarray, *options: object) -> Brep:
     """The boundary representation of the lattice in the box from lo to hi."""
     return trim(lattice, box(lo, hi), *options).brep
-
-
-def slowly(*values: object) -> object:
-    """A parameter set that is marked slow."""
-    return pytest.param(*values, marks=pytest.mark.slow)
 
 
 def theory(name: str, layers: tuple[float | None, float | None]) -> float:
@@ -57,12 +48,9 @@ def theory(name: str, layers: tuple[float | None, float | None]) -> float:
 @pytest.mark.parametrize(
     ("name", "layers"),
     [
-        ("gyroid", OFF_SKELETAL),
-        slowly("diamond", SKELETAL),
         ("schwarz_p", SKELETAL),
-        slowly("gyroid", SKEW),
-        slowly("diamond", SKEW),
-        slowly("schwarz_p", SHEET),
+        ("gyroid", SKEW),
+        ("diamond", OFF_SKELETAL),
     ],
 )
 def test_a_box_of_one_cell_has_the_volume_of_theory_wherever_it_stands(
@@ -82,9 +70,21 @@ def test_a_box_of_one_cell_has_the_volume_of_theory_wherever_it_stands(
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", NAMES)
-@pytest.mark.parametrize("layers", [SKELETAL, slowly(SHEET), slowly(OFF_SKELETAL)])
-@pytest.mark.parametrize("phase", [AT_HOME, (0.25, 0.25, 0.25), slowly((0.125, 0.0, 0.0))])
+@pytest.mark.parametrize(
+    ("name", "layers", "phase"),
+    [
+        ("gyroid", SKELETAL, AT_HOME),
+        ("diamond", SKELETAL, (0.25, 0.25, 0.25)),
+        ("diamond", SKELETAL, (0.125, 0.0, 0.0)),
+        ("schwarz_p", SKELETAL, (0.125, 0.0, 0.0)),
+        ("gyroid", SHEET, (0.25, 0.25, 0.25)),
+        ("diamond", SHEET, (0.125, 0.0, 0.0)),
+        ("schwarz_p", SHEET, AT_HOME),
+        ("gyroid", OFF_SKELETAL, (0.125, 0.0, 0.0)),
+        ("diamond", OFF_SKELETAL, AT_HOME),
+        ("schwarz_p", OFF_SKELETAL, (0.25, 0.25, 0.25)),
+    ],
+)
 def test_boxes_in_planes_of_symmetry_are_cut_in_place(
     name: str,
     layers: tuple[float | None, float | None],
@@ -110,7 +110,7 @@ def test_cells_cost_faces_but_no_new_curves(cover: Callable[..., Brep]) -> None:
 
 
 @pytest.mark.slow
-@settings(max_examples=6, deadline=None, derandomize=True)
+@settings(max_examples=4, deadline=None, derandomize=True)
 @given(
     corners=st.lists(st.floats(0.5, 9.0), min_size=6, max_size=6),
     axis=st.integers(0, 2),
@@ -141,7 +141,7 @@ def test_the_halves_of_a_box_add_up(
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", ["schwarz_p", slowly("gyroid"), slowly("diamond")])
+@pytest.mark.parametrize("name", ["schwarz_p", "gyroid"])
 def test_edges_lie_on_both_their_faces_as_near_as_they_say(name: str, cover: Callable[..., Brep]) -> None:
     trimmed = trim_box(cover(name, (1, 1, 1), (0.13, 0.29, 0.41), SHEET), np.zeros(3), np.full(3, CELL), TOL)
     off = misfit(trimmed)
@@ -153,7 +153,7 @@ def test_edges_lie_on_both_their_faces_as_near_as_they_say(name: str, cover: Cal
     np.testing.assert_allclose(caps.normal.sum(axis=0), 0, atol=1e-4)  # closed surfaces have no net area vector
 
 
-NEAR = [0.0, -1.5e-7, 1e-9, -1e-9, 5e-8, 1e-6, -1e-5, 1e-4]
+NEAR = [0.0, -1.5e-7, 1e-9, 5e-8, -1e-5, 1e-4]
 
 
 @pytest.mark.slow
@@ -171,9 +171,7 @@ def test_planes_near_a_corner_of_patches_cut_cleanly(by: float, cover: Callable[
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(
-    ("name", "by"), [*product(["gyroid"], NEAR), *product(["diamond", "schwarz_p"], [0.0, 5e-8, -1e-5])]
-)
+@pytest.mark.parametrize(("name", "by"), [*product(["gyroid"], NEAR), ("diamond", 5e-8), ("schwarz_p", 0.0)])
 def test_planes_near_a_saddle_cut_cleanly(name: str, by: float, cover: Callable[..., Brep]) -> None:
     """The middle of a patch is a saddle over its tangent plane, which is a coordinate plane."""
     lattice = cover(name, (2, 2, 2), (0.05, 0.05, 0.05), OFF_SKELETAL)

@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 from tests.shapes import round_shapes as shapes
+from tests.shapes.misfits import volume
 from tpmscad.brep import connectivity
 from tpmscad.brep.boundary_representation import Brep
-from tpmscad.brep.moments import integral_properties
 from tpmscad.trimming.operands.polyhedra import box
 from tpmscad.trimming.rebuild.trimmed_brep import LatticeDomain, TrimmedDomains
 from tpmscad.trimming.trim_pipeline import trim, trim_domains
@@ -19,10 +19,6 @@ BODIES = {
     "box": (lambda: box(np.array([1.3, 2.1, 1.7]), np.array([8.2, 9.1, 7.9])), 6.9 * 7.0 * 6.2),
     "sphere": (lambda: shapes.sphere(3.9, translation=(5.1, 4.8, 5.3)), 4 / 3 * np.pi * 3.9**3),
 }
-
-
-def volume(brep: Brep) -> float:
-    return float(integral_properties.volume(integral_properties.integrate_faces(brep))[0])
 
 
 @pytest.fixture(scope="module", params=BODIES)

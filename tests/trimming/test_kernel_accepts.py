@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
-import itertools
 from collections.abc import Callable
 
+import build123d as bd
 import numpy as np
 import pytest
 
+from tests.shapes.misfits import volume
 from tpmscad.brep.boundary_representation import Brep
-from tpmscad.brep.moments import integral_properties
+from tpmscad.kernel.body_import.body_brep import brep_from_shape
+from tpmscad.kernel.boolean import boolean_operations
 from tpmscad.kernel.build.solids import build_solids
 from tpmscad.kernel.measure.shape_report import check_shape
 from tpmscad.trimming.operands.polyhedra import box
@@ -21,10 +23,10 @@ pytestmark = pytest.mark.kernel
 @pytest.mark.parametrize(
     ("name", "layers", "phase"),
     [
-        *itertools.product(("gyroid", "diamond", "schwarz_p"), [(-0.05, 0.05), (None, 0.0)], [(0.11, 0.23, 0.37)]),
-        pytest.param("gyroid", (-0.05, 0.05), (0.0, 0.0, 0.0), marks=pytest.mark.slow),
+        ("gyroid", (-0.05, 0.05), (0.0, 0.0, 0.0)),
         pytest.param("schwarz_p", (-0.05, 0.05), (0.125 + 1.5e-8, 0.25, 0.0), marks=pytest.mark.slow),
-        pytest.param("diamond", (None, 0.0), (0.125 + 1.5e-8, 0.25, 0.0), marks=pytest.mark.slow),
+        pytest.param("schwarz_p", (None, 0.0), (0.125 + 1.5e-8, 0.25, 0.0), marks=pytest.mark.slow),
+        pytest.param("diamond", (None, 0.0), (0.11, 0.23, 0.37), marks=pytest.mark.slow),
     ],
 )
 def test_a_trimmed_cell_is_a_valid_solid_of_the_same_volume(
@@ -36,45 +38,25 @@ def test_a_trimmed_cell_is_a_valid_solid_of_the_same_volume(
     trimmed = trim(cover(name, (1, 1, 1), phase, layers), box(np.zeros(3), np.full(3, 10.0))).brep
     found = check_shape(build_solids(trimmed).shape)
     assert found.valid
-    assert found.volume == pytest.approx(
-        float(integral_properties.volume(integral_properties.integrate_faces(trimmed))[0]), rel=1e-7
-    )
+    assert found.volume == pytest.approx(volume(trimmed), rel=1e-7)
 
 
-def place(shape: object) -> object:
-    import build123d as bd
-
-    return bd.Pos(9.3, 10.2, 9.8) * bd.Rot(20, 35, 10) * shape
-
-
-def body(name: str) -> object:
-    """A body centred near the middle of the lattice."""
-    import build123d as bd
-
-    if name == "rounded box":
-        return place(bd.fillet(bd.Box(9, 7, 8).edges(), 1.5))
-    if name == "bracket":
-        wall = bd.Pos(-3.5, 0, 3) * bd.Box(2, 8, 8)
-        solid = bd.Box(9, 8, 2) + wall - bd.Pos(2, 0, 0) * bd.Cylinder(1.4, 9)
-        inner = [e for e in solid.edges() if abs(e.center().X + 2.5) < 0.01 and abs(e.center().Z - 1) < 0.01]
-        return place(bd.fillet(inner, 1.5))
-    return place({"cone": bd.Cone(4, 2, 7), "torus": bd.Torus(4, 2)}[name])
+def bracket() -> bd.Shape:
+    """Planes, a concave fillet and a bore, near the middle of the lattice."""
+    solid = bd.Box(6, 5, 1.5) + bd.Pos(-2.25, 0, 2) * bd.Box(1.5, 5, 5) - bd.Pos(1.5, 0, 0) * bd.Cylinder(1, 9)
+    inner = [e for e in solid.edges() if abs(e.center().X + 1.5) < 0.01 and abs(e.center().Z - 0.75) < 0.01]
+    return bd.Pos(9.3, 10.2, 9.8) * bd.Rot(20, 35, 10) * bd.fillet(inner, 1)
 
 
-@pytest.mark.parametrize("name", ["rounded box", "cone", "torus", "bracket"])
-def test_a_lattice_cut_by_a_body_is_what_the_kernels_boolean_makes_of_it(name: str, cover: Callable[..., Brep]) -> None:
-    from tpmscad.kernel.body_import.body_brep import brep_from_shape
-    from tpmscad.kernel.boolean import boolean_operations
-
-    lattice, shape = cover("gyroid", (2, 2, 2), (0.0, 0.0, 0.0), (-0.05, 0.05)), body(name)
+@pytest.mark.slow
+def test_a_lattice_cut_by_a_body_is_what_the_kernels_boolean_makes_of_it(cover: Callable[..., Brep]) -> None:
+    lattice, shape = cover("gyroid", (2, 2, 2), (0.0, 0.0, 0.0), (-0.05, 0.05)), bracket()
     trimmed = trim(lattice, brep_from_shape(shape))
     assert trimmed.report.shifted == 0
     found = check_shape(build_solids(trimmed.brep).shape)
     assert found.valid
     assert found.closed
-    assert found.volume == pytest.approx(
-        float(integral_properties.volume(integral_properties.integrate_faces(trimmed.brep))[0]), rel=1e-6
-    )
+    assert found.volume == pytest.approx(volume(trimmed.brep), rel=1e-6)
     around = shape.bounding_box()
     low, high = np.array(tuple(around.min)) - 0.25, np.array(tuple(around.max)) + 0.25
     block = build_solids(trim(lattice, box(low, high)).brep).shape

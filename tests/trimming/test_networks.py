@@ -8,8 +8,10 @@ import numpy as np
 import pytest
 from scipy.interpolate import make_interp_spline
 
+from tests.shapes.misfits import volume
+from tests.shapes.round_shapes import sphere
 from tests.trimming.conftest import Cover, cover
-from tests.trimming.network_operands import combine, rod, volume
+from tests.trimming.network_operands import combine, rod
 from tpmscad import fields
 from tpmscad.brep import connectivity
 from tpmscad.brep.boundary_representation import Brep, move_brep, reverse_faces, select_faces, translate_brep
@@ -97,6 +99,7 @@ def euler(brep: Brep) -> list[int]:
     return sorted(connectivity.euler_characteristic(brep, connectivity.label_shells(brep)[1]).tolist())
 
 
+@pytest.mark.slow
 def test_the_edges_lie_on_both_networks() -> None:
     found = combine(ball((-0.41, 0.05, 0.13), 1.2), ball((0.53, 0.21, -0.07), 0.9))
     for result in found.values():
@@ -106,10 +109,8 @@ def test_the_edges_lie_on_both_networks() -> None:
 
 @pytest.mark.slow
 def test_caps_and_t_vertices_are_cut_as_patches_are() -> None:
-    first, second = rod(), move_brep(ball((0.1, 0.2, -0.3), 1.4), SKEW)
+    first, second = rod(), move_brep(rod(), SKEW)
     assert_volumes_add_up(first, second, combine(first, second))
-    third = move_brep(rod(), SKEW)
-    assert_volumes_add_up(first, third, combine(first, third))
 
 
 def test_a_closed_curve_inside_one_pair_of_faces_is_found() -> None:
@@ -143,6 +144,7 @@ def test_operands_apart_and_inside_one_another() -> None:
         combine_networks(outer, away, "intersection")
 
 
+@pytest.mark.slow
 def test_the_cut_by_a_box_is_that_of_the_trim(cover: Cover) -> None:
     """Two routes: the lattice trimmed by both boxes at once, and first by one, then by the other as a network."""
     lattice = cover("gyroid", (1, 1, 1), (0.0, 0.0, 0.0), (-0.05, 0.05))
@@ -197,6 +199,7 @@ def test_short_edges_of_many_pieces_that_run_along_a_face_pierce_it(length: floa
     assert np.abs(first - root).max() * length < 1e-3  # the ball's patches are 2e-5 off, 25 times that along the edge
 
 
+@pytest.mark.slow
 def test_points_are_told_from_the_network_alone() -> None:
     rng = np.random.default_rng(7)
     points = rng.uniform(-1.7, 1.7, (300, 3))
@@ -243,9 +246,9 @@ def test_coincident_faces_are_told_apart_by_a_shift_that_is_told() -> None:
 @pytest.mark.slow
 def test_contact_over_an_area_is_refused_with_the_place() -> None:
     """A network and its own image a hair away: the faces coincide over an area within the tolerance."""
-    sphere = ball((0.0, 0.0, 0.0), 1.3)
+    ball = sphere(1.3)
     with pytest.raises(TrimmingError, match=r"\("):
-        combine_networks(sphere, translate_brep(sphere, np.array([2e-9, 1e-9, 0.0])), "intersection")
+        combine_networks(ball, translate_brep(ball, np.array([2e-9, 1e-9, 0.0])), "intersection")
 
 
 def test_aligned_edges_are_resolved_by_a_shift_that_is_told() -> None:

@@ -8,12 +8,11 @@ import numpy as np
 import pytest
 from scipy.interpolate import BSpline
 
+from tests.shapes.misfits import volume
 from tests.trimming.conftest import Cover
 from tpmscad._typing import Array
 from tpmscad.brep import connectivity
 from tpmscad.brep.boundary_representation import Brep, Edges, EdgeUses, Faces
-from tpmscad.brep.moments import integral_properties
-from tpmscad.errors import InvalidRequest
 from tpmscad.rigid_motion import Motion
 from tpmscad.splines.bspline import BSplineCurve, BSplineSurface
 from tpmscad.trimming.operands.patch_sides import read_patch_sides
@@ -98,10 +97,6 @@ def mirrored(surface: BSplineSurface) -> BSplineSurface:
     return replace(surface, poles=surface.poles[::-1], knots_u=1.0 - surface.knots_u[::-1])
 
 
-def volume(brep: Brep) -> float:
-    return float(integral_properties.volume(integral_properties.integrate_faces(brep))[0])
-
-
 def middles(brep: Brep) -> Array:
     """A point in the middle of each patch: (F, 3)."""
     points = [brep.carriers[c](0.5, 0.5) for c in brep.faces.carrier.tolist()]  # type: ignore[operator]
@@ -147,9 +142,3 @@ def test_a_plane_through_a_t_vertex_is_shifted_or_refused(lattice: Brep) -> None
     assert found.report.shifted > 0
     assert "T-vertex" in found.report.reason
     assert connectivity.is_closed(found.brep)
-
-
-def test_a_face_that_is_no_whole_patch_is_refused(lattice: Brep) -> None:
-    trimmed = trim(lattice, box(LO, HI)).brep
-    with pytest.raises(InvalidRequest, match="whole patches"):
-        trim(trimmed, box(LO, HI))

@@ -14,6 +14,9 @@ from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 
+import numpy as np
+
+from tpmscad._typing import Array
 from tpmscad.brep.moments import integral_properties
 from tpmscad.errors import InvalidRequest, KernelError
 from tpmscad.fallbacks import Fallback, Fallbacks
@@ -23,11 +26,10 @@ from tpmscad.kernel.export.kernel_writer import heal_solid, write_with_kernel
 from tpmscad.kernel.export.shape_file import write_solids
 from tpmscad.kernel.measure.edge_gaps import measure_accuracy, measure_edge_length
 from tpmscad.kernel.measure.invalid_faces import describe_invalid_face
-from tpmscad.kernel.measure.mass_properties import face_moments
+from tpmscad.kernel.measure.mass_properties import solid_moments
 from tpmscad.kernel.measure.shape_report import ShapeReport, check_step
 from tpmscad.kernel.occt.bounding_boxes import box_diagonal
 from tpmscad.kernel.occt.convert import CONFUSION_TOLERANCE
-from tpmscad.kernel.occt.exploration import faces_of
 from tpmscad.kernel.step.brep_writer import write_step
 from tpmscad.kernel.step.face_labels import NamedSolid, find_label_colour, label_faces
 from tpmscad.kernel.step.step_reader import read_step
@@ -148,8 +150,8 @@ def write_checked_solids(
     such a file is valid only as CAD programs read it, with healing. If the file does not read back, other ways to write it are
     tried, and a warning tells which one was taken. failure: why the same solids could not be written as arrays.
     """
-    area = float(sum(face_moments(faces_of(of.solid))[:, 0].sum() for of in solids))
-    outcome = WRITERS.run(SolidsRequest(solids, Path(path), schema, name, assembly, volume, area))
+    moments = np.array([solid_moments(of.solid) for of in solids]).reshape(-1, 5)
+    outcome = WRITERS.run(SolidsRequest(solids, Path(path), schema, name, assembly, volume, moments))
     failures = (*([failure] if failure else []), *outcome.failures)
     if failures:
         reasons = "; ".join(dict.fromkeys(str(error).removesuffix(f"; {ADVICE}") for error in failures))
@@ -158,7 +160,7 @@ def write_checked_solids(
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SolidsRequest:
-    """Kernel solids to be written to a STEP file, and their total volume and area."""
+    """Kernel solids to be written to a STEP file, their total volume, and their moments (n, 5) as `solid_moments` gives them."""
 
     solids: Sequence[NamedSolid]
     path: Path
@@ -166,7 +168,7 @@ class SolidsRequest:
     name: str
     assembly: bool
     volume: float
-    area: float
+    moments: Array
 
     def write(self, healed: bool = False) -> None:
         """Write the solids with their names, labels and colours; if `healed`, the file is checked as CAD programs read it."""
@@ -179,6 +181,7 @@ class SolidsRequest:
             name=self.name,
             assembly=self.assembly,
             accuracy=accuracy,
+            moments=self.moments,
             verify=verify,
         )
 
@@ -190,7 +193,8 @@ class SolidsRequest:
     def write_healed(self, precision: float) -> None:
         """Write the solids healed with gaps up to `precision` in mm."""
         healed = [replace(of, solid=heal_solid(of.solid, precision)) for of in self.solids]
-        replace(self, solids=healed).write()
+        moments = np.array([solid_moments(of.solid) for of in healed])
+        replace(self, solids=healed, moments=moments).write()
 
     def _make_check(self, accuracy: float, healed: bool = False) -> Callable[[Path], None]:
         """The check of a file of solids whose edges lie off their faces by up to `accuracy` in mm.
@@ -199,7 +203,7 @@ class SolidsRequest:
         """
         shapes = [of.solid for of in self.solids]
         size = max(map(box_diagonal, shapes))
-        rtol = limit_reread_volume(self.volume, self.area, size)
+        rtol = limit_reread_volume(self.volume, float(self.moments[:, 0].sum()), size)
         if accuracy > CONFUSION_TOLERANCE:
             rtol = max(rtol, accuracy * sum(map(measure_edge_length, shapes)) * size / (3 * self.volume))
         return make_volume_check(self.volume, rtol, healed=healed or accuracy > CONFUSION_TOLERANCE)

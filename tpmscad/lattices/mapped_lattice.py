@@ -3,9 +3,10 @@
 Patches that the map leaves congruent, as the cells of a ring are, form a class that is fitted, measured and stored once. A ring
 repeats its cell by a rotation, a screw by a screw motion, a stretched lattice by translations; nothing is assumed about the map.
 Samples of all patches on one grid of parameters are compared. Distances between a few samples, which rigid motions keep, separate
-nearly all classes; within a class the best rigid motion is computed (Kabsch), and a patch that it misses is left alone. The
-control nets are those of `g2_fit`: each class is fitted on its own, by CPIA under conditions that make neighbours join with
-curvature continuity. Where the map closes, the patches at both ends are neighbours like any others.
+nearly all classes; within a class the best rigid motion is computed (Kabsch), and patches that it misses, mirror images above
+all, are compared with each other in the same way. The control nets are those of `g2_fit`: each class is fitted on its own, by
+CPIA under conditions that make neighbours join with curvature continuity. Where the map closes, the patches at both ends are
+neighbours like any others.
 """
 
 from __future__ import annotations
@@ -435,10 +436,12 @@ def group_congruent(samples: Array) -> CongruenceClasses:
     distances = np.linalg.norm(chosen[:, i] - chosen[:, j], axis=2)
     label, first = cluster_points(distances, 10 * tol)
     motion = match_points(samples[first[label]], samples)
-    misses = np.abs(motion[:, None].apply(samples[first[label]]) - samples).max(axis=(1, 2)) > 10 * tol
-    alone = np.flatnonzero(misses)
-    label[alone] = len(first) + np.arange(len(alone))
-    first = np.concatenate([first, alone])
+    missed = np.flatnonzero(np.abs(motion[:, None].apply(samples[first[label]]) - samples).max(axis=(1, 2)) > 10 * tol)
+    if len(missed):
+        others = group_congruent(samples[missed])
+        label[missed] = len(first) + others.label
+        motion.rotation[missed], motion.translation[missed] = others.motion.rotation, others.motion.translation
+        first = np.concatenate([first, missed[others.first]])
     own = first[label] == np.arange(count)
     motion.rotation[own], motion.translation[own] = np.eye(3), 0.0
     return CongruenceClasses(first, label, motion)

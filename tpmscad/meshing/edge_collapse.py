@@ -73,6 +73,11 @@ def _examine(mesh: EditableMesh, gone: int, kept: int) -> Change | None:
     ring = {n for cell in between for n in mesh.cells[cell, :4].tolist()} - {gone, kept}
     if mesh.neighbours(gone) & mesh.neighbours(kept) != ring:
         return None
+    around = [
+        {n for f in own for n in mesh.facets[f, :3].tolist()} for own in (mesh.facets_at[gone], mesh.facets_at[kept])
+    ]
+    if around[0] & around[1] - {gone, kept} != {n for f in facets for n in mesh.facets[f, :3].tolist()} - {gone, kept}:
+        return None
     opposite = {frozenset(set(mesh.cells[cell, :4].tolist()) - {gone, kept}) for cell in between}
     if _ring_edges(mesh, gone, ring) & _ring_edges(mesh, kept, ring) != opposite:
         return None

@@ -386,14 +386,15 @@ def make_strut_graph(
         )
     nodes, pairs = (np.array(each) for each in make_cell(kind, angle))
     edge = np.broadcast_to(np.asarray(cell, float), 3)
-    counts = np.broadcast_to(np.asarray(cells, np.int64), 3)
+    counts = np.broadcast_to(np.asarray(cells, float), 3)  # an int64 may be too small for what was asked
     require_memory(
-        float(np.prod(counts, dtype=float)) * (len(nodes) + len(pairs)),
+        float(np.prod(counts)) * (len(nodes) + len(pairs)),
         BYTES_PER_PART_OF_CELL,
-        f"struts of {' x '.join(map(str, counts.tolist()))} cells",
+        f"struts of {' x '.join(f'{count:.15g}' for count in counts.tolist())} cells",
         "use fewer cells",
     )
-    origins = np.stack(np.meshgrid(*map(np.arange, counts), indexing="ij"), axis=-1).reshape(-1, 1, 3)
+    numbers = (np.arange(count) for count in counts.astype(np.int64).tolist())
+    origins = np.stack(np.meshgrid(*numbers, indexing="ij"), axis=-1).reshape(-1, 1, 3)
     placed = (origins + nodes).reshape(-1, 3)
     _, first, number = np.unique((placed / SAME_NODE**0.5).round(), axis=0, return_index=True, return_inverse=True)
     struts_of_cells = (len(nodes) * np.arange(len(origins))[:, None, None] + pairs).reshape(-1, 2)

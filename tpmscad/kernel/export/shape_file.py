@@ -42,14 +42,15 @@ def write_solids(
     name: str | None = None,
     assembly: bool = False,
     accuracy: float | None = None,
+    moments: Array | None = None,
     time_stamp: str | None = None,
     verify: Callable[[Path], None] | None = None,
 ) -> None:
     """Write solids with their names, labels and colours to a STEP file in mm.
 
     assembly: each solid is a product of its own under one of the whole, so that readers show its name; otherwise all are items
-    of one product. accuracy: how far in mm edges lie off faces at most; it is measured unless it is given. Other arguments and
-    errors as `write_step`; KernelError if a surface or curve has no form in STEP.
+    of one product. accuracy: how far in mm edges lie off faces at most; moments: (n, 5) of `solid_moments`; both are measured
+    unless they are given. Other arguments and errors as `write_step`; KernelError if a surface or curve has no form in STEP.
     """
     if accuracy is None:
         accuracy = measure_accuracy(of.solid for of in solids)
@@ -57,7 +58,8 @@ def write_solids(
     with envelope as (target, section, setting):
         if not solids:
             raise InvalidRequest("the shape holds no solid: STEP files are written of solids")
-        moments = np.array([solid_moments(of.solid) for of in solids])
+        if moments is None:
+            moments = np.array([solid_moments(of.solid) for of in solids])
         title = name or target.stem
         written = write_occt_solids(section, solids)
         parts = []

@@ -18,6 +18,8 @@ from typing import Any
 import numpy as np
 from OCP.BRep import BRep_Tool
 from OCP.TopoDS import TopoDS_Edge, TopoDS_Face
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
 
 from tpmscad._typing import Array, IntArray
 from tpmscad.brep.triangles.closed_mesh import SolidMesh
@@ -137,14 +139,15 @@ def measure_meshes(
     )
     for attempt in range(MAX_REFINEMENTS + 1):
         triangulation = _triangulate(outlines, grouping, deviation / 2**attempt, angle, deviation)
-        of_face, points, gap = triangulation.expand(outlines, grouping)
-        if triangulation.reached > deviation and not tolerant:
-            continue
-        if len(outlines.faces) > len(grouping.sources) and triangulation.reached + gap > deviation:
+        expanded = triangulation.expand(outlines, grouping)
+        reached = triangulation.reached + expanded.gap
+        if len(outlines.faces) > len(grouping.sources) and triangulation.reached <= deviation < reached:
             return measure_meshes(shape, deviation, angle)  # edges of congruent faces differ by their tolerances
-        meshes = tuple(_drop_collapsed(_collect(faces, outlines, of_face, points)) for faces in solids)
+        if reached > deviation and not tolerant:
+            continue
+        meshes = tuple(_drop_collapsed(_collect(faces, outlines, expanded)) for faces in solids)
         if meshes and not any(count_open_sides(mesh.triangles) for mesh in meshes):
-            return MeasuredMeshes(meshes, triangulation.reached + gap)
+            return MeasuredMeshes(meshes, reached)
     missed = triangulation.reached > deviation
     what = (
         f"edges lie up to {triangulation.reached:.3g} off their faces, more than deviation = {deviation:g}: raise it"
@@ -179,8 +182,8 @@ def _mesh_groups(groups: Sequence[Sequence[TopoDS_Face]], deviation: float, angl
     outlines = explore_faces([face for faces in groups for face in faces])
     grouping = group_faces_by_copies(outlines, {})
     found = _triangulate(outlines, grouping, deviation, angle, None)
-    of_face, points, _ = found.expand(outlines, grouping)
-    return tuple(_collect_parametrically(faces, outlines, found, of_face, points) for faces in groups)
+    expanded = found.expand(outlines, grouping)
+    return tuple(_collect_parametrically(faces, outlines, found, expanded) for faces in groups)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -199,8 +202,8 @@ class _Triangulation:
     reached: float
     worst: int
 
-    def expand(self, outlines: FaceOutlines, grouping: FaceGrouping) -> tuple[list[IntArray], Array, float]:
-        """Triangles of each face on common points, these points, and by how much copies of an edge's nodes differ from them."""
+    def expand(self, outlines: FaceOutlines, grouping: FaceGrouping) -> _ExpandedTriangles:
+        """Triangles of each face on points that all faces share."""
         division, mesh, ends = self.division, self.mesh, outlines.ends
         n_edges = len(outlines.points) + int((division.chords - 1).sum())
         copies = np.argsort(grouping.of_face, kind="stable")
@@ -210,17 +213,19 @@ class _Triangulation:
         count = float(np.diff(limits) @ np.diff(rows))
         require_memory(count, BYTES_PER_TRIANGLE, f"{count:.3g} triangles", "raise the deviation")
         points, total, gap = [np.full((n_edges, 3), np.nan)], n_edges, 0.0
+        merged = [np.zeros((0, 2), np.int64)]
         points[0][: len(outlines.points)] = outlines.points
         of_face: list[IntArray] = [np.zeros((0, 3), np.int64)] * len(outlines.faces)
         for r in range(len(grouping.sources)):
             own, begin = copies[limits[r] : limits[r + 1]], self.begin[r]
-            nodes = np.full((len(own), self.begin[r + 1] - begin), -1)
+            nodes, assigned = np.full((len(own), self.begin[r + 1] - begin), -1), list[tuple[IntArray, IntArray]]()
             for u, line in enumerate(self.lines[r]):
                 edge = np.array([grouping.edges[f][u] for f in own.tolist()])
                 back = np.array([grouping.turned[f][u] for f in own.tolist()])[:, None]
                 inner = division.first[edge][:, None] + np.arange(division.chords[edge[0]] - 1)
                 along = np.concatenate([ends[edge][:, :1], inner, ends[edge][:, 1:]], axis=1)
-                nodes[:, line - begin] = np.where(back, along[:, ::-1], along)
+                assigned.append((line - begin, np.where(back, along[:, ::-1], along)))
+                nodes[:, assigned[-1][0]] = assigned[-1][1]
             for pole, node in self.poles[r]:
                 nodes[:, pole - begin] = nodes[:, node - begin, None]
             inside = np.flatnonzero(nodes[0] < 0)
@@ -229,14 +234,37 @@ class _Triangulation:
             placed = mesh.points[begin : self.begin[r + 1]]
             moved = placed[None] if grouping.motion is None else grouping.motion[own][:, None].apply(placed)
             points.append(moved[:, inside].reshape(-1, 3))
-            rim = np.flatnonzero(nodes[0] < n_edges)
-            known = points[0][nodes[:, rim]]
-            points[0][nodes[:, rim]] = np.where(np.isnan(known), moved[:, rim], known)
-            gap = max(gap, float(np.nan_to_num(np.abs(known - moved[:, rim])).max(initial=0.0)))
+            for line, along in assigned:
+                known = points[0][along]
+                points[0][along] = np.where(np.isnan(known), moved[:, line], known)
+                gap = max(gap, float(np.nan_to_num(np.abs(known - moved[:, line])).max(initial=0.0)))
+                merged.append(np.stack([nodes[:, line], along], axis=-1)[nodes[:, line] != along])
             triangles = nodes[:, mesh.triangles[order[rows[r] : rows[r + 1]]] - begin]
             for f, each in zip(own.tolist(), triangles, strict=True):
                 of_face[f] = each
-        return of_face, np.concatenate(points), gap
+        placed, pairs = np.concatenate(points), np.concatenate(merged)
+        same = np.arange(len(placed))
+        if len(pairs):
+            graph = coo_array((np.ones(len(pairs)), (pairs[:, 0], pairs[:, 1])), (len(placed), len(placed)))
+            _, component = connected_components(graph, directed=False)
+            same = np.unique(component, return_index=True)[1][component]
+            gap = max(gap, float(np.linalg.norm(placed - placed[same], axis=1).max()))
+            of_face = [same[triangles] for triangles in of_face]
+        return _ExpandedTriangles(of_face, placed, same, gap)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _ExpandedTriangles:
+    """Triangles of each face on common points.
+
+    same: for each point the one that stands for it, where OCCT has made one node of those that are closer than it resolves. gap:
+    how far nodes of edges, of copies or merged ones, lie from the points that stand for them.
+    """
+
+    of_face: list[IntArray]
+    points: Array
+    same: IntArray
+    gap: float
 
 
 def _triangulate(
@@ -354,20 +382,22 @@ def _is_turned(face: TopoDS_Face) -> bool:
     return bool((orientation_sign(face) < 0) != (np.linalg.det(matrix[:, :3]) < 0))
 
 
-def _collect(faces: Sequence[TopoDS_Face], outlines: FaceOutlines, of_face: list[IntArray], points: Array) -> SolidMesh:
+def _collect(faces: Sequence[TopoDS_Face], outlines: FaceOutlines, expanded: _ExpandedTriangles) -> SolidMesh:
     """The mesh of the faces of a solid, on the points that it uses."""
-    own = [of_face[outlines.number[ShapeKey(face)]] for face in faces]
+    own = [expanded.of_face[outlines.number[ShapeKey(face)]] for face in faces]
     triangles = np.concatenate(
         [each[:, ::-1] if _is_turned(face) else each for face, each in zip(faces, own, strict=True)]
     )
-    used = np.zeros(len(points), bool)
+    used = np.zeros(len(expanded.points), bool)
     used[triangles] = True
     number = np.cumsum(used) - 1
-    return SolidMesh(points[used], number[triangles], np.repeat(np.arange(len(faces)), [len(each) for each in own]))
+    return SolidMesh(
+        expanded.points[used], number[triangles], np.repeat(np.arange(len(faces)), [len(each) for each in own])
+    )
 
 
 def _collect_parametrically(
-    faces: Sequence[TopoDS_Face], outlines: FaceOutlines, found: _Triangulation, of_face: list[IntArray], points: Array
+    faces: Sequence[TopoDS_Face], outlines: FaceOutlines, found: _Triangulation, expanded: _ExpandedTriangles
 ) -> ParametricMesh:
     """The mesh of some of the faces, each of which stands for itself, with their parameters and edge segments."""
     mesh, division = found.mesh, found.division
@@ -387,10 +417,10 @@ def _collect_parametrically(
         uv.append(mesh.uv[own])
         nodes.append(own - begin + count)
         count += size
-    solid = _collect(faces, outlines, of_face, points)
-    used = np.zeros(len(points), bool)
-    used[np.concatenate([of_face[f].ravel() for f in numbers])] = True
-    number = np.cumsum(used) - 1
+    solid = _collect(faces, outlines, expanded)
+    used = np.zeros(len(expanded.points), bool)
+    used[np.concatenate([expanded.of_face[f].ravel() for f in numbers])] = True
+    number = (np.cumsum(used) - 1)[expanded.same]
     along = [division.nodes(outlines.ends[e], e) for e in edges]
     spans = [BRep_Tool.Range_s(outlines.edges[e]) for e in edges]
     at = [low + division.shares[e] * (high - low) for e, (low, high) in zip(edges, spans, strict=True)]
