@@ -132,6 +132,9 @@ REFUSED = {
     "loop.3mf": (write_3mf(LOOP, ITEM), "among its own components"),
     "no_part.3mf": (write_3mf(CUBE, ELSEWHERE), "the part '3d/other.model', which it does not hold"),
     "leagues.3mf": (write_3mf(CUBE, ITEM, 'unit="league"'), "unit 'league', which is none of"),
+    "part_in_leagues.3mf": (
+        write_3mf(CUBE, ELSEWHERE, other=OTHER.replace("centimeter", "league")), "unit 'league', which is none of"
+    ),
     "no_archive.3mf": (lambda path: path.write_bytes(b"no"), "no archive"),
     "more.stl": (write_stl(FACETS, 20), "states 20 triangles and holds 12 in 684 bytes"),
     "fewer.stl": (write_stl(np.concatenate([FACETS, FACETS + 20]), 12), "states 12 triangles and holds 24"),

@@ -208,9 +208,8 @@ class MinMaxField(BinaryField):
         if not boxes or (self.sign < 0 and len(boxes) < 2):
             return None
         low, high = np.array(boxes, float).transpose(1, 0, 2)
-        if self.sign > 0:
-            low, high = low.max(axis=0)[None], np.maximum(low.max(axis=0), high.min(axis=0))[None]
-        return tuple(low.min(axis=0).tolist()), tuple(high.max(axis=0).tolist())
+        first, last = (low.max(axis=0), high.min(axis=0)) if self.sign > 0 else (low.min(axis=0), high.max(axis=0))
+        return tuple(first.tolist()), tuple(np.maximum(first, last).tolist())
 
     def trace(self, x: Node, y: Node, z: Node) -> Node:
         """The formula on the nodes of a tape."""

@@ -70,13 +70,12 @@ def _examine(mesh: EditableMesh, gone: int, kept: int) -> Change | None:
     changed_facets = sorted(mesh.facets_at[gone] - facets)
     if not between or not all(_continues(mesh, facet, facets) for facet in changed_facets):
         return None
-    ring = {n for cell in between for n in mesh.cells[cell, :4].tolist()} - {gone, kept}
+    ring = _list_corners(mesh.cells[:, :4], between) - {gone, kept}
     if mesh.neighbours(gone) & mesh.neighbours(kept) != ring:
         return None
-    around = [
-        {n for f in own for n in mesh.facets[f, :3].tolist()} for own in (mesh.facets_at[gone], mesh.facets_at[kept])
-    ]
-    if around[0] & around[1] - {gone, kept} != {n for f in facets for n in mesh.facets[f, :3].tolist()} - {gone, kept}:
+    rim = _list_corners(mesh.facets[:, :3], facets) - {gone, kept}
+    beside = (_list_corners(mesh.facets[:, :3], mesh.facets_at[node]) - {gone, kept} for node in (gone, kept))
+    if set.intersection(*beside) != rim:
         return None
     opposite = {frozenset(set(mesh.cells[cell, :4].tolist()) - {gone, kept}) for cell in between}
     if _ring_edges(mesh, gone, ring) & _ring_edges(mesh, kept, ring) != opposite:
@@ -110,6 +109,11 @@ def _continues(mesh: EditableMesh, facet: int, others: set[int]) -> bool:
     return any(
         mesh.label_of(other) == mesh.label_of(facet) and normal @ mesh.normal(other) > CREASE_COSINE for other in others
     )
+
+
+def _list_corners(corners: IntArray, rows: set[int]) -> set[int]:
+    """The corners of some elements or facets."""
+    return set(corners[list(rows)].ravel().tolist())
 
 
 def _ring_edges(mesh: EditableMesh, node: int, ring: set[int]) -> set[frozenset[int]]:

@@ -1,8 +1,8 @@
 """Values in the cells of a table: text to a value and back.
 
 A cell holds a number, several numbers with commas between them, rows of such numbers with semicolons between them (the corners of
-a box), `true` or `false`, or text. The text of a value is what results
-are matched by: equal values have equal text, and the text is read as the value.
+a box), `true` or `false`, or text. The text of a value is what results are matched by: equal values have equal text, and the text
+is read as the value.
 """
 
 from __future__ import annotations

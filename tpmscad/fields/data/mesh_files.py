@@ -241,31 +241,23 @@ def read_3mf(file: Path) -> Contents:
         elif held is not None and held.type in NO_PART:
             left["support"] += 1
         else:
-            for points, own in _expand(file.name, find_model, path, item, MILLIMETRES.get(built.unit, 1.0), 0):
+            for points, own in _expand(file.name, find_model, path, item, MILLIMETRES[built.unit], 0):
                 vertices.append(points)
                 triangles.append(own + count)
                 count += len(points)
     told = [f"{n} of its {len(built.items)} items, marked as {what}" for what, n in left.items() if n]
     notes += [f"{file.name}: {words}, left out" for words in told]
-    notes += [
-        f"{file.name}: {words} are not read"
-        for model in models.values()
-        for words in _list_foreign_shapes(model, SHAPE_EXTENSIONS)
-    ]
+    foreign = [words for model in models.values() for words in _list_foreign_shapes(model, SHAPE_EXTENSIONS)]
+    notes += [f"{file.name}: {words} are not read" for words in foreign]
     if not triangles:
         held_objects = sum(len(model.objects) for model in models.values())
-        beams = "; ".join(words for model in models.values() for words in _list_foreign_shapes(model, SHAPE_EXTENSIONS))
+        beams = "; ".join(foreign)
         raise InvalidRequest(
             f"{file.name} holds no triangles in its build: {len(built.items)} items of {held_objects} objects"
             f"{f', and {beams}, which are not read' if beams else ''}{''.join(f'; {words}' for words in told)}"
         )
-    unit = built.unit
-    if unit not in MILLIMETRES:
-        raise InvalidRequest(
-            f"{file.name} is in the unit {unit!r}, which is none of {', '.join(MILLIMETRES)}: save it in one of them"
-        )
-    if unit != "millimeter":
-        notes.insert(0, f"{file.name} is in the unit {unit}: converted to millimetres")
+    if built.unit != "millimeter":
+        notes.insert(0, f"{file.name} is in the unit {built.unit}: converted to millimetres")
     return np.concatenate(vertices), np.concatenate(triangles), tuple(notes)
 
 
@@ -281,7 +273,11 @@ def _find_root(parts: Mapping[str, bytes]) -> str:
 
 
 def _require_understood(name: str, model: _Model) -> None:
-    """InvalidRequest if a model requires an extension that is not understood, with counts of what it holds of it."""
+    """InvalidRequest if a model is in an unknown unit, or requires an extension that is not understood, with counts of that."""
+    if model.unit not in MILLIMETRES:
+        raise InvalidRequest(
+            f"{name} is in the unit {model.unit!r}, which is none of {', '.join(MILLIMETRES)}: save it in one of them"
+        )
     for prefix in model.required:
         namespace = model.namespaces.get(prefix)
         if namespace in READ_EXTENSIONS:
@@ -328,7 +324,7 @@ def _expand(
     if len(rows) != 12 or not np.isfinite(rows).all():
         raise InvalidRequest(f"{name}: the transform {reference['transform']!r} is no twelve numbers; save it again")
     turn, shift = rows.reshape(4, 3)[:3], rows[9:] * scale
-    own = MILLIMETRES.get(model.unit, 1.0)
+    own = MILLIMETRES[model.unit]
     parts = [(own * np.reshape(held.vertices, (-1, 3)), np.reshape(held.triangles, (-1, 3)).astype(np.int64))]
     for component in held.components:
         below = component.get(f"{PRODUCTION} path", path).lower().strip("/")

@@ -148,11 +148,13 @@ class MeshSides:
         """Whether the points are no boundary of the solid: it is on both sides of them, or on neither."""
         return (self.behind > 0) == (self.ahead > 0)
 
-    def shells_with(self, points: BoolArray, how: Any = np.any) -> BoolArray:
-        """Which shells have any of some points, or have all of theirs among them."""
-        count = np.bincount(self.shell[self.number], minlength=self.n_shells)
-        met = np.bincount(self.shell[self.number], points, self.n_shells)
-        return np.asarray((met > 0) if how is np.any else (met == count) & (count > 0))
+    def shells_with(self, points: BoolArray) -> BoolArray:
+        """Which shells have any of some points."""
+        return np.bincount(self.shell[self.number], points, self.n_shells) > 0
+
+    def shells_within(self, points: BoolArray) -> BoolArray:
+        """Which shells have points among some points only."""
+        return self.shells_with(points) & ~self.shells_with(~points)
 
     def select(self, shells: BoolArray) -> MeshSides:
         """The mesh of some of the shells."""
@@ -206,7 +208,7 @@ def unite_shells(name: str, vertices: Array, triangles: IntArray) -> tuple[Array
             f"{name}: what lies outside of all other shells and faces inwards was reversed: {sides.describe(inverted)}"
         )
         sides = sides.reverse(inverted)
-    lost = sides.shells_with(sides.is_off, np.all)
+    lost = sides.shells_within(sides.is_off)
     crossed = sides.shells_with(sides.is_off) & ~lost
     if crossed.any() and sides.n_shells > 1:
         sides, crossing = _unite_crossing(name, sides, crossed | lost)
@@ -267,7 +269,7 @@ def _cancel_opposites(triangles: IntArray) -> tuple[IntArray, int]:
 
 def _find_inverted(sides: MeshSides) -> BoolArray:
     """Shells that face inwards where all else is void, with what lies within them."""
-    alone = (sides.volume < 0) & sides.shells_with((sides.behind == 0) & (sides.ahead == -1), np.all)
+    alone = (sides.volume < 0) & sides.shells_within((sides.behind == 0) & (sides.ahead == -1))
     found = np.zeros(sides.n_shells, bool)
     first = sides.points[np.unique(sides.shell[sides.number], return_index=True)[1]]
     known = np.unique(sides.shell[sides.number])

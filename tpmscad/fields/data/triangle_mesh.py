@@ -1,9 +1,8 @@
 """Closed triangle meshes of files: STL, OBJ, PLY and 3MF, and of `trimesh` objects.
 
-A mesh is closed if the directions of the triangles
-cancel at every edge; the winding number of a point is then defined, and triangles may meet at an edge in any even number. Solid
-is where the winding number is positive, and the mesh is made the boundary of that (`mesh_shells`). Small holes are closed by a
-fan of triangles round their centre; whatever was changed is told in a note.
+A mesh is closed if the directions of the triangles cancel at every edge; the winding number of a point is then defined, and
+triangles may meet at an edge in any even number. Solid is where the winding number is positive, and the mesh is made the boundary
+of that (`mesh_shells`). Small holes are closed by a fan of triangles round their centre; whatever was changed is told in a note.
 """
 
 from __future__ import annotations

@@ -55,9 +55,9 @@ class AffineTransformedField(Field):
     def domain(self) -> BoxCorners | None:
         """The box of the data, or one around the moved box of what they are combined with."""
         box, inner = self.data_box(), self.field.domain
-        if box is not None or inner is None or self.factor <= 0:
-            return None if box is None else box.domain
-        return DataBox.of_corners(inner, (1, 1, 1)).take_back(np.array(self.matrix), np.array(self.shift)).domain
+        if box is None and inner is not None and self.factor > 0:
+            box = DataBox.of_corners(inner, (1, 1, 1)).take_back(np.array(self.matrix), np.array(self.shift))
+        return None if box is None else box.domain
 
     def periods(self) -> Triple | None:
         """Periods along the axes, or None."""

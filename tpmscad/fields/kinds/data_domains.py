@@ -80,11 +80,16 @@ def _bound_parts(field: Field) -> Field:
         if not (values < 0).any():
             return field
         return _bound(field, box, STEEPNESS * float(np.abs(values).max()) / box.least_step)
+    return _change_operands(field, _bound_parts)
+
+
+def _change_operands(field: Field, change: Callable[[Field], Field]) -> Field:
+    """A union, intersection or multiple of changed fields; other fields, and those of which nothing changes, as they are."""
     if isinstance(field, MinMaxField | RoundedMinMaxField):
-        first, second = _bound_parts(field.first), _bound_parts(field.second)
+        first, second = change(field.first), change(field.second)
         return field if first is field.first and second is field.second else replace(field, first=first, second=second)
     if isinstance(field, ScaledField):
-        inner = _bound_parts(field.field)
+        inner = change(field.field)
         return field if inner is field.field else replace(field, field=inner)
     return field
 
@@ -102,18 +107,12 @@ def _share_planes(field: Field) -> Field:
         return field
     if field.domain is not None and all(each.box.is_same(bounded[0].box) for each in bounded):
         return replace(bounded[0], first=_strip_planes(field))
-    if isinstance(field, MinMaxField | RoundedMinMaxField):
-        return replace(field, first=_share_planes(field.first), second=_share_planes(field.second))
-    return replace(field, field=_share_planes(field.field)) if isinstance(field, ScaledField) else field
+    return _change_operands(field, _share_planes)
 
 
 def _strip_planes(field: Field) -> Field:
     """The field without the planes of its data."""
-    if isinstance(field, BoundedData):
-        return field.first
-    if isinstance(field, MinMaxField | RoundedMinMaxField):
-        return replace(field, first=_strip_planes(field.first), second=_strip_planes(field.second))
-    return replace(field, field=_strip_planes(field.field)) if isinstance(field, ScaledField) else field
+    return field.first if isinstance(field, BoundedData) else _change_operands(field, _strip_planes)
 
 
 def _make_planes(box: DataBox) -> list[Field]:
@@ -211,15 +210,7 @@ def _leave_out_planes(field: Field, lo: Array, hi: Array, same: float) -> Field:
     if isinstance(field, BoundedData):
         cut = [plane for plane in _list_planes(field.second) if _reach(plane, lo, hi) > same]
         return replace(field, second=join_extremes(+1, cut)) if cut else field.first
-    if isinstance(field, MinMaxField | RoundedMinMaxField):
-        return replace(
-            field,
-            first=_leave_out_planes(field.first, lo, hi, same),
-            second=_leave_out_planes(field.second, lo, hi, same),
-        )
-    if isinstance(field, ScaledField):
-        return replace(field, field=_leave_out_planes(field.field, lo, hi, same))
-    return field
+    return _change_operands(field, lambda part: _leave_out_planes(part, lo, hi, same))
 
 
 def _list_planes(field: Field) -> list[Field]:

@@ -2,9 +2,9 @@
 
 Edges are divided first, each once for all faces that it bounds, so that its chords keep the deviation (`edge_division`). OCCT
 triangulates each face by itself on these nodes (`face_triangulation`). Triangles that miss the deviation, which OCCT does not
-bound, are halved (`refine_triangles`). Nodes are identified along shared edges and at
-shared vertices, never by distance, so that a mesh of a closed solid is closed whatever the size of its triangles. A degenerate
-edge (the pole of a sphere) becomes one node, and the triangles that this collapses are left out.
+bound, are halved (`refine_triangles`). Nodes are identified along shared edges and at shared vertices, and where OCCT itself has
+made one node of two, never by distance, so that a mesh of a closed solid is closed whatever the size of its triangles. A
+degenerate edge (the pole of a sphere) becomes one node, and the triangles that this collapses are left out.
 
 Of faces that are congruent one is triangulated, and its triangles are moved to the others.
 """
@@ -18,10 +18,9 @@ from typing import Any
 import numpy as np
 from OCP.BRep import BRep_Tool
 from OCP.TopoDS import TopoDS_Edge, TopoDS_Face
-from scipy.sparse import coo_array
-from scipy.sparse.csgraph import connected_components
 
 from tpmscad._typing import Array, IntArray
+from tpmscad.brep.linked_items import label_linked
 from tpmscad.brep.triangles.closed_mesh import SolidMesh
 from tpmscad.brep.triangles.measured_deviation import (
     FaceTriangles,
@@ -224,8 +223,9 @@ class _Triangulation:
                 back = np.array([grouping.turned[f][u] for f in own.tolist()])[:, None]
                 inner = division.first[edge][:, None] + np.arange(division.chords[edge[0]] - 1)
                 along = np.concatenate([ends[edge][:, :1], inner, ends[edge][:, 1:]], axis=1)
-                assigned.append((line - begin, np.where(back, along[:, ::-1], along)))
-                nodes[:, assigned[-1][0]] = assigned[-1][1]
+                along = np.where(back, along[:, ::-1], along)
+                assigned.append((line - begin, along))
+                nodes[:, line - begin] = along
             for pole, node in self.poles[r]:
                 nodes[:, pole - begin] = nodes[:, node - begin, None]
             inside = np.flatnonzero(nodes[0] < 0)
@@ -242,15 +242,14 @@ class _Triangulation:
             triangles = nodes[:, mesh.triangles[order[rows[r] : rows[r + 1]]] - begin]
             for f, each in zip(own.tolist(), triangles, strict=True):
                 of_face[f] = each
-        placed, pairs = np.concatenate(points), np.concatenate(merged)
-        same = np.arange(len(placed))
+        every, pairs = np.concatenate(points), np.concatenate(merged)
+        same = np.arange(len(every))
         if len(pairs):
-            graph = coo_array((np.ones(len(pairs)), (pairs[:, 0], pairs[:, 1])), (len(placed), len(placed)))
-            _, component = connected_components(graph, directed=False)
+            component = label_linked(len(every), pairs)
             same = np.unique(component, return_index=True)[1][component]
-            gap = max(gap, float(np.linalg.norm(placed - placed[same], axis=1).max()))
+            gap = max(gap, float(np.linalg.norm(every - every[same], axis=1).max()))
             of_face = [same[triangles] for triangles in of_face]
-        return _ExpandedTriangles(of_face, placed, same, gap)
+        return _ExpandedTriangles(of_face, every, same, gap)
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -45,10 +45,7 @@ def measure_topology(solids: Sequence[TopoDS_Solid]) -> SolidTopology:
     counted = [_count_shell(shell) for of in shells for shell in of]
     euler = tuple(number for number, _ in counted)
     pieces, voids = len(solids), sum(len(of) - 1 for of in shells)
-    fans: dict[ShapeKey, int] = {}
-    for _, vertices in counted:
-        for vertex in vertices:
-            fans[vertex] = fans.get(vertex, 0) + 1
+    fans = Counter(vertex for _, vertices in counted for vertex in vertices)
     return SolidTopology((pieces, pieces + voids - sum(euler) // 2, voids), euler, _find_contacts(solids, fans))
 
 
@@ -74,7 +71,7 @@ def _count_shell(shell: TopoDS_Shape) -> tuple[int, list[ShapeKey]]:
     return euler, [vertices[k] for k in first.tolist()]
 
 
-def _find_contacts(solids: Sequence[TopoDS_Solid], fans: dict[ShapeKey, int]) -> tuple[TouchingPlace, ...]:
+def _find_contacts(solids: Sequence[TopoDS_Solid], fans: Counter[ShapeKey]) -> tuple[TouchingPlace, ...]:
     """Edges of more than two faces, and vertices elsewhere with several fans, or in the middle of several faces."""
     whole = make_compound(solids)
     contacts, on_edges, sides = [], set(), Counter[ShapeKey]()
