@@ -69,14 +69,11 @@ def refuse_to_trim(*_: Any, **__: Any) -> None:
 
 def test_it_is_the_plain_boolean_and_has_its_groups_of_faces(monkeypatch: pytest.MonkeyPatch) -> None:
     body = domed_block()
-    monkeypatch.setattr(
-        "tpmscad.solids.boolean_strategies.corner_clearance", lambda _: 0.0
-    )  # else the lattice is moved
     quick = tpmscad.infill(body, **P)
     assert quick.certificate.met
     assert quick.trimmed_by == "patches"
     assert "trimmed on the patches' parameters" in quick.certificate.notes
-    monkeypatch.setattr("tpmscad.solids.boolean_strategies.trim", refuse_to_trim)
+    monkeypatch.setattr("tpmscad.solids.boolean_strategies.combine_networks", refuse_to_trim)
     slow = tpmscad.infill(body, **P)
     assert any("boolean: not today" in note for note in slow.certificate.notes)
     # Both ways place the cuts within the kernel's tolerance.

@@ -23,7 +23,7 @@ from tpmscad.brep.carriers import (
 )
 from tpmscad.brep.quadrics import MIN_POLE_STEP_ANGLE
 from tpmscad.splines.bspline import BSplineSurface
-from tpmscad.trimming.intersect.network_hits import locate_in_faces, prepare_network
+from tpmscad.trimming.intersect.network_hits import locate_in_faces, prepare_networks
 from tpmscad.trimming.network_boolean import combine_networks
 from tpmscad.trimming.operands.conic_splines import approximate_conic, approximate_quadric
 from tpmscad.trimming.operands.network_tables import divide_uses
@@ -133,7 +133,7 @@ def test_a_half_space_leaves_a_cap_of_a_ball(height: float) -> None:
 
 def test_loops_step_along_poles() -> None:
     """A point on the other side of the pole is outside of a half ball's face, and one on this side inside."""
-    network = prepare_network(shapes.sphere(1.5))
+    network = prepare_networks(shapes.sphere(1.5), shapes.sphere(1.5), 0.0)[0]
     brep = network.brep
     use, _, length = divide_uses(brep)
     assert (length == 0).sum() == 2 * len(brep.faces)  # both poles of each face

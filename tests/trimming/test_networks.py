@@ -24,7 +24,7 @@ from tpmscad.trimming.classify.network_edges import points_in_network
 from tpmscad.trimming.intersect.common_curves import DEGREE, _choose_parameters
 from tpmscad.trimming.intersect.edge_face import intersect_edges_with_faces
 from tpmscad.trimming.intersect.face_face import _jumps
-from tpmscad.trimming.intersect.network_hits import prepare_network
+from tpmscad.trimming.intersect.network_hits import prepare_networks
 from tpmscad.trimming.network_boolean import KEPT_PARTS, NetworkResult, Operation, combine_networks
 from tpmscad.trimming.operands.network_tables import (
     evaluate_face,
@@ -205,7 +205,7 @@ def test_points_are_told_from_the_network_alone() -> None:
     points = rng.uniform(-1.7, 1.7, (300, 3))
     value = fields.rod(fields.tpms("schwarz_p", 3.0), -0.6)(points)
     clear = np.abs(value) > 0.1
-    inside = points_in_network(prepare_network(rod()), points[clear])
+    inside = points_in_network(prepare_networks(rod(), rod(), 0.0)[0], points[clear])
     assert np.array_equal(inside, value[clear] < 0)
 
 
