@@ -15,6 +15,7 @@ from typing import NamedTuple
 from weakref import WeakKeyDictionary
 
 import numpy as np
+from numpy.polynomial import chebyshev
 from numpy.typing import ArrayLike
 
 from tpmscad._compiled_loops import njit_cached, njit_inner
@@ -86,7 +87,7 @@ class FaceCells(NamedTuple):
     bend : (N, 3)
         Bounds of |S_uu|, |S_uv| and |S_vv| in units of the half ranges.
     normal : (N, 3)
-        The unit normal at the middle, of either sign.
+        The mean direction of S_u x S_v, of unit length.
     turn : (N,)
         Bound of the length by which unit normals differ from that, 2 where the patch may be singular.
     """
@@ -524,12 +525,7 @@ def _divide_like_patches(surfaces: list[BSplineSurface]) -> list[_Cells]:
         axis=2,
     )
     radius = norms.sum(axis=(2, 3)) - norms[:, :, 0, 0]
-    normal = np.cross(local[:, :, 1, 0], local[:, :, 0, 1])
-    area = np.linalg.norm(normal, axis=2)
-    (uu, uv, vv), along, across = np.moveaxis(bend, 2, 0), norms[:, :, 1, 0], norms[:, :, 0, 1]
-    vary = (uu + uv) * (across + uv + vv) + (uv + vv) * (along + uu + uv)
-    turn = np.where(vary < area, np.sqrt(2.0) * vary / np.maximum(area, 1e-300), 2.0)
-    normal /= np.maximum(area, 1e-300)[:, :, None]
+    normal, turn = _bound_normals(coefficients, parts)
     result = []
     for i, own in enumerate(surfaces):
         breaks = tuple(
@@ -558,6 +554,49 @@ def _divide_like_patches(surfaces: list[BSplineSurface]) -> list[_Cells]:
             )
         )
     return result
+
+
+def _bound_normals(coefficients: Array, parts: list[int]) -> tuple[Array, Array]:
+    """Mean unit normals (n, cells, 3) of cells, and bounds (n, cells) of how far the unit normals in them differ from these.
+
+    S_u x S_v is a polynomial: its Chebyshev coefficients on each quarter of a cell, of which the first is the mean, bound how far it
+    leaves the direction of that. coefficients: of patches, (n, spans of u, of v, powers of u, of v, 3).
+    """
+    n, nu, nv, p, q, _ = coefficients.shape
+    (x, to_u), (y, to_v) = (_chebyshev_parts(2 * m, max(2 * (d - 1), 1)) for m, d in zip(parts, (p, q), strict=True))
+    power_u, power_v = np.vander(x, p, increasing=True), np.vander(y, q, increasing=True)
+    slope_u, slope_v = (
+        np.concatenate([np.zeros((len(t), 1)), w[:, :-1] * np.arange(1.0, w.shape[1])], axis=1)
+        for t, w in ((x, power_u), (y, power_v))
+    )
+    su, sv = (
+        np.einsum("xk,nabklc,yl->nabxyc", of_u, coefficients, of_v, optimize=True)
+        for of_u, of_v in ((slope_u, power_v), (power_u, slope_v))
+    )
+    terms = np.einsum("iKx,nabxyc,jLy->naibjKLc", to_u, np.cross(su, sv), to_v, optimize=True)
+    mean = terms[..., 0, 0, :]
+    length = np.linalg.norm(mean, axis=-1)
+    unit = mean / np.maximum(length, 1e-300)[..., None]
+    ahead = np.einsum("...klx,...x->...kl", terms, unit)
+    aside = np.linalg.norm(terms - ahead[..., None] * unit[..., None, None, :], axis=-1).sum(axis=(-2, -1))
+    least = 2.0 * length - np.abs(ahead).sum(axis=(-2, -1))
+    turn = np.where(aside < least, aside / np.maximum(least, 1e-300), 2.0)
+    quarters = (n, nu * parts[0], 2, nv * parts[1], 2)
+    mean = mean.reshape(*quarters, 3).sum(axis=(2, 4))
+    normal = mean / np.maximum(np.linalg.norm(mean, axis=-1, keepdims=True), 1e-300)
+    off = np.linalg.norm(unit.reshape(*quarters, 3) - normal[:, :, None, :, None], axis=-1)
+    turn = np.minimum((off + turn.reshape(quarters)).max(axis=(2, 4)), 2.0)
+    return normal.reshape(n, -1, 3), turn.reshape(n, -1)
+
+
+@lru_cache(maxsize=32)
+def _chebyshev_parts(count: int, n: int) -> tuple[Array, Array]:
+    """Nodes (n,) on [-1, 1], and matrices (count, n, n) from values there to Chebyshev coefficients on equal parts."""
+    x = chebyshev.chebpts1(n)
+    local = np.linalg.inv(chebyshev.chebvander(x, n - 1))
+    middle = -1.0 + (2 * np.arange(count) + 1) / count
+    within = chebyshev.chebvander(middle[:, None] + x / count, n - 1) @ local
+    return x, local @ within
 
 
 @lru_cache(maxsize=32)
