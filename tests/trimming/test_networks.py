@@ -291,7 +291,7 @@ def test_curves_through_graded_sites_do_not_swing(ratio: float) -> None:
     def curve(x: np.ndarray) -> np.ndarray:
         return np.column_stack([np.cos(x), np.sin(x), 0.1 * x**2, np.sqrt(1e-3 + x)])
 
-    spline = make_interp_spline(_choose_parameters(curve(s)), curve(s), DEGREE)
+    spline = make_interp_spline(_choose_parameters(curve(s)[None])[0], curve(s), DEGREE)
     at = spline(np.linspace(spline.t[0], spline.t[-1], 500))
     turn = np.arctan2(at[:, 1], at[:, 0])
     assert np.abs(at - curve(turn)).max() < 0.03

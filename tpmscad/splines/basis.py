@@ -173,8 +173,14 @@ def nonzero_basis(knots: Array, degree: int, t: Array) -> tuple[IntArray, Array,
     """
     last = len(knots) - degree - 2
     span = np.clip(np.searchsorted(knots, t, side="right") - 1, degree, last)
-    upper = [knots[span + j] - t for j in range(1, degree + 1)]
-    lower = [t - knots[span + 1 - j] for j in range(1, degree + 1)]
+    about = knots[span - degree + 1 + np.arange(2 * degree)[:, None]]
+    return (span - degree, *nonzero_basis_of_spans(about, degree, t))
+
+
+def nonzero_basis_of_spans(knots: Array, degree: int, t: Array) -> tuple[Array, Array]:
+    """Values and slopes (n, degree + 1) at t (n,) of the basis functions on the spans in the middle of knots (2 degree, n)."""
+    upper = [knots[degree - 1 + j] - t for j in range(1, degree + 1)]
+    lower = [t - knots[degree - j] for j in range(1, degree + 1)]
     values = [np.ones(len(t))]
     ratios: list[Array] = []
     for j in range(1, degree + 1):
@@ -184,7 +190,7 @@ def nonzero_basis(knots: Array, degree: int, t: Array) -> tuple[IntArray, Array,
         values = [a + b for a, b in zip(rising, falling, strict=True)]
     zero = np.zeros(len(t))
     slopes = [degree * (a - b) for a, b in zip([zero, *ratios], [*ratios, zero], strict=True)]
-    return span - degree, np.stack(values, axis=-1), np.stack(slopes, axis=-1)
+    return np.stack(values, axis=-1), np.stack(slopes, axis=-1)
 
 
 def evaluate_by_de_boor(poles: Array, knots: Array, t: Array) -> Array:

@@ -244,7 +244,7 @@ def _cut_translated(shift: Array, of: _Operands, finish: Callable[[CutNetworks],
         offset = n_first if side else 0
         start, end = (np.where(v < n_own, v + offset, v - n_own + first_hit) for v in (pieces.start, pieces.end))
         pieces = replace(pieces, start=start, end=end)
-        operands.append(CutNetwork(own, pieces, inside))
+        operands.append(CutNetwork(own.brep, pieces, inside))
     arcs = replace(arcs, start=arcs.start + n_first + n_second, end=arcs.end + n_first + n_second)
     report = NetworkReport(sum(counts), len(arcs.curves), float(arcs.deviation.max(initial=0.0)), shift, "")
     return finish(CutNetworks((operands[0], operands[1]), arcs, vertices, report))

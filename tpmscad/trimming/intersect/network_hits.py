@@ -233,30 +233,33 @@ def locate_in_faces(network: Network, face: IntArray, uv: Array) -> tuple[BoolAr
     faces, brep = network.faces, network.brep
     inside, nearest, apart = _locate_in_polygons(faces, face, uv)
     distance = apart[:, 0].copy()
-    doubtful = np.flatnonzero(apart[:, 0] < POLYGON_DOUBT * apart[:, 1])
+    use, begin, length = network.segments
+    doubtful = np.flatnonzero((apart[:, 0] < POLYGON_DOUBT * apart[:, 1]) & (length[nearest] < 1.0))
     if not len(doubtful):
         return inside, distance
-    use, begin, length = network.segments
-    for i in doubtful.tolist():
-        segment = nearest[i]
-        k, metric = int(use[segment]), evaluate_faces(faces.patches, face[[i]], uv[[i]])[0, 1:]
-        sense = int(brep.uses.sense[k])
-        low, high = brep.edges.span[brep.uses.edge[k]]
-        x = begin[segment] + 0.5 * length[segment]
-        t, step = low + (high - low) * (x if sense > 0 else 1.0 - x), SLOPE_STEP * (high - low)
-        for _ in range(NEAREST_STEPS):
-            at, before, after = evaluate_use_parameters(brep, np.full(3, k), np.array([t, t - step, t + step]))
-            slope = (after - before) / (2 * step)
-            along = slope @ metric
-            change = float((at - uv[i]) @ metric @ along) / float(along @ along)
-            t = min(max(t - change, low), high)
-            if abs(change) < step**2:
-                break
-        if low < t < high:  # else the nearest point is a vertex, which polygons hold exactly
-            at = evaluate_use_parameters(brep, np.array([k]), np.array([t]))[0]
-            arm = uv[i] - at
-            inside[i] = sense * (slope[0] * arm[1] - slope[1] * arm[0]) > 0
-            distance[i] = float(np.linalg.norm(arm @ metric))
+    segment = nearest[doubtful]
+    k, uv = use[segment], uv[doubtful]
+    metric = evaluate_faces(faces.patches, face[doubtful], np.ascontiguousarray(uv))[:, 1:]
+    sense = brep.uses.sense[k]
+    low, high = brep.edges.span[brep.uses.edge[k]].T
+    x = begin[segment] + 0.5 * length[segment]
+    t, step = low + (high - low) * np.where(sense > 0, x, 1.0 - x), SLOPE_STEP * (high - low)
+    slope, moving = np.empty((len(k), 2)), np.arange(len(k))
+    for _ in range(NEAREST_STEPS):
+        own, h = k[moving], step[moving]
+        at, before, after = (evaluate_use_parameters(brep, own, t[moving] + d * h) for d in (0.0, -1.0, 1.0))
+        slope[moving] = (after - before) / (2 * h)[:, None]
+        along, arm = (np.einsum("nd,ndx->nx", d, metric[moving]) for d in (slope[moving], at - uv[moving]))
+        change = np.einsum("nx,nx->n", arm, along) / np.einsum("nx,nx->n", along, along)
+        t[moving] = np.clip(t[moving] - change, low[moving], high[moving])
+        moving = moving[np.abs(change) >= h**2]
+        if not len(moving):
+            break
+    within = np.flatnonzero((low < t) & (t < high))  # else the nearest point is a vertex, which polygons hold exactly
+    arm = uv[within] - evaluate_use_parameters(brep, k[within], t[within])
+    slope = slope[within]
+    inside[doubtful[within]] = sense[within] * (slope[:, 0] * arm[:, 1] - slope[:, 1] * arm[:, 0]) > 0
+    distance[doubtful[within]] = np.linalg.norm(np.einsum("nd,ndx->nx", arm, metric[within]), axis=1)
     return inside, distance
 
 
