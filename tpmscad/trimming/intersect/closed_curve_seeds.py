@@ -100,8 +100,9 @@ def find_seed(
             near = np.empty((2, largest), np.int64)
         counts[0] = _list_near_cells(faces, f, g, near[0])
         counts[1] = _list_near_cells(faces, g, f, near[1])
-        if not _may_turn_back(cells, near, counts, across):
+        if counts.min() == 0 or not _may_be_parallel(cells, f, g, near, counts):
             continue
+        _choose_direction(cells, near, counts, across)
         boxes = 0
         for a in near[0, : counts[0]]:
             for b in near[1, : counts[1]]:
@@ -194,14 +195,49 @@ def _list_near_cells(faces: NetworkFaces, f: int, g: int, near: IntArray) -> int
 
 
 @njit_inner
-def _may_turn_back(
-    cells: FaceCells, near: IntArray, counts: IntArray, across: Array
+def _may_be_parallel(
+    cells: FaceCells, f: int, g: int, near: IntArray, counts: IntArray
 ) -> bool:  # pragma: no cover - compiled
-    """Whether the tangent of a common curve may be perpendicular to the unit vector `across`, which is chosen here.
+    """Whether a normal of one face may be parallel to one of the other, within closed curves through the cells `near`.
 
-    near, counts: the cells of both faces that are looked at.
+    A closed curve of two faces surrounds, on each of them, a point with a normal that is parallel to one within it on the other
+    (Sinha, Klassen and Wang 1985). What it surrounds lies in the rectangle of parameters about the cells that it passes.
     """
-    mean, turn = np.zeros((2, 3)), np.zeros(2)
+    bound = np.empty((2, 4))
+    for side in range(2):
+        for d in range(2):
+            low, high = np.inf, -np.inf
+            for a in near[side, : counts[side]]:
+                low, high = min(low, cells.middle[a, d]), max(high, cells.middle[a, d])
+            bound[side, d], bound[side, 2 + d] = low, high
+    for a in range(cells.first[f], cells.first[f + 1]):
+        if _is_outside(cells, a, bound[0]):
+            continue
+        for b in range(cells.first[g], cells.first[g + 1]):
+            if _is_outside(cells, b, bound[1]):
+                continue
+            square, turn = 0.0, cells.turn[a] + cells.turn[b]
+            for d in range(3):
+                e, h = (d + 1) % 3, (d + 2) % 3
+                square += (cells.normal[a, e] * cells.normal[b, h] - cells.normal[a, h] * cells.normal[b, e]) ** 2
+            if square <= turn * turn:
+                return True
+    return False
+
+
+@njit_inner
+def _is_outside(cells: FaceCells, a: int, bound: Array) -> bool:  # pragma: no cover - compiled
+    """Whether the middle of a cell lies outside a rectangle (4,)."""
+    u, v = cells.middle[a, 0], cells.middle[a, 1]
+    return u < bound[0] or v < bound[1] or u > bound[2] or v > bound[3]
+
+
+@njit_inner
+def _choose_direction(
+    cells: FaceCells, near: IntArray, counts: IntArray, across: Array
+) -> None:  # pragma: no cover - compiled
+    """Write a unit vector to which the tangent of a common curve in the cells `near` of both faces is rarely perpendicular."""
+    mean = np.zeros((2, 3))
     for side in range(2):
         for i in range(counts[side]):
             for d in range(3):
@@ -209,18 +245,11 @@ def _may_turn_back(
         length = np.sqrt((mean[side] ** 2).sum())
         for d in range(3):
             mean[side, d] = mean[side, d] / length if length > 0.0 else 1.0 * (d == side)
-        for i in range(counts[side]):
-            apart = 0.0
-            for d in range(3):
-                apart += (cells.normal[near[side, i], d] - mean[side, d]) ** 2
-            turn[side] = max(turn[side], np.sqrt(apart) + cells.turn[near[side, i]])
     square = 0.0
     for d in range(3):
         e, h = (d + 1) % 3, (d + 2) % 3
         across[d] = mean[0, e] * mean[1, h] - mean[0, h] * mean[1, e]
         square += across[d] * across[d]
-    if counts.min() == 0 or square > (turn[0] + turn[1]) ** 2:
-        return False
     if square < 1e-20:  # any direction in both faces will do
         least = np.argmin(np.abs(mean[0]))
         for d in range(3):
@@ -228,7 +257,6 @@ def _may_turn_back(
         square = (across**2).sum()
     for d in range(3):
         across[d] /= np.sqrt(square)
-    return True
 
 
 @njit_inner

@@ -92,12 +92,22 @@ def _find_roots(
     n_roots, n_touching = 0, 0
     stack = np.empty((24 * MAX_DIVISIONS + 8, 5))
     least = 0.5 ** (MAX_DIVISIONS + 1)
-    curve, jet, own = np.empty((2, 3)), np.empty((3, 3)), np.empty(7)
+    curve, jet, own, near = np.empty((2, 3)), np.empty((3, 3)), np.empty(7), np.empty(64, np.int64)
     for k in range(len(pairs)):
         e, f = pairs[k, 0], pairs[k, 1]
-        boxes, touches = 0, False
+        boxes, touches, n_near = 0, False, 0
+        if faces.cells.first[f + 1] - faces.cells.first[f] > len(near):
+            near = np.empty(faces.cells.first[f + 1] - faces.cells.first[f], np.int64)
+        for c in range(faces.cells.first[f], faces.cells.first[f + 1]):
+            outside, r = False, faces.cells.radius[c]
+            for d in range(3):
+                at = faces.cells.centre[c, d]
+                outside = outside or at + r < edges.low[e, d] or at - r > edges.high[e, d]
+            if not outside:
+                near[n_near] = c
+                n_near += 1
         for piece in range(edges.first_piece[e], edges.first_piece[e + 1]):
-            for c in range(faces.cells.first[f], faces.cells.first[f + 1]):
+            for c in near[:n_near]:
                 apart = 0.0
                 for d in range(3):
                     apart += (edges.coefficients[piece, 0, d] - faces.cells.centre[c, d]) ** 2

@@ -38,6 +38,9 @@ from tpmscad.trimming.operands.network_tables import (
 SNAP_TOLS = 2.0
 """Distance in tolerances of a hit from a vertex or an edge below which it is refused: kernels take both for one point."""
 
+CELL_FRACTION = 0.5
+"""Length of the cells of large faces, in sizes of the other network's faces."""
+
 POLYGON_DOUBT = 0.1
 """Distance from a polygon's segment, in lengths of it, below which the loop itself decides on which side a point is: a segment
 of a quarter circle divided by `SEGMENTS_PER_USE` bulges by an 80th part of that."""
@@ -113,11 +116,12 @@ def prepare_networks(first: Brep, second: Brep, margin: float, *, is_cover: bool
     pairs = find_overlapping_boxes(*boxes[0], *boxes[1], margin)
     everywhere = np.array([[-np.inf] * 3, [np.inf] * 3])
     covered = np.stack([first.vertices.min(axis=0), first.vertices.max(axis=0)])
-    one = _prepare(first, np.unique(pairs[:, 0]), boxes[0], everywhere)
-    return one, _prepare(second, np.unique(pairs[:, 1]), boxes[1], covered if is_cover else everywhere)
+    sizes = [CELL_FRACTION * float(np.median(np.max(high - low, axis=1))) for low, high in boxes]
+    one = _prepare(first, np.unique(pairs[:, 0]), boxes[0], everywhere, sizes[1])
+    return one, _prepare(second, np.unique(pairs[:, 1]), boxes[1], covered if is_cover else everywhere, sizes[0])
 
 
-def _prepare(brep: Brep, near: IntArray, boxes: tuple[Array, Array], covered: Array) -> Network:
+def _prepare(brep: Brep, near: IntArray, boxes: tuple[Array, Array], covered: Array, cell_size: float) -> Network:
     """An operand with tables of the faces `near` (n,) and their edges."""
     count = np.bincount(brep.uses.edge, minlength=len(brep.edges))
     unmatched = connectivity.find_unmatched_edges(brep)
@@ -136,7 +140,7 @@ def _prepare(brep: Brep, near: IntArray, boxes: tuple[Array, Array], covered: Ar
         uses[rows, column] = first_use[start[rows] + column]
     edges = np.unique(brep.uses.edge[np.isin(brep.face_of_use, near)])
     return Network(
-        brep, tabulate_faces(brep, near), tabulate_edges(brep, edges), uses, *boxes, divide_uses(brep, near), covered
+        brep, tabulate_faces(brep, near, cell_size), tabulate_edges(brep, edges), uses, *boxes, divide_uses(brep, near), covered
     )
 
 

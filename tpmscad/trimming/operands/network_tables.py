@@ -33,6 +33,9 @@ from tpmscad.trimming.operands.conic_splines import approximate_conic, approxima
 CELLS_PER_SIDE = 6
 """Cells along each parameter of a patch of one span, and pieces of an edge of one span; a span is never shared by two."""
 
+MAX_CELLS_PER_SIDE = 32
+"""The same at most, however much smaller the patches of the other network are."""
+
 PATCHES_PER_BATCH = 64
 """Patches divided at once: their arrays stay below a few tens of megabytes."""
 
@@ -162,13 +165,16 @@ class _Cells(NamedTuple):
     turn: Array
 
 
-def tabulate_faces(brep: Brep, near: IntArray | None = None) -> NetworkFaces:
-    """The faces of a network. Those that are not among `near` (n,), if it is given, have no cells, no loops and no box."""
+def tabulate_faces(brep: Brep, near: IntArray | None = None, cell_size: float = np.inf) -> NetworkFaces:
+    """The faces of a network. Those that are not among `near` (n,), if it is given, have no cells, no loops and no box.
+
+    cell_size: length of cells, model units, above which faces are divided into more than `CELLS_PER_SIDE`.
+    """
     faces = brep.faces
     rows = np.arange(len(faces)) if near is None else near
     polygons = sample_loops(brep, rows)
     surfaces, own_surface = _list_surfaces(brep, rows, polygons)
-    divided = _divide_patches(surfaces)
+    divided = _divide_patches(surfaces, cell_size)
     cells = [divided[i] for i in own_surface.tolist()]
     motion = faces.motion[rows]
     count = np.array([len(own.radius) for own in cells], np.int64)
@@ -476,22 +482,33 @@ def _bound_plane(plane: Plane, uv: Array) -> BSplineSurface:
     return BSplineSurface(poles, np.array([u0, u0, u1, u1]), np.array([v0, v0, v1, v1]), 1, 1)
 
 
-def _divide_patches(surfaces: list[BSplineSurface]) -> list[_Cells]:
+def _divide_patches(surfaces: list[BSplineSurface], cell_size: float) -> list[_Cells]:
     """The monomials and cells of patches, those of equal degrees and spans at once."""
-    groups: dict[tuple[int, int, bytes, bytes], list[int]] = {}
+    groups: dict[tuple[int, int, int, int, bytes, bytes], list[int]] = {}
     for i, s in enumerate(surfaces):
         if max(s.degree_u, s.degree_v) > MAX_DEGREE:
             raise InvalidRequest(
                 f"a patch has degree {max(s.degree_u, s.degree_v)}: networks of degree up to {MAX_DEGREE} can be cut"
             )
         knots = (_relative_knots(*own) for own in zip((s.knots_u, s.knots_v), s.domain, strict=True))
-        groups.setdefault((s.degree_u, s.degree_v, *(k.tobytes() for k in knots)), []).append(i)  # type: ignore[arg-type]
+        key = (s.degree_u, s.degree_v, *_count_parts(s, cell_size), *(k.tobytes() for k in knots))
+        groups.setdefault(key, []).append(i)  # type: ignore[arg-type]
     result: dict[int, _Cells] = {}
-    for members in groups.values():
+    for key, members in groups.items():
         for part in range(0, len(members), PATCHES_PER_BATCH):
             own = members[part : part + PATCHES_PER_BATCH]
-            result |= dict(zip(own, _divide_like_patches([surfaces[i] for i in own]), strict=True))
+            result |= dict(zip(own, _divide_like_patches([surfaces[i] for i in own], key[2:4]), strict=True))
     return [result[i] for i in range(len(surfaces))]
+
+
+def _count_parts(surface: BSplineSurface, cell_size: float) -> tuple[int, int]:
+    """Parts of each span of u and of v: `CELLS_PER_SIDE` for the whole surface, or as many as cells of a size ask for."""
+    result = []
+    for axis, knots in ((0, surface.knots_u), (1, surface.knots_v)):
+        length = np.linalg.norm(np.diff(surface.poles, axis=axis), axis=2).sum(axis=axis).max()
+        cells = min(max(CELLS_PER_SIDE, length / cell_size), MAX_CELLS_PER_SIDE)
+        result.append(int(np.ceil(cells / (len(np.unique(knots)) - 1))))
+    return result[0], result[1]
 
 
 def _relative_knots(knots: Array, domain: tuple[float, float]) -> Array:
@@ -499,8 +516,8 @@ def _relative_knots(knots: Array, domain: tuple[float, float]) -> Array:
     return np.asarray((knots - domain[0]) / (domain[1] - domain[0]))
 
 
-def _divide_like_patches(surfaces: list[BSplineSurface]) -> list[_Cells]:
-    """The monomials and cells of patches whose knots divide their domains alike."""
+def _divide_like_patches(surfaces: list[BSplineSurface], parts: tuple[int, int]) -> list[_Cells]:
+    """The monomials and cells of patches whose knots divide their domains alike; parts: cells of each span along u and v."""
     s = surfaces[0]
     degrees = p, q = s.degree_u, s.degree_v
     (_, left), (_, right) = (
@@ -510,7 +527,6 @@ def _divide_like_patches(surfaces: list[BSplineSurface]) -> list[_Cells]:
     poles = np.stack([own.poles for own in surfaces])
     coefficients = np.einsum("aku,nuvc,blv->nabklc", left, poles, right, optimize=True)
     n, nu, nv = coefficients.shape[:3]
-    parts = [-(-CELLS_PER_SIDE // m) for m in (nu, nv)]
     (x, hx, in_u), (y, hy, in_v) = (_part_powers(m, d) for m, d in zip(parts, degrees, strict=True))
     local = np.einsum("iKk,nabklc,jLl->naibjKLc", in_u, coefficients, in_v, optimize=True)
     local = local.reshape(n, nu * parts[0] * nv * parts[1], p + 1, q + 1, 3)
@@ -556,7 +572,7 @@ def _divide_like_patches(surfaces: list[BSplineSurface]) -> list[_Cells]:
     return result
 
 
-def _bound_normals(coefficients: Array, parts: list[int]) -> tuple[Array, Array]:
+def _bound_normals(coefficients: Array, parts: tuple[int, int]) -> tuple[Array, Array]:
     """Mean unit normals (n, cells, 3) of cells, and bounds (n, cells) of how far the unit normals in them differ from these.
 
     S_u x S_v is a polynomial: its Chebyshev coefficients on each quarter of a cell, of which the first is the mean, bound how far it
