@@ -7,8 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from tpmscad._typing import Array, IntArray
-from tpmscad.splines.basis import differentiate_local_poles, evaluate_by_de_boor, nonzero_basis_of_spans
-from tpmscad.splines.curve_batch import MAX_POINTS_PER_BATCH
+from tpmscad.splines.basis import nonzero_basis_of_spans
+from tpmscad.splines.curve_batch import evaluate_rows
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -21,16 +21,12 @@ class AlikeCurves:
 
     def __call__(self, t: Array, order: int = 0) -> Array:
         """Points, or derivatives, (M, r, D) at parameters t (M, r)."""
-        m, r = t.shape
-        first, row = _find_spans(self.knots, self.degree, t).ravel(), np.repeat(np.arange(m), r)
-        columns = np.ascontiguousarray(np.moveaxis(self.poles, 2, 0))
-        result = np.empty((m * r, self.poles.shape[2]))
-        for low in range(0, m * r, MAX_POINTS_PER_BATCH):
-            own = slice(low, low + MAX_POINTS_PER_BATCH)
-            knots = self.knots[row[own], first[own] + 1 + np.arange(2 * self.degree)[:, None]]
-            poles = columns[:, row[own], first[own] + np.arange(self.degree + 1)[:, None]]
-            result[own] = evaluate_by_de_boor(*differentiate_local_poles(poles, knots, order), t.ravel()[own]).T
-        return result.reshape(m, r, -1)
+        (m, r), n = t.shape, self.poles.shape[1]
+        poles, first = self.poles.reshape(m * n, -1), n * np.arange(m + 1)
+        row = np.repeat(np.arange(m), r)
+        return np.asarray(
+            evaluate_rows(poles, first, self.knots.ravel(), self.degree, row, t.ravel(), order).reshape(m, r, -1)
+        )
 
 
 def interpolate_alike(t: Array, points: Array, degree: int) -> AlikeCurves:

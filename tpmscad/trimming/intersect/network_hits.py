@@ -140,7 +140,13 @@ def _prepare(brep: Brep, near: IntArray, boxes: tuple[Array, Array], covered: Ar
         uses[rows, column] = first_use[start[rows] + column]
     edges = np.unique(brep.uses.edge[np.isin(brep.face_of_use, near)])
     return Network(
-        brep, tabulate_faces(brep, near, cell_size), tabulate_edges(brep, edges), uses, *boxes, divide_uses(brep, near), covered
+        brep,
+        tabulate_faces(brep, near, cell_size),
+        tabulate_edges(brep, edges),
+        uses,
+        *boxes,
+        divide_uses(brep, near),
+        covered,
     )
 
 
