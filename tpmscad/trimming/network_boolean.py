@@ -246,5 +246,5 @@ def _cut_translated(shift: Array, of: _Operands, finish: Callable[[CutNetworks],
         pieces = replace(pieces, start=start, end=end)
         operands.append(CutNetwork(own.brep, pieces, inside))
     arcs = replace(arcs, start=arcs.start + n_first + n_second, end=arcs.end + n_first + n_second)
-    report = NetworkReport(sum(counts), len(arcs.curves), float(arcs.deviation.max(initial=0.0)), shift, "")
+    report = NetworkReport(sum(counts), len(arcs.faces), float(arcs.deviation.max(initial=0.0)), shift, "")
     return finish(CutNetworks((operands[0], operands[1]), arcs, vertices, report))

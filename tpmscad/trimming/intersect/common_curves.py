@@ -15,9 +15,11 @@ from tpmscad._compiled_loops import njit_cached
 from tpmscad._typing import Array, BoolArray, IntArray
 from tpmscad.errors import UntracedCurve, format_point
 from tpmscad.index_ranges import repeat_rows
+from tpmscad.rigid_motion import Motion
 from tpmscad.splines.alike_curves import AlikeCurves, interpolate_alike
 from tpmscad.splines.bspline import BSplineCurve
 from tpmscad.trimming.intersect.common_points import Work, correct_point, find_tangent, make_work
+from tpmscad.trimming.intersect.congruent_pairs import sort_ends
 from tpmscad.trimming.intersect.face_face import trace_curves
 from tpmscad.trimming.intersect.network_hits import CurveEnds, Network, evaluate_faces
 from tpmscad.trimming.operands.network_tables import PatchPolynomials, join_faces
@@ -49,54 +51,70 @@ class CommonCurves:
     """A arcs on a face of each network, on [0, 1], with the second solid on the left seen from outside on the first network.
 
     `faces` (A, 2): the faces; `start`, `end` (A,): vertices, numbered as the hits, and behind them those on no edge, `points`
-    (n, 3); `curves`, `first_pcurves`, `second_pcurves`: position and parameters; `deviation` (A,): their measured distance.
+    (n, 3); `curve` (A,): the arc's number in `curves` and in `pcurves`, those on the first network and on the second; copies share
+    them. `motion` (A,): that of the second face, which the curves are moved by; `deviation` (A,): their distance from both faces.
     """
 
     faces: IntArray
     start: IntArray
     end: IntArray
     points: Array
+    curve: IntArray
+    motion: Motion
     curves: tuple[BSplineCurve, ...]
-    first_pcurves: tuple[BSplineCurve, ...]
-    second_pcurves: tuple[BSplineCurve, ...]
+    pcurves: tuple[tuple[BSplineCurve, ...], tuple[BSplineCurve, ...]]
     deviation: Array
 
 
 def trace_common_curves(first: Network, second: Network, ends: CurveEnds, n_hits: int, tol: float) -> CommonCurves:
     """The common curves of two networks, fitted to half of `tol`; TrimmingError where one is not resolved."""
-    joined = join_faces(first.faces, second.faces)
-    traced = trace_curves(first, second, joined, ends, tol)
+    joined, ends = join_faces(first.faces, second.faces), sort_ends(ends)
     paths: list[Array] = []
     faces: list[IntArray] = []
+    curve_of: list[int] = []
     start: list[int] = []
     end: list[int] = []
     loose: list[Array] = []
-    for curve in traced:
-        own = curve.points
+    own_path: dict[int, int] = {}
+    fitted_faces: list[IntArray] = []
+    for number, curve in enumerate(trace_curves(first, second, joined, ends, tol)):
+        own, pair = curve.points, ends.pairs[curve.pair]
+        half = len(own) // 2
+        parts = [own] if curve.start >= 0 else [own[: half + 1], own[half:]]  # a closed curve has two edges
+        if curve.like == number:
+            own_path[number] = len(paths)
+            paths += parts
+            fitted_faces += [pair] * len(parts)
+        faces += [pair] * len(parts)
+        curve_of += range(own_path[curve.like], own_path[curve.like] + len(parts))
         if curve.start >= 0:
-            paths.append(own)
-            faces.append(ends.pairs[curve.pair])
             start.append(int(ends.vertex[curve.start]))
             end.append(int(ends.vertex[curve.end]))
             continue
-        half = len(own) // 2  # a closed curve has two edges
-        paths += [own[: half + 1], own[half:]]
-        faces += [ends.pairs[curve.pair]] * 2
-        number = n_hits + len(loose)
+        vertex = n_hits + len(loose)
         loose += [own[0, :3], own[half, :3]]
-        start += [number, number + 1]
-        end += [number + 1, number]
-    face = np.array(faces, np.int64).reshape(-1, 2)
-    splines, deviation = _fit_paths(joined.patches, face + np.array([0, len(first.faces.low)]), paths, 0.5 * tol)
+        start += [vertex, vertex + 1]
+        end += [vertex + 1, vertex]
+    of_path = np.array(fitted_faces, np.int64).reshape(-1, 2)
+    splines, deviation = _fit_paths(joined.patches, of_path + np.array([0, len(first.faces.low)]), paths, 0.5 * tol)
+    placed = second.brep.faces.motion
+    face, curve_number = np.array(faces, np.int64).reshape(-1, 2), np.array(curve_of, np.int64)
     return CommonCurves(
         faces=face,
         start=np.array(start, np.int64),
         end=np.array(end, np.int64),
         points=np.array(loose).reshape(-1, 3),
-        curves=tuple(BSplineCurve(poles[:, :3].copy(), knots, DEGREE) for knots, poles in splines),
-        first_pcurves=tuple(BSplineCurve(poles[:, 3:5].copy(), knots, DEGREE) for knots, poles in splines),
-        second_pcurves=tuple(BSplineCurve(poles[:, 5:7].copy(), knots, DEGREE) for knots, poles in splines),
-        deviation=deviation,
+        curve=curve_number,
+        motion=placed[face[:, 1]],
+        curves=tuple(
+            BSplineCurve(placed[g].apply_inverse(poles[:, :3]), knots, DEGREE)
+            for (knots, poles), g in zip(splines, of_path[:, 1].tolist(), strict=True)
+        ),
+        pcurves=(
+            tuple(BSplineCurve(poles[:, 3:5].copy(), knots, DEGREE) for knots, poles in splines),
+            tuple(BSplineCurve(poles[:, 5:7].copy(), knots, DEGREE) for knots, poles in splines),
+        ),
+        deviation=deviation[curve_number],
     )
 
 

@@ -7,12 +7,14 @@ end is a start or a goal, so that what does not pair up is seen. Curves without 
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from tpmscad._compiled_loops import njit_cached, njit_inner
 from tpmscad._typing import Array, IntArray
+from tpmscad.brep.boundary_representation import Brep
+from tpmscad.brep.carriers import Plane
 from tpmscad.errors import TrimmingError, format_point
 from tpmscad.trimming.intersect.closed_curve_seeds import NONE, UNRESOLVED, find_seed
 from tpmscad.trimming.intersect.common_points import (
@@ -25,6 +27,7 @@ from tpmscad.trimming.intersect.common_points import (
     pass_fraction,
     range_of,
 )
+from tpmscad.trimming.intersect.congruent_pairs import group_congruent_pairs
 from tpmscad.trimming.intersect.network_hits import CurveEnds, Network, locate_in_faces
 from tpmscad.trimming.operands.network_tables import (
     BREAK_U,
@@ -77,12 +80,14 @@ class TracedCurve:
     """A curve of the pair of faces in row `pair`, between two ends, -1 for both of a closed one.
 
     `points` (n, 10): position, (u, v) on the first face, (s, r) on the second, and unit tangent.
+    `like`: the number of the curve of which it is a copy, moved with the second face; its own if it was traced.
     """
 
     pair: int
     start: int
     end: int
     points: Array
+    like: int
 
 
 def trace_curves(
@@ -90,13 +95,19 @@ def trace_curves(
 ) -> list[TracedCurve]:
     """All curves that the faces of two networks have in common; TrimmingError where one is not resolved.
 
-    `joined`: the faces of the first network, then those of the second.
+    `joined`: the faces of the first network, then those of the second. `ends`: sorted, so that congruent pairs are found.
     """
     patches, pairs = joined.patches, ends.pairs + np.array([0, len(first.faces.low)])
     starts, enters = ends.start, ends.enters
     work, path = make_work(), np.empty((MAX_STEPS + 2, 10))
     curves: list[TracedCurve] = []
-    for k in np.flatnonzero(np.diff(starts)).tolist():
+    found: dict[int, range] = {}
+    congruent = group_congruent_pairs(first.brep, second.brep, ends)
+    for number, (k, like) in enumerate(zip(congruent.row.tolist(), congruent.like.tolist(), strict=True)):
+        begin = len(curves)
+        if like != number:
+            curves += _copy_curves([curves[i] for i in found[like]], k, first.brep, second.brep, ends)
+            continue
         f, g = pairs[k].tolist()
         own = range(starts[k], starts[k + 1])
         places, settled = np.empty((len(own), 3)), ends.parameters[own.start : own.stop].copy()
@@ -113,8 +124,27 @@ def trace_curves(
                 outcome = CONTRARY
             _check_outcome(outcome, path[count - 1, :3])
             free[goal] = False
-            curves.append(TracedCurve(k, own[i], own[goal], path[:count].copy()))
-    return curves + _trace_closed_curves(first, second, joined, pairs, curves, match_tol, work, path)
+            curves.append(TracedCurve(k, own[i], own[goal], path[:count].copy(), len(curves)))
+        found[number] = range(begin, len(curves))
+    closed = _trace_closed_curves(first, second, joined, pairs, curves, match_tol, work, path)
+    return curves + [replace(curve, like=len(curves) + i) for i, curve in enumerate(closed)]
+
+
+def _copy_curves(curves: list[TracedCurve], pair: int, first: Brep, second: Brep, ends: CurveEnds) -> list[TracedCurve]:
+    """The curves of a pair of faces that is congruent to the one with the curves given."""
+    result = []
+    f, g = ends.pairs[pair].tolist()
+    plane = first.carriers[first.faces.carrier[f]]
+    for curve in curves:
+        motion, own = second.faces.motion[g], second.faces.motion[int(ends.pairs[curve.pair, 1])]
+        points = curve.points.copy()
+        points[:, :3] = motion.apply(own.apply_inverse(points[:, :3]))
+        points[:, 7:] = motion.apply_to_vectors(own.apply_inverse_to_vectors(points[:, 7:]))
+        if isinstance(plane, Plane):
+            points[:, 3:5] = plane.parameters(first.faces.motion[f].apply_inverse(points[:, :3]))
+        offset = int(ends.start[pair] - ends.start[curve.pair])
+        result.append(TracedCurve(pair, curve.start + offset, curve.end + offset, points, curve.like))
+    return result
 
 
 def _trace_closed_curves(
@@ -152,7 +182,7 @@ def _trace_closed_curves(
         evaluate_face(joined.patches, f, seed[0], seed[1], work.jet_f)
         places = work.jet_f[:1].copy()
         outcome, _, count = _trace(joined.patches, f, g, seed, -1, places, 1, path, match_tol, work)
-        curve = TracedCurve(k, -1, -1, path[:count].copy())
+        curve = TracedCurve(k, -1, -1, path[:count].copy(), -1)
         if all(inside) or count == 1:
             _check_outcome(outcome, path[count - 1, :3])
             closed.append(curve)

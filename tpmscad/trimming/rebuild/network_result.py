@@ -76,7 +76,7 @@ def rebuild_parts(
 ) -> tuple[Brep, IntArray]:
     """The faces of all parts on common edges, and the part that each belongs to (F,); arguments as in `rebuild_networks`."""
     edges = _join_edges(operands, arcs, vertices)
-    pcurves = (*operands[0].brep.pcurves, *operands[1].brep.pcurves, *arcs.first_pcurves, *arcs.second_pcurves)
+    pcurves = (*operands[0].brep.pcurves, *operands[1].brep.pcurves, *arcs.pcurves[0], *arcs.pcurves[1])
     bounded = [_bound_part(operands, part, arcs, edges, pcurves) for part in parts]
     count = np.array([len(own.face) for own in bounded])
     if not count.any():
@@ -133,14 +133,14 @@ def _bound_part(
     parts = [_BoundedFaces(plain, np.diff(brep.faces.loop_start)[plain], of_loop[of_loop > 0], uses[whole])]
 
     rows = np.flatnonzero(stays & crossed[face])
-    across = np.arange(len(arcs.curves))
+    across = np.arange(len(arcs.faces))
     of_arc = arcs.faces[:, side]
     direction = (1 if side == 0 else -1) * (1 if part.inside else -1)
     is_plane = np.array([isinstance(c, Plane) for c in brep.carriers], bool)[brep.faces.carrier[of_arc]]
     first_arc = n_first + len(operands[1].pieces.segment)
-    first_pcurve = sum(len(o.brep.pcurves) for o in operands) + side * len(across)
+    first_pcurve = sum(len(o.brep.pcurves) for o in operands) + side * len(arcs.curves)
     new = np.column_stack(
-        [first_arc + across, direction * brep.faces.sense[of_arc], np.where(is_plane, -1, first_pcurve + across)]
+        [first_arc + across, direction * brep.faces.sense[of_arc], np.where(is_plane, -1, first_pcurve + arcs.curve)]
     )
     uses, face = np.concatenate([uses[rows], new]), np.concatenate([face[rows], of_arc])
     order = np.argsort(face, kind="stable")
@@ -221,14 +221,14 @@ def _all_curves(operands: tuple[CutNetwork, CutNetwork], arcs: CommonCurves) -> 
 def _join_edges(operands: tuple[CutNetwork, CutNetwork], arcs: CommonCurves, vertices: Array) -> Edges:
     """All pieces of the first network's edges, of the second's, and the arcs, with what their ends miss their vertices by."""
     breps = [o.brep for o in operands]
-    n = len(arcs.curves)
+    n = len(arcs.faces)
     first_curve = [0, len(breps[0].curves)]
     parts = [(b.edges, o.pieces, c) for b, o, c in zip(breps, operands, first_curve, strict=True)]
     edges = Edges(
         curve=np.concatenate(
-            [*(e.curve[p.segment] + c for e, p, c in parts), sum(len(b.curves) for b in breps) + np.arange(n)]
+            [*(e.curve[p.segment] + c for e, p, c in parts), sum(len(b.curves) for b in breps) + arcs.curve]
         ),
-        motion=Motion.concatenate([*(e.motion[p.segment] for e, p, _ in parts), Motion.identity(n)]),
+        motion=Motion.concatenate([*(e.motion[p.segment] for e, p, _ in parts), arcs.motion]),
         span=np.concatenate([*(p.span for _, p, _ in parts), np.tile([0.0, 1.0], (n, 1))]),
         start=np.concatenate([*(p.start for _, p, _ in parts), arcs.start]),
         end=np.concatenate([*(p.end for _, p, _ in parts), arcs.end]),
