@@ -29,6 +29,8 @@ from tpmscad.trimming.operands.network_tables import (
     PatchPolynomials,
     evaluate_face,
     is_in_region,
+    is_planar,
+    place_on_plane,
 )
 
 MAX_DIVISIONS = 8
@@ -73,6 +75,22 @@ def _is_known(
 
 
 @njit_cached
+def list_searched_pairs(faces: NetworkFaces, pairs: IntArray) -> IntArray:  # pragma: no cover - compiled
+    """The rows (n,) of pairs of faces that may have closed curves in common."""
+    cells = faces.cells
+    result, n = np.empty(len(pairs), np.int64), 0
+    near, counts = np.empty((2, np.diff(cells.first).max()), np.int64), np.empty(2, np.int64)
+    for k in range(len(pairs)):
+        f, g = pairs[k, 0], pairs[k, 1]
+        counts[0] = _list_near_cells(faces, f, g, near[0])
+        counts[1] = _list_near_cells(faces, g, f, near[1])
+        if counts.min() > 0 and _may_be_parallel(cells, f, g, near, counts):
+            result[n] = k
+            n += 1
+    return result[:n]
+
+
+@njit_cached
 def find_seed(
     faces: NetworkFaces,
     pairs: IntArray,
@@ -86,22 +104,17 @@ def find_seed(
 ) -> tuple[int, int]:  # pragma: no cover - compiled
     """FOUND and the next pair from `begin` on with a `seed` (4,) on no known curve; NONE and len(pairs) if there is none.
 
-    The seed lies in the loops of both faces. UNRESOLVED and the pair for a contact that is not resolved. Pair k has the curves
+    The pairs are those of `list_searched_pairs`. The seed lies in the loops of both faces. UNRESOLVED and the pair for a contact that is not resolved. Pair k has the curves
     of_pair[k] to of_pair[k + 1] - 1, and curve c has the points bounds[c] to bounds[c + 1] - 1.
     """
     stack = np.empty((8 * MAX_DIVISIONS + 16, 6))
     origin, normal, box, across = np.empty((1, 3)), np.empty(3), np.empty(4), np.empty(3)
     cells = faces.cells
-    near, counts = np.empty((2, 64), np.int64), np.empty(2, np.int64)
+    near, counts = np.empty((2, np.diff(cells.first).max()), np.int64), np.empty(2, np.int64)
     for k in range(begin, len(pairs)):
         f, g = pairs[k, 0], pairs[k, 1]
-        largest = max(cells.first[f + 1] - cells.first[f], cells.first[g + 1] - cells.first[g])
-        if largest > near.shape[1]:
-            near = np.empty((2, largest), np.int64)
         counts[0] = _list_near_cells(faces, f, g, near[0])
         counts[1] = _list_near_cells(faces, g, f, near[1])
-        if counts.min() == 0 or not _may_be_parallel(cells, f, g, near, counts):
-            continue
         _choose_direction(cells, near, counts, across)
         boxes = 0
         for a in near[0, : counts[0]]:
@@ -114,11 +127,16 @@ def find_seed(
                         cells.normal[a, e] * cells.normal[b, h] - cells.normal[a, h] * cells.normal[b, e]
                     )
                 reach = cells.radius[a] + cells.radius[b]
-                if apart > reach * reach or abs(along) > cells.turn[a] + cells.turn[b]:
+                is_apart = apart > reach * reach and not is_planar(faces, f) and not is_planar(faces, g)
+                if is_apart or abs(along) > cells.turn[a] + cells.turn[b]:
                     continue
                 for c in range(4):
                     stack[0, c] = 0.0
                 stack[0, 4], stack[0, 5] = 1.0, 1.0
+                if is_planar(faces, f):
+                    place_on_plane(faces, f, cells.centre[b], cells.radius[b], stack[0, :2], stack[0, 4:5])
+                if is_planar(faces, g):
+                    place_on_plane(faces, g, cells.centre[a], cells.radius[a], stack[0, 2:4], stack[0, 5:])
                 size = 1
                 while size:
                     size -= 1
@@ -181,8 +199,11 @@ def find_seed(
 
 @njit_inner
 def _list_near_cells(faces: NetworkFaces, f: int, g: int, near: IntArray) -> int:  # pragma: no cover - compiled
-    """Write the cells of a face that meet the box of another one; returns how many there are."""
+    """Write the cells of a face that meet the box of another one, the first for all of a plane; returns how many there are."""
     cells, count = faces.cells, 0
+    if is_planar(faces, f) and cells.first[f + 1] > cells.first[f]:
+        near[0] = cells.first[f]
+        return 1
     for a in range(cells.first[f], cells.first[f + 1]):
         outside = False
         for d in range(3):

@@ -16,7 +16,7 @@ from tpmscad._typing import Array, IntArray
 from tpmscad.brep.boundary_representation import Brep
 from tpmscad.brep.carriers import Plane
 from tpmscad.errors import TrimmingError, format_point
-from tpmscad.trimming.intersect.closed_curve_seeds import NONE, UNRESOLVED, find_seed
+from tpmscad.trimming.intersect.closed_curve_seeds import NONE, UNRESOLVED, find_seed, list_searched_pairs
 from tpmscad.trimming.intersect.common_points import (
     MIN_SINE,
     Work,
@@ -79,8 +79,8 @@ REASONS = {
 class TracedCurve:
     """A curve of the pair of faces in row `pair`, between two ends, -1 for both of a closed one.
 
-    `points` (n, 10): position, (u, v) on the first face, (s, r) on the second, and unit tangent.
-    `like`: the number of the curve of which it is a copy, moved with the second face; its own if it was traced.
+    `points` (n, 10): position, (u, v) on the first face, (s, r) on the second, and unit tangent, of the curve `like`, of which it
+    is a copy, moved with the second face; `like` is its own number if it was traced.
     """
 
     pair: int
@@ -106,7 +106,9 @@ def trace_curves(
     for number, (k, like) in enumerate(zip(congruent.row.tolist(), congruent.like.tolist(), strict=True)):
         begin = len(curves)
         if like != number:
-            curves += _copy_curves([curves[i] for i in found[like]], k, first.brep, second.brep, ends)
+            offset = int(starts[k] - starts[congruent.row[like]])
+            for c in (curves[i] for i in found[like]):
+                curves.append(TracedCurve(k, c.start + offset, c.end + offset, c.points, c.like))
             continue
         f, g = pairs[k].tolist()
         own = range(starts[k], starts[k + 1])
@@ -130,21 +132,16 @@ def trace_curves(
     return curves + [replace(curve, like=len(curves) + i) for i, curve in enumerate(closed)]
 
 
-def _copy_curves(curves: list[TracedCurve], pair: int, first: Brep, second: Brep, ends: CurveEnds) -> list[TracedCurve]:
-    """The curves of a pair of faces that is congruent to the one with the curves given."""
-    result = []
-    f, g = ends.pairs[pair].tolist()
-    plane = first.carriers[first.faces.carrier[f]]
-    for curve in curves:
-        motion, own = second.faces.motion[g], second.faces.motion[int(ends.pairs[curve.pair, 1])]
-        points = curve.points.copy()
-        points[:, :3] = motion.apply(own.apply_inverse(points[:, :3]))
-        points[:, 7:] = motion.apply_to_vectors(own.apply_inverse_to_vectors(points[:, 7:]))
-        if isinstance(plane, Plane):
-            points[:, 3:5] = plane.parameters(first.faces.motion[f].apply_inverse(points[:, :3]))
-        offset = int(ends.start[pair] - ends.start[curve.pair])
-        result.append(TracedCurve(pair, curve.start + offset, curve.end + offset, points, curve.like))
-    return result
+def _move_to_pair(curve: TracedCurve, base: int, pair: tuple[int, int], first: Brep, second: Brep) -> Array:
+    """The points (n, 10) of a curve on the pair of faces given; those of the curve are on the second network's face `base`."""
+    motion, own = second.faces.motion[pair[1]], second.faces.motion[base]
+    points = curve.points.copy()
+    points[:, :3] = motion.apply(own.apply_inverse(points[:, :3]))
+    points[:, 7:] = motion.apply_to_vectors(own.apply_inverse_to_vectors(points[:, 7:]))
+    plane = first.carriers[first.faces.carrier[pair[0]]]
+    if isinstance(plane, Plane):
+        points[:, 3:5] = plane.parameters(first.faces.motion[pair[0]].apply_inverse(points[:, :3]))
+    return points
 
 
 def _trace_closed_curves(
@@ -161,28 +158,38 @@ def _trace_closed_curves(
 
     The polygons of loops let some seeds in that lie just outside: their curves are known from then on, but not wanted.
     """
+    rows = list_searched_pairs(joined, pairs)
+    searched, n_first = np.ascontiguousarray(pairs[rows]), len(first.faces.low)
+    beside = []
+    for i in np.flatnonzero(np.isin([curve.pair for curve in known], rows)).tolist():
+        curve, (f, g) = known[i], pairs[known[i].pair].tolist()
+        base = int(pairs[known[curve.like].pair, 1]) - n_first
+        moved = (
+            curve.points if curve.like == i else _move_to_pair(curve, base, (f, g - n_first), first.brep, second.brep)
+        )
+        beside.append(replace(curve, points=moved))
     closed: list[TracedCurve] = []
     outside: list[TracedCurve] = []
     seed, k = np.empty(4), 0
     while True:
-        ordered = sorted([*known, *closed, *outside], key=lambda curve: curve.pair)
+        ordered = sorted([*beside, *closed, *outside], key=lambda curve: curve.pair)
         points = np.concatenate([np.zeros((0, 10)), *(curve.points for curve in ordered)])
         bounds = np.concatenate([[0], np.cumsum([len(curve.points) for curve in ordered])]).astype(np.int64)
-        of_pair = np.searchsorted([curve.pair for curve in ordered], np.arange(len(pairs) + 1)).astype(np.int64)
-        outcome, k = find_seed(joined, pairs, k, of_pair, bounds, points, seed, match_tol, work)
+        of_pair = np.searchsorted([curve.pair for curve in ordered], np.append(rows, len(pairs))).astype(np.int64)
+        outcome, k = find_seed(joined, searched, k, of_pair, bounds, points, seed, match_tol, work)
         if outcome == NONE:
             return closed
         if outcome == UNRESOLVED:
             _check_outcome(TOUCHING, work.jet_f[0])
-        f, g = pairs[k].tolist()
+        f, g = searched[k].tolist()
         inside = [
             locate_in_faces(n, np.array([i]), uv[None])[0][0]
-            for n, i, uv in ((first, f, seed[:2]), (second, g - len(first.faces.low), seed[2:]))
+            for n, i, uv in ((first, f, seed[:2]), (second, g - n_first, seed[2:]))
         ]
         evaluate_face(joined.patches, f, seed[0], seed[1], work.jet_f)
         places = work.jet_f[:1].copy()
         outcome, _, count = _trace(joined.patches, f, g, seed, -1, places, 1, path, match_tol, work)
-        curve = TracedCurve(k, -1, -1, path[:count].copy(), -1)
+        curve = TracedCurve(int(rows[k]), -1, -1, path[:count].copy(), -1)
         if all(inside) or count == 1:
             _check_outcome(outcome, path[count - 1, :3])
             closed.append(curve)

@@ -57,8 +57,8 @@ class PatchPolynomials(NamedTuple):
 
     Attributes
     ----------
-    layout : (F, 8)
-        Of each face the columns `DEGREE_U` to `SENSE`.
+    layout : (F, 9)
+        Of each face the columns `DEGREE_U` to `PLANAR`.
     breaks : (B,)
         Ends of the spans, of u and then of v of each face.
     coefficients : (C,)
@@ -70,8 +70,9 @@ class PatchPolynomials(NamedTuple):
     coefficients: Array
 
 
-DEGREE_U, DEGREE_V, SPANS_U, SPANS_V, BREAK_U, BREAK_V, COEFFICIENT, SENSE = range(8)
-"""Columns of a layout: degrees, numbers of spans, where breaks and monomials start; +1 if S_u x S_v leads out, else -1."""
+DEGREE_U, DEGREE_V, SPANS_U, SPANS_V, BREAK_U, BREAK_V, COEFFICIENT, SENSE, PLANAR = range(9)
+"""Columns of a layout: degrees, numbers of spans, where breaks and monomials start; +1 if S_u x S_v leads out, else -1; 1 for a
+plane."""
 
 
 class FaceCells(NamedTuple):
@@ -188,12 +189,13 @@ def tabulate_faces(brep: Brep, near: IntArray | None = None, cell_size: float = 
     radius = _stack([own.radius for own in cells])
     radius = radius + ROUNDOFF * np.abs(centre).max(axis=1, initial=0.0)
     breaks = [b for own in cells for b in own.breaks]
-    layout = np.zeros((len(faces), SENSE + 1), np.int64)
+    layout = np.zeros((len(faces), PLANAR + 1), np.int64)
     layout[rows, DEGREE_U : DEGREE_V + 1] = np.array([c.coefficients.shape[2:4] for c in cells]).reshape(-1, 2) - 1
     layout[rows, SPANS_U : SPANS_V + 1] = np.array([c.coefficients.shape[:2] for c in cells]).reshape(-1, 2)
     layout[rows, BREAK_U : BREAK_V + 1] = find_starts([len(b) for b in breaks])[:-1].reshape(-1, 2)
     layout[rows, COEFFICIENT] = np.cumsum(sizes) - sizes
     layout[:, SENSE] = faces.sense
+    layout[:, PLANAR] = np.array([isinstance(c, Plane) for c in brep.carriers], bool)[faces.carrier]
     first_cell = find_starts(_spread(count, rows, len(faces)))
     low, high = bound_groups(centre - radius[:, None], centre + radius[:, None], first_cell)
     return NetworkFaces(
@@ -699,6 +701,35 @@ def evaluate_piece(edges: NetworkEdges, piece: int, x: float, jet: Array) -> Non
             b = b * x + a
             a = a * x + edges.coefficients[piece, k, d]
         jet[0, d], jet[1, d] = a, b
+
+
+@njit_inner
+def is_planar(faces: NetworkFaces, f: int) -> bool:  # pragma: no cover - compiled
+    """Whether a face lies on a plane, a linear function of its parameters: each cell stands for all of it then."""
+    return bool(faces.patches.layout[f, PLANAR] == 1)
+
+
+@njit_inner
+def place_on_plane(
+    faces: NetworkFaces, f: int, centre: Array, radius: float, at: Array, half: Array
+) -> None:  # pragma: no cover - compiled
+    """Write the middle (2,) and half width (1,) of a square about the part of a planar face in a ball, in its first cell's units.
+
+    The parameters of planes are orthogonal.
+    """
+    c, base = faces.cells.first[f], faces.patches.layout[f, COEFFICIENT]
+    width = 0.0
+    for axis in range(2):
+        row, extent = base + (6 if axis == 0 else 3), faces.patches.layout[f, BREAK_U + axis]
+        h = faces.cells.half[c, axis] / (0.5 * (faces.patches.breaks[extent + 1] - faces.patches.breaks[extent]))
+        along, square = 0.0, 0.0
+        for d in range(3):
+            step = h * faces.patches.coefficients[row + d]
+            along += (centre[d] - faces.cells.centre[c, d]) * step
+            square += step * step
+        at[axis] = along / square
+        width = max(width, radius / np.sqrt(square))
+    half[0] = width * (1.0 + 1e-9)
 
 
 @njit_cached

@@ -15,7 +15,7 @@ from tpmscad._typing import Array, BoolArray, IntArray
 from tpmscad.brep import connectivity
 from tpmscad.brep.boundary_representation import Brep, Edges, EdgeUses, Faces, drop_unused_geometry
 from tpmscad.brep.carriers import Plane
-from tpmscad.brep.loops import LoopError, chain_faces
+from tpmscad.brep.loops import LoopError, chain_faces, follow_paths
 from tpmscad.errors import InvalidRequest, NothingLeft, TrimmingError, format_point
 from tpmscad.index_ranges import repeat_rows
 from tpmscad.rigid_motion import Motion
@@ -145,7 +145,7 @@ def _bound_part(
     uses, face = np.concatenate([uses[rows], new]), np.concatenate([face[rows], of_arc])
     order = np.argsort(face, kind="stable")
     parts.append(_chain_crossed(brep, face[order], uses[order], edges, _all_curves(operands, arcs), pcurves))
-    return _BoundedFaces(*(np.concatenate([getattr(own, name) for own in parts]) for name in _BoundedFaces.__slots__))
+    return _join_bounded(parts)
 
 
 def _chain_crossed(
@@ -161,24 +161,62 @@ def _chain_crossed(
     edge, back = uses[:, 0], uses[:, 1] < 0
     points[back] = points[back, ::-1]
     start, end = np.where(back, edges.end[edge], edges.start[edge]), np.where(back, edges.start[edge], edges.end[edge])
-    on, count = np.unique(face, return_counts=True)
-    first = find_starts(count).tolist()
-    faces, loops, lengths, order = [], [], [], []
-    for f, low, high in zip(on.tolist(), first[:-1], first[1:], strict=True):
+    simple, order, lengths = _follow_single_loops(face, start, end, points)
+    parts = [_BoundedFaces(simple, np.ones(len(simple), np.int64), lengths, uses[order])]
+    rest = np.flatnonzero(~np.isin(face, simple))
+    on, count = np.unique(face[rest], return_counts=True)
+    bounds = find_starts(count)
+    for f, low, high in zip(on.tolist(), bounds[:-1].tolist(), bounds[1:].tolist(), strict=True):
+        own = rest[low:high]
         try:
-            found = chain_faces(start[low:high], end[low:high], list(points[low:high]))
+            found = chain_faces(start[own], end[own], list(points[own]))
         except LoopError as error:
             e = brep.uses.edge[brep.faces.use_start[brep.faces.loop_start[f]]]
             at = format_point(brep.vertices[brep.edges.start[e]])
             raise TrimmingError(f"{error}, of the face at {at}") from error
-        for own in found:
-            faces.append(f)
-            loops.append(len(own))
-            for loop in own:
-                lengths.append(len(loop))
-                order += [low + i for i in loop]
-    numbers = (np.array(own, np.int64) for own in (faces, loops, lengths))
-    return _BoundedFaces(*numbers, uses[np.array(order, np.int64)])
+        loops = [own[loop] for loops in found for loop in loops]
+        counts = np.array([len(loops) for loops in found]), np.array([len(loop) for loop in loops])
+        parts.append(_BoundedFaces(np.full(len(found), f), *counts, uses[np.concatenate(loops)]))
+    return _join_bounded(parts)
+
+
+def _follow_single_loops(
+    face: IntArray, start: IntArray, end: IntArray, points: Array
+) -> tuple[IntArray, IntArray, IntArray]:
+    """The faces (n,) whose directed edges (m,) make one loop about an area, the edges loop by loop, and the lengths (n,) of loops.
+
+    points (m, k, 2): along each edge.
+    """
+    by_start, by_end = np.lexsort((start, face)), np.lexsort((end, face))
+    following = np.empty(len(face), np.int64)
+    following[by_end] = by_start
+    bad = (face[by_start] != face[by_end]) | (start[by_start] != end[by_end])
+    repeated = (np.diff(face[by_start]) == 0) & (np.diff(start[by_start]) == 0)
+    other = np.concatenate([face[by_end][bad], face[by_start][bad], face[by_start][1:][repeated]])
+    rows = np.flatnonzero(~np.isin(face, other))
+    number = np.full(len(face), -1)
+    number[rows] = np.arange(len(rows))
+    order, first = follow_paths(number[following[rows]])
+    order = rows[order]
+    on, lengths = face[order[first[:-1]]], np.diff(first)
+    x, y = (points[order] - points[np.repeat(order[first[:-1]], lengths), :1]).transpose(2, 0, 1)
+    x_next, y_next = (np.concatenate([c[:, 1:], c[_next_in_loops(first), :1]], axis=1) for c in (x, y))
+    twice_areas = np.add.reduceat((x * y_next - y * x_next).sum(axis=1), first[:-1]) if len(on) else np.zeros(0)
+    single = np.bincount(on, minlength=1)[on] == 1
+    kept = single & (twice_areas > 0)
+    return on[kept], order[np.repeat(kept, lengths)], lengths[kept]
+
+
+def _next_in_loops(first: IntArray) -> IntArray:
+    """The element after each one in loops that start at `first` (n + 1,)."""
+    following = np.arange(1, first[-1] + 1)
+    following[first[1:] - 1] = first[:-1]
+    return following
+
+
+def _join_bounded(parts: Sequence[_BoundedFaces]) -> _BoundedFaces:
+    """Bounded faces one after another."""
+    return _BoundedFaces(*(np.concatenate([getattr(own, name) for own in parts]) for name in _BoundedFaces.__slots__))
 
 
 def _sample_uses(
