@@ -12,7 +12,7 @@ from __future__ import annotations
 import numpy as np
 
 from tpmscad._compiled_loops import njit_cached, njit_inner
-from tpmscad._typing import Array, IntArray
+from tpmscad._typing import Array, BoolArray, IntArray
 from tpmscad.trimming.intersect.common_points import (
     MIN_SINE,
     Work,
@@ -99,12 +99,14 @@ def find_seed(
     bounds: IntArray,
     points: Array,
     seed: Array,
+    beside: BoolArray,
     match_tol: float,
     work: Work,
 ) -> tuple[int, int]:  # pragma: no cover - compiled
     """FOUND and the next pair from `begin` on with a `seed` (4,) on no known curve; NONE and len(pairs) if there is none.
 
-    The pairs are those of `list_searched_pairs`. The seed lies in the loops of both faces. UNRESOLVED and the pair for a contact that is not resolved. Pair k has the curves
+    The pairs are those of `list_searched_pairs`. The seed lies in the loops of both faces; `beside` (n,) is set for pairs that may
+    have others, beyond their loops. UNRESOLVED and the pair for a contact that is not resolved. Pair k has the curves
     of_pair[k] to of_pair[k + 1] - 1, and curve c has the points bounds[c] to bounds[c + 1] - 1.
     """
     stack = np.empty((8 * MAX_DIVISIONS + 16, 6))
@@ -116,6 +118,7 @@ def find_seed(
         counts[0] = _list_near_cells(faces, f, g, near[0])
         counts[1] = _list_near_cells(faces, g, f, near[1])
         _choose_direction(cells, near, counts, across)
+        _take_chords(of_pair, k, bounds, points, across)
         boxes = 0
         for a in near[0, : counts[0]]:
             for b in near[1, : counts[1]]:
@@ -150,13 +153,12 @@ def find_seed(
                     if state == APART:
                         continue
                     if state == CROSSING:
+                        if _is_known(faces.patches, f, g, of_pair, k, bounds, points, origin, match_tol, work):
+                            continue
                         in_regions = is_in_region(faces.regions, f, seed[0], seed[1])
-                        if (
-                            in_regions
-                            and is_in_region(faces.regions, g, seed[2], seed[3])
-                            and not _is_known(faces.patches, f, g, of_pair, k, bounds, points, origin, match_tol, work)
-                        ):
+                        if in_regions and is_in_region(faces.regions, g, seed[2], seed[3]):
                             return FOUND, k
+                        beside[k] = True
                         continue
                     divide_first = w * cells.radius[a] > x * cells.radius[b]
                     if (w if divide_first else x) < 2.0**-MAX_DIVISIONS or boxes > MAX_BOXES:
@@ -184,6 +186,7 @@ def find_seed(
                                 return FOUND, k
                             if state == UNDECIDED:
                                 return UNRESOLVED, k
+                            beside[k] = True
                         continue
                     shift = 0 if divide_first else 2
                     half = 0.5 * (w if divide_first else x)
@@ -278,6 +281,22 @@ def _choose_direction(
         square = (across**2).sum()
     for d in range(3):
         across[d] /= np.sqrt(square)
+
+
+@njit_inner
+def _take_chords(
+    of_pair: IntArray, pair: int, bounds: IntArray, points: Array, across: Array
+) -> None:  # pragma: no cover - compiled
+    """Write the direction of the chords of the known curves of a pair, to which these rarely are perpendicular."""
+    chord = np.zeros(3)
+    for k in range(of_pair[pair], of_pair[pair + 1]):
+        for d in range(3):
+            step = points[bounds[k + 1] - 1, d] - points[bounds[k], d]
+            chord[d] += step
+    length = np.sqrt((chord**2).sum())
+    if length > 0.0:
+        for d in range(3):
+            across[d] = chord[d] / length
 
 
 @njit_inner

@@ -7,8 +7,6 @@ those of the others. Descriptions are rounded: that may split a class, which cos
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 
 from tpmscad._typing import Array, IntArray
@@ -20,17 +18,6 @@ RESOLUTION = 1e-10
 """Resolution of descriptions, relative to the size of the operands; that of copies is round-off, some 1e-15."""
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class CongruentPairs:
-    """Pairs of faces with ends of curves: row (n,) of each in `CurveEnds.pairs`, and the one (n,) whose curves it has.
-
-    A pair whose curves are its own has its own number.
-    """
-
-    row: IntArray
-    like: IntArray
-
-
 def sort_ends(ends: CurveEnds) -> CurveEnds:
     """The ends of each pair by their parameters on the second face, in the same order for all pairs of a class."""
     row = np.repeat(np.arange(len(ends.pairs)), np.diff(ends.start))
@@ -39,22 +26,20 @@ def sort_ends(ends: CurveEnds) -> CurveEnds:
     return CurveEnds(ends.pairs, ends.start, ends.parameters[order], ends.enters[order], ends.vertex[order])
 
 
-def group_congruent_pairs(first: Brep, second: Brep, ends: CurveEnds) -> CongruentPairs:
-    """The classes of pairs that have ends, which are sorted."""
-    count = np.diff(ends.start)
-    rows = np.flatnonzero(count)
-    like = np.arange(len(rows))
+def group_congruent_pairs(first: Brep, second: Brep, ends: CurveEnds, rows: IntArray) -> IntArray:
+    """Of the pairs in `rows` (n,), whose ends are sorted, the number (n,) of the first one of each one's class."""
+    like, count = np.arange(len(rows)), np.diff(ends.start)[rows]
     if not len(rows):
-        return CongruentPairs(rows, like)
+        return like
     keys = _describe_pairs(first, second, ends.pairs[rows])
-    for n in np.unique(count[rows]).tolist():
-        own = np.flatnonzero(count[rows] == n)
+    for n in np.unique(count).tolist():
+        own = np.flatnonzero(count == n)
         at = ends.start[rows[own]][:, None] + np.arange(n)
-        parameters = _round(ends.parameters[at, 2:].reshape(len(own), -1))
+        parameters = _round(ends.parameters[at, 2:].reshape(len(own), 2 * n))
         key = np.column_stack([keys[own], parameters, ends.enters[at]])
         _, representative, label = np.unique(key, axis=0, return_index=True, return_inverse=True)
         like[own] = own[representative[label.ravel()]]
-    return CongruentPairs(rows, like)
+    return like
 
 
 def _describe_pairs(first: Brep, second: Brep, pairs: IntArray) -> IntArray:

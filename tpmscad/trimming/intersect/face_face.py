@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from tpmscad._compiled_loops import njit_cached, njit_inner
-from tpmscad._typing import Array, IntArray
+from tpmscad._typing import Array
 from tpmscad.brep.boundary_representation import Brep
 from tpmscad.brep.carriers import Plane
 from tpmscad.errors import TrimmingError, format_point
@@ -102,11 +102,12 @@ def trace_curves(
     work, path = make_work(), np.empty((MAX_STEPS + 2, 10))
     curves: list[TracedCurve] = []
     found: dict[int, range] = {}
-    congruent = group_congruent_pairs(first.brep, second.brep, ends)
-    for number, (k, like) in enumerate(zip(congruent.row.tolist(), congruent.like.tolist(), strict=True)):
+    rows = np.flatnonzero(np.diff(starts))
+    congruent = group_congruent_pairs(first.brep, second.brep, ends, rows)
+    for number, (k, like) in enumerate(zip(rows.tolist(), congruent.tolist(), strict=True)):
         begin = len(curves)
         if like != number:
-            offset = int(starts[k] - starts[congruent.row[like]])
+            offset = int(starts[k] - starts[rows[like]])
             for c in (curves[i] for i in found[like]):
                 curves.append(TracedCurve(k, c.start + offset, c.end + offset, c.points, c.like))
             continue
@@ -128,7 +129,7 @@ def trace_curves(
             free[goal] = False
             curves.append(TracedCurve(k, own[i], own[goal], path[:count].copy(), len(curves)))
         found[number] = range(begin, len(curves))
-    closed = _trace_closed_curves(first, second, joined, pairs, curves, match_tol, work, path)
+    closed = _trace_closed_curves(first, second, joined, ends, curves, match_tol, work, path)
     return curves + [replace(curve, like=len(curves) + i) for i, curve in enumerate(closed)]
 
 
@@ -148,7 +149,7 @@ def _trace_closed_curves(
     first: Network,
     second: Network,
     joined: NetworkFaces,
-    pairs: IntArray,
+    ends: CurveEnds,
     known: list[TracedCurve],
     match_tol: float,
     work: Work,
@@ -156,45 +157,55 @@ def _trace_closed_curves(
 ) -> list[TracedCurve]:
     """The curves of pairs of faces that have no ends, besides the known ones.
 
-    The polygons of loops let some seeds in that lie just outside: their curves are known from then on, but not wanted.
+    The polygons of loops let some seeds in that lie just outside: their curves are known from then on, but not wanted. Of
+    congruent pairs the first is searched, and the others if it has such curves, which may lie in the loops of those.
     """
-    rows = list_searched_pairs(joined, pairs)
-    searched, n_first = np.ascontiguousarray(pairs[rows]), len(first.faces.low)
-    beside = []
-    for i in np.flatnonzero(np.isin([curve.pair for curve in known], rows)).tolist():
-        curve, (f, g) = known[i], pairs[known[i].pair].tolist()
-        base = int(pairs[known[curve.like].pair, 1]) - n_first
-        moved = (
-            curve.points if curve.like == i else _move_to_pair(curve, base, (f, g - n_first), first.brep, second.brep)
-        )
-        beside.append(replace(curve, points=moved))
+    n_first = len(first.faces.low)
+    pairs = ends.pairs + np.array([0, n_first])
+    candidates = list_searched_pairs(joined, pairs)
+    like = group_congruent_pairs(first.brep, second.brep, ends, candidates)
+    is_first = like == np.arange(len(like))
+    beside = np.zeros(len(like), bool)
     closed: list[TracedCurve] = []
-    outside: list[TracedCurve] = []
-    seed, k = np.empty(4), 0
-    while True:
-        ordered = sorted([*beside, *closed, *outside], key=lambda curve: curve.pair)
-        points = np.concatenate([np.zeros((0, 10)), *(curve.points for curve in ordered)])
-        bounds = np.concatenate([[0], np.cumsum([len(curve.points) for curve in ordered])]).astype(np.int64)
-        of_pair = np.searchsorted([curve.pair for curve in ordered], np.append(rows, len(pairs))).astype(np.int64)
-        outcome, k = find_seed(joined, searched, k, of_pair, bounds, points, seed, match_tol, work)
-        if outcome == NONE:
-            return closed
-        if outcome == UNRESOLVED:
-            _check_outcome(TOUCHING, work.jet_f[0])
-        f, g = searched[k].tolist()
-        inside = [
-            locate_in_faces(n, np.array([i]), uv[None])[0][0]
-            for n, i, uv in ((first, f, seed[:2]), (second, g - n_first, seed[2:]))
-        ]
-        evaluate_face(joined.patches, f, seed[0], seed[1], work.jet_f)
-        places = work.jet_f[:1].copy()
-        outcome, _, count = _trace(joined.patches, f, g, seed, -1, places, 1, path, match_tol, work)
-        curve = TracedCurve(int(rows[k]), -1, -1, path[:count].copy(), -1)
-        if all(inside) or count == 1:
-            _check_outcome(outcome, path[count - 1, :3])
-            closed.append(curve)
-        else:
-            outside.append(curve)
+    for part in (is_first, ~is_first):
+        own = np.flatnonzero(part & (is_first | beside[like]))
+        rows = candidates[own]
+        curves = []
+        for i in np.flatnonzero(np.isin([curve.pair for curve in known], rows)).tolist():
+            curve, (f, g) = known[i], ends.pairs[known[i].pair].tolist()
+            base = int(ends.pairs[known[curve.like].pair, 1])
+            moved = curve.points if curve.like == i else _move_to_pair(curve, base, (f, g), first.brep, second.brep)
+            curves.append(replace(curve, points=moved))
+        has_others = np.zeros(len(rows), bool)
+        searched, outside = np.ascontiguousarray(pairs[rows]), list[TracedCurve]()
+        seed, k = np.empty(4), 0
+        while True:
+            ordered = sorted([*curves, *closed, *outside], key=lambda curve: curve.pair)
+            points = np.concatenate([np.zeros((0, 10)), *(curve.points for curve in ordered)])
+            bounds = np.concatenate([[0], np.cumsum([len(curve.points) for curve in ordered])]).astype(np.int64)
+            of_pair = np.searchsorted([curve.pair for curve in ordered], np.append(rows, len(pairs))).astype(np.int64)
+            outcome, k = find_seed(joined, searched, k, of_pair, bounds, points, seed, has_others, match_tol, work)
+            if outcome == NONE:
+                break
+            if outcome == UNRESOLVED:
+                _check_outcome(TOUCHING, work.jet_f[0])
+            has_others[k] = True
+            f, g = searched[k].tolist()
+            inside = [
+                locate_in_faces(n, np.array([i]), uv[None])[0][0]
+                for n, i, uv in ((first, f, seed[:2]), (second, g - n_first, seed[2:]))
+            ]
+            evaluate_face(joined.patches, f, seed[0], seed[1], work.jet_f)
+            places = work.jet_f[:1].copy()
+            outcome, _, count = _trace(joined.patches, f, g, seed, -1, places, 1, path, match_tol, work)
+            curve = TracedCurve(int(rows[k]), -1, -1, path[:count].copy(), -1)
+            if all(inside) or count == 1:
+                _check_outcome(outcome, path[count - 1, :3])
+                closed.append(curve)
+            else:
+                outside.append(curve)
+        beside[own] = has_others
+    return closed
 
 
 def _check_outcome(outcome: int, place: Array) -> None:
