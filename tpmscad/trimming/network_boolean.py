@@ -17,6 +17,7 @@ import numpy as np
 
 from tpmscad._typing import Array, IntArray
 from tpmscad.brep.boundary_representation import Brep, translate_brep
+from tpmscad.brep.restricted_surfaces import restrict_carriers
 from tpmscad.errors import InvalidRequest, NothingLeft, TrimmingError, UntracedCurve
 from tpmscad.fallbacks import Fallback, Fallbacks
 from tpmscad.trimming.classify.network_edges import classify_pieces, split_network_edges
@@ -127,7 +128,7 @@ def combine_networks(
         raise InvalidRequest(f"the operation {operation!r} is none of {', '.join(KEPT_PARTS)}")
 
     def finish(cut: CutNetworks) -> NetworkResult:
-        brep = rebuild_networks(cut.operands, KEPT_PARTS[operation], cut.arcs, cut.vertices)
+        brep = restrict_to_vertices(rebuild_networks(cut.operands, KEPT_PARTS[operation], cut.arcs, cut.vertices))
         return NetworkResult(brep, cut.report, build(brep) if build else None)
 
     return _cut_networks(_Operands(first, second, tol, is_cover), may_move, max_shift, finish)
@@ -164,6 +165,7 @@ def divide_network(
 
     def finish(cut: CutNetworks) -> DividedNetwork:
         shared, part = rebuild_parts(cut.operands, parts, cut.arcs, cut.vertices)
+        shared = restrict_to_vertices(shared)
         faces = [np.flatnonzero(part == k) for k in range(3)]
         found = DividedNetwork(
             shared,
@@ -175,6 +177,11 @@ def divide_network(
         return replace(found, built=build(found)) if build else found
 
     return _cut_networks(_Operands(first, second, tol, is_cover), True, max_shift, finish)
+
+
+def restrict_to_vertices(brep: Brep) -> Brep:
+    """The same faces, with carriers restricted where their poles leave the box of the vertices."""
+    return restrict_carriers(brep, brep.vertices.min(axis=0), brep.vertices.max(axis=0)) if len(brep.vertices) else brep
 
 
 @dataclass(frozen=True, slots=True, eq=False)
