@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from tpmscad._compiled_loops import njit_cached
 from tpmscad._typing import Array, IntArray
 from tpmscad.splines.basis import nonzero_basis_of_spans
 from tpmscad.splines.curve_batch import evaluate_rows
@@ -39,10 +40,35 @@ def interpolate_alike(t: Array, points: Array, degree: int) -> AlikeCurves:
     row = np.repeat(np.arange(m), n)
     about = knots[row, first.ravel() + 1 + np.arange(2 * degree)[:, None]]
     values = nonzero_basis_of_spans(about, degree, t.ravel())[0]
-    matrix = np.zeros((m, n, n))
-    column = first.ravel()[:, None] + np.arange(degree + 1)
-    matrix[row[:, None], np.tile(np.arange(n), m)[:, None], column] = values
-    return AlikeCurves(knots, np.linalg.solve(matrix, points), degree)
+    poles = np.array(points, float, order="C")
+    _solve_collocation(first, values.reshape(m, n, -1), poles)
+    return AlikeCurves(knots, poles, degree)
+
+
+@njit_cached
+def _solve_collocation(first: IntArray, values: Array, points: Array) -> None:  # pragma: no cover - compiled
+    """Solve M systems in place, x in `points` (M, N, D): row i has `values` (N, K) from the column first[i] on.
+
+    Without pivoting: collocation matrices are totally positive (C. de Boor, A Practical Guide to Splines, chapter XIII).
+    """
+    m, n, width = values.shape
+    for c in range(m):
+        for j in range(n):
+            pivot = values[c, j, j - first[c, j]]
+            for i in range(j + 1, n):
+                if first[c, i] > j:
+                    break
+                factor = values[c, i, j - first[c, i]] / pivot
+                for k in range(j + 1, first[c, j] + width):
+                    values[c, i, k - first[c, i]] -= factor * values[c, j, k - first[c, j]]
+                for d in range(points.shape[2]):
+                    points[c, i, d] -= factor * points[c, j, d]
+        for j in range(n - 1, -1, -1):
+            for d in range(points.shape[2]):
+                x = points[c, j, d]
+                for k in range(j + 1, min(first[c, j] + width, n)):
+                    x -= values[c, j, k - first[c, j]] * points[c, k, d]
+                points[c, j, d] = x / values[c, j, j - first[c, j]]
 
 
 def _find_spans(knots: Array, degree: int, t: Array) -> IntArray:

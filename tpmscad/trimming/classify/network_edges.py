@@ -7,9 +7,11 @@ its own.
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 
-from tpmscad._typing import Array, BoolArray
+from tpmscad._typing import Array, BoolArray, IntArray
 from tpmscad.errors import TrimmingError, format_point
 from tpmscad.rigid_motion import Motion
 from tpmscad.splines.bspline import line_segment
@@ -29,30 +31,61 @@ from tpmscad.trimming.operands.network_tables import (
 )
 
 RAY_DIRECTIONS = np.array([[0.61, 0.37, 0.70], [-0.43, 0.81, 0.40], [0.29, -0.52, -0.80], [0.05, 0.17, 0.98]])
-"""Directions of rays, tried one after another while a ray touches a face or meets an edge."""
+"""Directions of rays towards the middle of a network, but for signs; tried one after another while a ray touches a face or meets
+an edge."""
 
 RAY_CLEARANCE = 1e-6
 """Distance, relative to the size of the networks, by which a ray must clear the edges of the faces it pierces."""
 
 
-def split_network_edges(network: Network, hits: Hits, first_vertex: int) -> SubSegments:
-    """The network's edges split at its hits, whose vertices are numbered from `first_vertex`."""
+@dataclass(frozen=True, slots=True, eq=False)
+class EdgeSplits:
+    """S points that split edges of a network, by edge and parameter: `edge`, `t`, `vertex` (S,), numbered over both networks.
+
+    `leaves` (S,): 1 if the edge, along its curve, leaves the other solid there, -1 if it enters, 0 if this is not known.
+    """
+
+    edge: IntArray
+    t: Array
+    vertex: IntArray
+    leaves: IntArray
+
+
+def sort_splits(hits: Hits, first_vertex: int, edge: IntArray, t: Array, vertex: IntArray) -> EdgeSplits:
+    """The splits at hits, whose vertices are numbered from `first_vertex`, and at other points (n,)."""
+    n = len(edge)
+    edges, parameters = np.concatenate([hits.edge, edge]), np.concatenate([hits.t, t])
+    vertices = np.concatenate([first_vertex + np.arange(len(hits.edge)), vertex])
+    leaves = np.concatenate([np.where(hits.leaves, 1, -1), np.zeros(n, np.int64)])
+    order = np.lexsort((parameters, edges))
+    return EdgeSplits(edges[order], parameters[order], vertices[order], leaves[order])
+
+
+def split_network_edges(network: Network, splits: EdgeSplits, number: IntArray) -> SubSegments:
+    """The network's edges split; number (V,): the numbers of its own vertices over both networks."""
     e = network.brep.edges
-    segments = CurveSegments(e.curve, e.motion, e.span, e.start, e.end)
-    return split_segments(segments, hits.edge, hits.t, first_vertex + np.arange(len(hits.edge)))
+    segments = CurveSegments(e.curve, e.motion, e.span, number[e.start], number[e.end])
+    return split_segments(segments, splits.edge, splits.t, splits.vertex)
 
 
-def classify_pieces(network: Network, other: Network, hits: Hits, pieces: SubSegments) -> BoolArray:
-    """Pieces of the network's edges inside the other solid (M,); TrimmingError if hits contradict each other."""
-    m, n_vertices = len(pieces.segment), len(network.brep.vertices)
+def classify_pieces(
+    network: Network, other: Network, splits: EdgeSplits, pieces: SubSegments, number: IntArray, left_out: IntArray
+) -> BoolArray:
+    """Pieces of the network's edges inside the other solid (M,); TrimmingError if hits contradict each other.
+
+    number (n,): vertices of the network that do not lie on the other one. left_out: pieces that lie in its faces, not told.
+    """
+    m = len(pieces.segment)
     piece = np.concatenate([np.arange(m), np.arange(m)])
     vertex = np.concatenate([pieces.start, pieces.end])
-    own = vertex < n_vertices
-    votes = InsideVotes.of_links(m + n_vertices, np.column_stack([piece[own], m + vertex[own]]))
-    before = pieces.first[hits.edge] + np.arange(len(hits.edge)) - np.searchsorted(hits.edge, hits.edge)
-    for p, leaves in zip(before.tolist(), hits.leaves.tolist(), strict=True):
-        votes.add(p, leaves)
-        votes.add(p + 1, not leaves)
+    own = np.isin(vertex, number)
+    used, item = np.unique(vertex[own], return_inverse=True)
+    votes = InsideVotes.of_links(m + len(used), np.column_stack([piece[own], m + item.ravel()]))
+    before = pieces.first[splits.edge] + np.arange(len(splits.edge)) - np.searchsorted(splits.edge, splits.edge)
+    told = np.flatnonzero(splits.leaves)
+    for p, leaves in zip(before[told].tolist(), splits.leaves[told].tolist(), strict=True):
+        votes.add(p, leaves > 0)
+        votes.add(p + 1, leaves < 0)
     torn = votes.find_contradiction()
     if torn is not None:
         e = int(pieces.segment[torn]) if torn < m else 0
@@ -61,7 +94,8 @@ def classify_pieces(network: Network, other: Network, hits: Hits, pieces: SubSeg
     undecided = votes.undecided_components()
     if len(undecided):
         first = np.full(len(votes.count), m)
-        np.minimum.at(first, votes.component[:m], np.arange(m))
+        candidates = np.setdiff1d(np.arange(m), left_out)
+        np.minimum.at(first, votes.component[candidates], candidates)
         undecided = undecided[first[undecided] < m]
         one = first[undecided]
         segment = pieces.segment[one]
@@ -89,9 +123,10 @@ def points_in_network(network: Network, points: Array) -> BoolArray:
         if not len(left):
             return result
         n = len(left)
+        direction = np.copysign(direction, 0.5 * (low + high) - points[left])
         way = np.where(direction > 0, high - points[left], low - points[left]) / direction
         length = way.min(axis=1) + (0.0 if is_open else RAY_CLEARANCE * size)
-        rays = tuple(line_segment(p, p + t * direction) for p, t in zip(points[left], length, strict=True))
+        rays = tuple(line_segment(p, p + t * d) for p, t, d in zip(points[left], length, direction, strict=True))
         edges = tabulate_segments(rays, np.arange(n), Motion.identity(n), np.tile([0.0, 1.0], (n, 1)))
         near = np.unique(find_overlapping_boxes(edges.low, edges.high, network.low, network.high, 0.0)[:, 1])
         faces = tabulate_faces(network.brep, near)
@@ -110,7 +145,8 @@ def points_in_network(network: Network, points: Array) -> BoolArray:
         met, nearest = np.unique(ray[rows[np.lexsort((hits.t[rows], ray[rows]))]], return_index=True)
         nearest = rows[np.lexsort((hits.t[rows], ray[rows]))][nearest]
         jets = evaluate_faces(faces.patches, face[nearest], uv[nearest])
-        rise = faces.patches.layout[face[nearest], SENSE] * (np.cross(jets[:, 1], jets[:, 2]) @ direction)
+        normals = faces.patches.layout[face[nearest], SENSE][:, None] * np.cross(jets[:, 1], jets[:, 2])
+        rise = np.einsum("nd,nd->n", normals, direction[met])
         result[left[met]] = rise > 0
         undecided = np.full(n, is_open)
         undecided[met] = doubtful[nearest]

@@ -50,7 +50,7 @@ CHECKS = np.array([0.15, 0.38, 0.62, 0.85])
 class CommonCurves:
     """A arcs on a face of each network, on [0, 1], with the second solid on the left seen from outside on the first network.
 
-    `faces` (A, 2): the faces; `start`, `end` (A,): vertices, numbered as the hits, and behind them those on no edge, `points`
+    `faces` (A, 2): the faces; `start`, `end` (A,): vertices, numbered as those of ends, and behind them those on no edge, `points`
     (n, 3); `curve` (A,): the arc's number in `curves` and in `pcurves`, those on the first network and on the second; copies share
     them. `motion` (A,): that of the second face, which the curves are moved by; `deviation` (A,): their distance from both faces.
     """
@@ -66,8 +66,11 @@ class CommonCurves:
     deviation: Array
 
 
-def trace_common_curves(first: Network, second: Network, ends: CurveEnds, n_hits: int, tol: float) -> CommonCurves:
-    """The common curves of two networks, fitted to half of `tol`; TrimmingError where one is not resolved."""
+def trace_common_curves(first: Network, second: Network, ends: CurveEnds, n_vertices: int, tol: float) -> CommonCurves:
+    """The common curves of two networks, fitted to half of `tol`; TrimmingError where one is not resolved.
+
+    n_vertices: the number of vertices so far; those on no edge follow.
+    """
     joined, ends = join_faces(first.faces, second.faces), sort_ends(ends)
     paths: list[Array] = []
     faces: list[IntArray] = []
@@ -91,7 +94,7 @@ def trace_common_curves(first: Network, second: Network, ends: CurveEnds, n_hits
             start.append(int(ends.vertex[curve.start]))
             end.append(int(ends.vertex[curve.end]))
             continue
-        vertex = n_hits + len(loose)
+        vertex = n_vertices + len(loose)
         loose += [own[0, :3], own[half, :3]]
         start += [vertex, vertex + 1]
         end += [vertex + 1, vertex]
@@ -149,42 +152,71 @@ def _fit_paths(
         return result, deviation
     start = np.concatenate([[0], np.cumsum([len(p) for p in paths])])
     sites = _grade_sites(patches, _join_last_steps(_Paths(np.concatenate(paths), start, face)))
-    count = np.diff(sites.start)
-    for n in np.unique(count).tolist():
-        members = np.flatnonzero(count == n)
-        points = sites.points[sites.start[members][:, None] + np.arange(n)]
-        t, values = _choose_parameters(points), points[:, :, :7]
-        for refinement in range(MAX_REFINEMENTS + 1):
+    points = np.split(sites.points, sites.start[1:-1])
+    at: list[Array] = [np.zeros(0)] * len(paths)
+    left = np.arange(len(paths))
+    for refinement in range(MAX_REFINEMENTS + 1):
+        count, missed = np.array([len(points[i]) for i in left.tolist()]), []
+        for n in np.unique(count).tolist():
+            members = left[count == n]
+            values = np.stack([points[i][:, :7] for i in members.tolist()])
+            if refinement:
+                t = np.stack([at[i] for i in members.tolist()])
+            else:
+                t = _choose_parameters(values)
             splines = interpolate_alike(t, values, DEGREE)
             apart = _measure_deviations(patches, face[members], splines, t)
-            deviation[members] = apart
-            for k in np.flatnonzero(apart <= tol).tolist():
+            deviation[members] = apart.max(axis=1)
+            for k in np.flatnonzero(deviation[members] <= tol).tolist():
                 knots = splines.knots[k]
                 result[members[k]] = (knots - knots[0]) / (knots[-1] - knots[0]), splines.poles[k]
-            left = np.flatnonzero(~(apart <= tol))
-            members, t, values = members[left], t[left], values[left]
-            if not len(left):
-                break
-            if refinement == MAX_REFINEMENTS:
-                worst = np.argmax(apart[left])
-                raise UntracedCurve(
-                    f"a common curve of two faces near {format_point(values[worst][0, :3])} is still {apart[left][worst]:.2g} off "
-                    f"them at {t.shape[1]} points, over {tol:.2g}: the faces are nearly tangent there, or one of them is not smooth"
-                )
-            splines = AlikeCurves(splines.knots[left], splines.poles[left], DEGREE)
-            middles = 0.5 * (t[:, 1:] + t[:, :-1])
-            guess, normal = splines(middles).reshape(-1, 7), splines(middles, 1)[:, :, :3].reshape(-1, 3)
-            found = _correct(patches, np.repeat(face[members], middles.shape[1], axis=0), guess, normal)
-            between = found[:, :7].reshape(len(left), -1, 7)
-            t, values = (_interleave(*own) for own in ((t, middles), (values, between)))
-    return result, deviation
+            k = np.flatnonzero(~(deviation[members] <= tol))
+            missed.append(members[k])
+            if len(k) and refinement < MAX_REFINEMENTS:
+                splines = AlikeCurves(splines.knots[k], splines.poles[k], DEGREE)
+                halved = _choose_intervals(t[k], apart[k] > tol)
+                _halve_intervals(patches, face, splines, members[k], t[k], halved, points, at)
+        left = np.concatenate(missed)
+        if not len(left):
+            return result, deviation
+    worst = int(left[np.argmax(deviation[left])])
+    raise UntracedCurve(
+        f"a common curve of two faces near {format_point(points[worst][0, :3])} is still {deviation[worst]:.2g} off them at "
+        f"{len(points[worst])} points, over {tol:.2g}: the faces are nearly tangent there, or one of them is not smooth"
+    )
 
 
-def _interleave(one: Array, other: Array) -> Array:
-    """Arrays (m, n, ...) and (m, n - 1, ...) as one of 2 n - 1 columns, by turns."""
-    result = np.empty((one.shape[0], 2 * one.shape[1] - 1, *one.shape[2:]))
-    result[:, ::2], result[:, 1::2] = one, other
-    return result
+def _choose_intervals(t: Array, failing: BoolArray) -> BoolArray:
+    """The intervals (m, n - 1) between sites t (m, n) to halve: those that fail, and others that would be too long beside them."""
+    halved, step = failing.copy(), np.diff(t, axis=1)
+    while True:
+        length = np.pad(np.where(halved, 0.5 * step, step), ((0, 0), (1, 1)), constant_values=np.inf)
+        beside = np.minimum(length[:, :-2], length[:, 2:])
+        long = (length[:, 1:-1] > MAX_STEP_RATIO * beside) & ~halved
+        if not long.any():
+            return halved
+        halved |= long
+
+
+def _halve_intervals(
+    patches: PatchPolynomials,
+    face: IntArray,
+    splines: AlikeCurves,
+    members: IntArray,
+    t: Array,
+    halved: BoolArray,
+    points: list[Array],
+    at: list[Array],
+) -> None:
+    """Give the paths `members` (m,), at sites t (m, n), sites in the middles of intervals (m, n - 1): in `points` and `at`."""
+    middles = 0.5 * (t[:, 1:] + t[:, :-1])
+    row, _ = np.nonzero(halved)
+    guess, normal = splines(middles)[halved], splines(middles, 1)[:, :, :3][halved]
+    found = np.split(_correct(patches, face[members[row]], guess, normal), np.cumsum(halved.sum(axis=1))[:-1])
+    for k, i in enumerate(members.tolist()):
+        where = np.flatnonzero(halved[k]) + 1
+        points[i] = np.insert(points[i], where, found[k], axis=0)
+        at[i] = np.insert(t[k], where, middles[k][halved[k]])
 
 
 def _join_last_steps(paths: _Paths) -> _Paths:
@@ -247,7 +279,7 @@ def _choose_parameters(paths: Array) -> Array:
 
 
 def _measure_deviations(patches: PatchPolynomials, face: IntArray, splines: AlikeCurves, t: Array) -> Array:
-    """Largest distances (m,) of splines with sites t (m, n) from both their faces (m, 2) at equal parameters."""
+    """Largest distances (m, n - 1) of splines, between sites t (m, n), from both their faces (m, 2) at equal parameters."""
     checks = (t[:, :-1, None] + np.diff(t, axis=1)[:, :, None] * CHECKS).reshape(len(t), -1)
     values = splines(checks).reshape(-1, 7)
     owner = np.repeat(face, checks.shape[1], axis=0)
@@ -255,7 +287,7 @@ def _measure_deviations(patches: PatchPolynomials, face: IntArray, splines: Alik
     for column, uv in ((0, values[:, 3:5]), (1, values[:, 5:7])):
         points = evaluate_faces(patches, owner[:, column], np.ascontiguousarray(uv))[:, 0]
         apart = np.maximum(apart, np.linalg.norm(points - values[:, :3], axis=1))
-    return np.asarray(apart.reshape(len(t), -1).max(axis=1))
+    return np.asarray(apart.reshape(len(t), -1, len(CHECKS)).max(axis=2))
 
 
 def _correct(patches: PatchPolynomials, face: IntArray, guess: Array, normal: Array) -> Array:

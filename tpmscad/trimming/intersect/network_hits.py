@@ -7,6 +7,7 @@ the order of what meets there is round-off: another placement resolves it.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -96,7 +97,7 @@ class CurveEnds:
 
     `pairs` (n, 2): faces of the first and the second network. `parameters` (E, 4): on both faces. `enters` (E,): whether a
     curve begins there, directed so that the second solid is on its left, seen from outside on the first network. `vertex`
-    (E,): the hit, numbered over those of the first network's edges, then the second's.
+    (E,): numbered over those of the first network, the second's, the hits of the first one's edges, then those of the second's.
     """
 
     pairs: IntArray
@@ -150,44 +151,68 @@ def _prepare(brep: Brep, near: IntArray, boxes: tuple[Array, Array], covered: Ar
     )
 
 
-def find_hits(one: Network, other: Network, tol: float) -> Hits:
-    """The points in which the edges of one network pierce the faces of the other.
+@dataclass(frozen=True, slots=True, eq=False)
+class Piercings:
+    """P points in which edges of one network pierce the surfaces of the other's faces, columns as in `Hits`.
 
-    TrimmingError if one of them lies next to a vertex or an edge, or an edge touches a face.
+    `inside` (P,): in the face's loops, at the distance `border` (P,) from them, model units; `slope` (P, 3): of the edge.
+    """
+
+    edge: IntArray
+    t: Array
+    face: IntArray
+    uv: Array
+    point: Array
+    slope: Array
+    inside: BoolArray
+    border: Array
+
+
+def find_piercings(one: Network, other: Network, tol: float, left_out: IntArray) -> Piercings:
+    """The points in which the edges of one network pierce the surfaces of the other's faces.
+
+    left_out (n, 2): edges and faces that are not asked, since they lie in one plane. TrimmingError if an edge touches a face.
     """
     edges, faces = one.edges, other.faces
     pairs = find_overlapping_boxes(edges.low, edges.high, faces.low, faces.high, SNAP_TOLS * tol)
+    n_faces = len(other.brep.faces)
+    pairs = np.ascontiguousarray(pairs[~np.isin(pairs @ [n_faces, 1], left_out @ [n_faces, 1])])
     found = intersect_edges_with_faces(edges, faces, pairs)
     edge, face = pairs[found.pair, 0], pairs[found.pair, 1]
     if len(found.touching):
         at = format_point(found.touching[0])
         raise TrimmingError(f"an edge of one network touches a face of the other, or lies in it, at {at}")
     inside, border = locate_in_faces(other, face, found.uv)
-    curves = list_spline_curves(one.brep)
     e = one.brep.edges
-    point, slope = (
-        (np.zeros((0, 3)), np.zeros((0, 3)))
-        if not len(edge)
-        else evaluate_curves(curves, e.curve[edge], found.t, (0, 1))
-    )
+    point, slope = np.zeros((0, 3)), np.zeros((0, 3))
+    if len(edge):
+        point, slope = evaluate_curves(list_spline_curves(one.brep), e.curve[edge], found.t, (0, 1))
     point, slope = e.motion[edge].apply(point), e.motion[edge].apply_to_vectors(slope)
-    snap = SNAP_TOLS * tol
-    near = border < snap
+    return Piercings(edge, found.t, face, found.uv, point, slope, inside, border)
+
+
+def select_hits(one: Network, other: Network, found: Piercings, resolved: BoolArray, tol: float) -> Hits:
+    """The hits among piercings, without those (P,) that are resolved otherwise.
+
+    TrimmingError if one of them lies next to a vertex or an edge.
+    """
+    e, snap = one.brep.edges, SNAP_TOLS * tol
+    near = ~resolved & (found.border < snap)
     if near.any():
-        at = format_point(point[np.flatnonzero(near)[0]])
+        at = format_point(found.point[np.flatnonzero(near)[0]])
         raise TrimmingError(f"an edge of one network meets an edge of the other within {snap:.2g} at {at}")
-    ends = one.brep.vertices[np.column_stack([e.start[edge], e.end[edge]])]
-    near = inside & (np.linalg.norm(ends - point[:, None], axis=2) < snap).any(axis=1)
+    inside = found.inside & ~resolved
+    ends = one.brep.vertices[np.column_stack([e.start[found.edge], e.end[found.edge]])]
+    near = inside & (np.linalg.norm(ends - found.point[:, None], axis=2) < snap).any(axis=1)
     if near.any():
-        at = format_point(point[np.flatnonzero(near)[0]])
+        at = format_point(found.point[np.flatnonzero(near)[0]])
         raise TrimmingError(f"a vertex of one network lies within {snap:.2g} of a face of the other at {at}")
-    span = e.span[edge]
-    inside &= (found.t > span[:, 0]) & (found.t < span[:, 1])
-    rows = np.flatnonzero(inside)
-    rows = rows[np.lexsort((found.t[rows], edge[rows]))]
-    normal = _outward_normals(faces, face[rows], found.uv[rows])
-    leaves = np.einsum("nk,nk->n", normal, slope[rows]) > 0
-    return Hits(edge[rows], found.t[rows], face[rows], found.uv[rows], point[rows], leaves)
+    span = e.span[found.edge]
+    rows = np.flatnonzero(inside & (found.t > span[:, 0]) & (found.t < span[:, 1]))
+    rows = rows[np.lexsort((found.t[rows], found.edge[rows]))]
+    face, uv = found.face[rows], found.uv[rows]
+    leaves = np.einsum("nk,nk->n", _outward_normals(other.faces, face, uv), found.slope[rows]) > 0
+    return Hits(found.edge[rows], found.t[rows], face, uv, found.point[rows], leaves)
 
 
 def _outward_normals(faces: NetworkFaces, face: IntArray, uv: Array) -> Array:
@@ -273,10 +298,19 @@ def locate_in_faces(network: Network, face: IntArray, uv: Array) -> tuple[BoolAr
     return inside, distance
 
 
-def collect_curve_ends(first: Network, second: Network, hits: tuple[Hits, Hits], tol: float) -> CurveEnds:
-    """The ends of curves at all hits, and all pairs of faces whose boxes overlap."""
-    parts = []
-    offset = 0
+def collect_curve_ends(
+    first: Network,
+    second: Network,
+    hits: tuple[Hits, Hits],
+    others: Sequence[tuple[IntArray, IntArray, Array, Array, BoolArray, IntArray]],
+    tol: float,
+) -> CurveEnds:
+    """The ends of curves at all hits, and all pairs of faces whose boxes overlap.
+
+    others: further ends, as faces, (u, v) on both, whether a curve begins, and vertices.
+    """
+    parts = list(others)
+    offset = len(first.brep.vertices) + len(second.brep.vertices)
     for side, (one, other, own) in enumerate(((first, second, hits[0]), (second, first, hits[1]))):
         n = len(own.edge)
         for column in (0, 1):

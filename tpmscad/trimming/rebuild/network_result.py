@@ -23,6 +23,7 @@ from tpmscad.splines.bspline import BSplineCurve
 from tpmscad.splines.curve_batch import evaluate_curves
 from tpmscad.trimming.intersect.arrangement import SubSegments
 from tpmscad.trimming.intersect.common_curves import CommonCurves
+from tpmscad.trimming.intersect.contacts import EdgesInFaces
 from tpmscad.trimming.operands.network_tables import find_starts, list_spline_curves
 
 SAMPLE_FRACTIONS = np.linspace(0.0, 1.0, 13)
@@ -34,11 +35,15 @@ VERTEX_MARGIN = 1.05
 
 @dataclass(frozen=True, slots=True, eq=False)
 class CutNetwork:
-    """One operand after the cut: the pieces of its edges, and which of them are inside the other solid."""
+    """One operand after the cut: the pieces of its edges, and which of them are inside the other solid.
+
+    `in_faces`: those that lie in faces of the other operand, where each use has a side of its own.
+    """
 
     brep: Brep
     pieces: SubSegments
     inside: BoolArray
+    in_faces: EdgesInFaces
 
 
 @dataclass(frozen=True, slots=True)
@@ -110,7 +115,6 @@ def _bound_part(
     side, own = part.operand, operands[part.operand]
     brep, pieces = own.brep, own.pieces
     n_first = len(operands[0].pieces.segment)
-    kept = own.inside == part.inside
     # pieces of all edge uses, in the order of the loops
     edge, ahead = brep.uses.edge, brep.uses.sense > 0
     owner, step = repeat_rows(pieces.first[edge + 1] - pieces.first[edge])
@@ -120,10 +124,16 @@ def _bound_part(
     uses = np.column_stack([piece + (n_first if side else 0), brep.uses.sense[owner], pcurve[owner]])
     loop = np.repeat(np.arange(len(brep.faces.use_start) - 1), np.diff(brep.faces.use_start))[owner]
     face = brep.face_of_use[owner]
-    stays = kept[piece]
+    inside = own.inside[piece]
+    n_uses, in_faces = len(brep.uses), own.in_faces
+    row = np.argsort(piece * n_uses + owner)
+    at = row[np.searchsorted((piece * n_uses + owner)[row], in_faces.piece * n_uses + in_faces.use)]
+    inside[at] = in_faces.inside
+    stays = inside == part.inside
 
-    crossed = np.zeros(len(brep.faces), bool)
+    crossed, across_edges = np.zeros(len(brep.faces), bool), operands[1 - side].in_faces
     crossed[arcs.faces[:, side]] = True
+    crossed[across_edges.arc_face] = True
     whole = stays & ~crossed[face]
     left = np.bincount(face[whole], minlength=len(brep.faces))
     if (left != np.bincount(face, minlength=len(brep.faces)))[left > 0].any():
@@ -142,7 +152,13 @@ def _bound_part(
     new = np.column_stack(
         [first_arc + across, direction * brep.faces.sense[of_arc], np.where(is_plane, -1, first_pcurve + arcs.curve)]
     )
-    uses, face = np.concatenate([uses[rows], new]), np.concatenate([face[rows], of_arc])
+    # edges of the other operand that lie in planes of this one
+    on, sense = across_edges.arc_face, across_edges.arc_sense
+    first_piece = 0 if side else n_first
+    lying = np.column_stack(
+        [first_piece + across_edges.arc_piece, direction * brep.faces.sense[on] * sense, np.full(len(on), -1)]
+    )
+    uses, face = np.concatenate([uses[rows], new, lying]), np.concatenate([face[rows], of_arc, on])
     order = np.argsort(face, kind="stable")
     parts.append(_chain_crossed(brep, face[order], uses[order], edges, _all_curves(operands, arcs), pcurves))
     return _join_bounded(parts)
