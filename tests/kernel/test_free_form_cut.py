@@ -14,6 +14,7 @@ import build123d as bd
 from benchmarks.small_bodies import FREE_FORM_BODIES
 from tests.shapes.misfits import volume
 from tests.trimming.conftest import Cover, cover
+from tests.trimming.network_operands import trim
 from tpmscad.brep import connectivity
 from tpmscad.brep.boundary_representation import reverse_faces
 from tpmscad.brep.moments import integral_properties
@@ -25,7 +26,6 @@ from tpmscad.kernel.measure.mass_properties import face_moments
 from tpmscad.kernel.measure.validity import is_brep_valid
 from tpmscad.kernel.occt.construction import make_shell, make_solid
 from tpmscad.kernel.occt.exploration import faces_of, unwrap
-from tpmscad.trimming.trim_pipeline import trim
 
 pytestmark = [pytest.mark.kernel, pytest.mark.slow]
 

@@ -16,6 +16,7 @@ from scipy.interpolate import make_interp_spline
 from benchmarks.made_gaps import BODIES, spoil
 from tests.shapes.misfits import volume
 from tests.trimming.conftest import Cover, cover
+from tests.trimming.network_operands import trim
 from tpmscad.brep import connectivity
 from tpmscad.brep.boundary_representation import reverse_faces
 from tpmscad.brep.carriers import Circle
@@ -31,7 +32,6 @@ from tpmscad.kernel.measure.validity import is_brep_valid
 from tpmscad.splines.bspline import BSplineCurve, BSplineSurface, is_segment
 from tpmscad.splines.knots import bezier_knots
 from tpmscad.trimming.operands.trimming_body import prepare_trimming_body
-from tpmscad.trimming.trim_pipeline import trim
 
 pytestmark = pytest.mark.kernel
 

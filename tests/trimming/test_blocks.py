@@ -8,6 +8,7 @@ from scipy.integrate import quad
 from scipy.spatial.transform import Rotation
 
 from tests.shapes.misfits import volume
+from tests.trimming.network_operands import trim
 from tpmscad.brep import connectivity
 from tpmscad.brep.boundary_representation import Brep
 from tpmscad.brep.moments import integral_properties
@@ -15,7 +16,6 @@ from tpmscad.brep.welding import weld_patches
 from tpmscad.rigid_motion import Motion
 from tpmscad.splines.bspline import BSplineSurface
 from tpmscad.trimming.operands.polyhedra import box, polyhedron
-from tpmscad.trimming.trim_pipeline import trim
 
 HEIGHT = 0.5
 SIDES = ((0, 2, 3, 1), (0, 1, 5, 4), (1, 3, 7, 5), (3, 2, 6, 7), (2, 0, 4, 6), (4, 5, 7, 6))

@@ -12,6 +12,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from tests.shapes.misfits import misfit, volume
+from tests.trimming.network_operands import trim
 from tpmscad import surfaces
 from tpmscad.brep import connectivity
 from tpmscad.brep.boundary_representation import Brep
@@ -20,7 +21,6 @@ from tpmscad.brep.moments import integral_properties
 from tpmscad.errors import InvalidRequest, TrimmingError
 from tpmscad.splines.bspline import line_segment
 from tpmscad.trimming.operands.polyhedra import box
-from tpmscad.trimming.trim_pipeline import trim
 
 CELL = 10.0
 TOL = 1e-7

@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 from tests.shapes.misfits import volume
+from tests.trimming.network_operands import trim
 from tpmscad.brep.boundary_representation import Brep
 from tpmscad.trimming.operands.polyhedra import box
-from tpmscad.trimming.trim_pipeline import trim
 
 CLEARANCE, MAX_SHIFT = 0.02, 0.05
 

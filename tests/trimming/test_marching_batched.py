@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 
 from tests.shapes import round_shapes as shapes
+from tests.trimming.network_operands import trim
 from tpmscad.brep.boundary_representation import Brep
 from tpmscad.trimming.intersect import marching, marching_batched, patch_surface
 from tpmscad.trimming.operands.polyhedra import box
-from tpmscad.trimming.trim_pipeline import trim
 
 BODIES = {
     "box": lambda: box(np.array([1.3, 2.1, 1.7]), np.array([8.2, 9.1, 7.9])),

@@ -11,7 +11,7 @@ from scipy.interpolate import make_interp_spline
 from tests.shapes.misfits import volume
 from tests.shapes.round_shapes import sphere
 from tests.trimming.conftest import Cover, cover
-from tests.trimming.network_operands import combine, rod
+from tests.trimming.network_operands import combine, rod, trim
 from tpmscad import fields
 from tpmscad.brep import connectivity
 from tpmscad.brep.boundary_representation import Brep, move_brep, reverse_faces, select_faces, translate_brep
@@ -34,7 +34,6 @@ from tpmscad.trimming.operands.network_tables import (
     tabulate_segments,
 )
 from tpmscad.trimming.operands.polyhedra import box
-from tpmscad.trimming.trim_pipeline import trim
 
 __all__ = ["cover"]
 

@@ -11,6 +11,7 @@ from scipy.spatial.transform import Rotation
 
 from tests.shapes import round_shapes as shapes
 from tests.shapes.misfits import misfit, volume
+from tests.trimming.network_operands import trim
 from tpmscad import surfaces
 from tpmscad.brep import connectivity
 from tpmscad.brep.boundary_representation import Brep, reverse_faces, select_faces, translate_brep
@@ -19,7 +20,6 @@ from tpmscad.errors import InvalidRequest, TrimmingError
 from tpmscad.lattices import copies as lattices
 from tpmscad.splines.bspline import BSplineSurface
 from tpmscad.trimming.operands.polyhedra import polyhedron
-from tpmscad.trimming.trim_pipeline import trim
 
 CELL = 10.0
 TOL = 1e-7

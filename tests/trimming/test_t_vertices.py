@@ -10,6 +10,7 @@ from scipy.interpolate import BSpline
 
 from tests.shapes.misfits import volume
 from tests.trimming.conftest import Cover
+from tests.trimming.network_operands import trim
 from tpmscad._typing import Array
 from tpmscad.brep import connectivity
 from tpmscad.brep.boundary_representation import Brep, Edges, EdgeUses, Faces
@@ -17,7 +18,6 @@ from tpmscad.rigid_motion import Motion
 from tpmscad.splines.bspline import BSplineCurve, BSplineSurface
 from tpmscad.trimming.operands.patch_sides import read_patch_sides
 from tpmscad.trimming.operands.polyhedra import box
-from tpmscad.trimming.trim_pipeline import trim
 
 LO, HI = np.array([0.4, 0.7, 0.9]), np.array([9.1, 8.3, 9.7])
 Use = tuple[int, int, int]

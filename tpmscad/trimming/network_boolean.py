@@ -38,7 +38,9 @@ from tpmscad.trimming.intersect.network_hits import (
     select_hits,
 )
 from tpmscad.trimming.rebuild.network_result import CutNetwork, KeptPart, rebuild_networks, rebuild_parts
-from tpmscad.trimming.trim_pipeline import DEFAULT_TOL
+
+DEFAULT_TOL = 1e-7
+"""Tolerance in model units; kernels give every edge at least this tolerance, so that a smaller one has no effect there."""
 
 SHIFT_TOLS = (0.0, 25.0, 60.0)
 """Lengths of the translations of the second network that are tried, in tolerances."""

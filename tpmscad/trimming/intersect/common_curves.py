@@ -30,8 +30,8 @@ DEGREE = 7
 MIN_SITES = 9
 """Least number of sites of a curve, one more than the degree needs."""
 
-MAX_REFINEMENTS = 6
-"""Times that the sites of a curve are doubled at most."""
+MAX_REFINEMENTS = 10
+"""Times that intervals of a curve are halved at most."""
 
 MIN_LAST_STEP = 0.3
 """Part of the step before below which the last step is joined to it."""
@@ -160,10 +160,7 @@ def _fit_paths(
         for n in np.unique(count).tolist():
             members = left[count == n]
             values = np.stack([points[i][:, :7] for i in members.tolist()])
-            if refinement:
-                t = np.stack([at[i] for i in members.tolist()])
-            else:
-                t = _choose_parameters(values)
+            t = np.stack([at[i] for i in members.tolist()]) if refinement else _choose_parameters(values)
             splines = interpolate_alike(t, values, DEGREE)
             apart = _measure_deviations(patches, face[members], splines, t)
             deviation[members] = apart.max(axis=1)
