@@ -67,7 +67,7 @@ def test_a_loop_inside_one_patch_is_cut_however_small(below_top: float) -> None:
 
 def test_a_box_inside_the_block_and_one_across_its_corner() -> None:
     block = bumpy_block()
-    inside = trim(block, box([0.2, 0.3, 0.1], [0.7, 0.8, 0.6]), 1e-9, lambda points: np.ones(len(points), bool)).brep
+    inside = trim(block, box([0.2, 0.3, 0.1], [0.7, 0.8, 0.6]), 1e-9).brep
     assert volume(inside) == pytest.approx(0.125, rel=1e-12)
     corner = trim(block, box([-0.5, -0.5, -0.5], [0.25, 0.5, 0.75]), 1e-9).brep
     assert volume(corner) == pytest.approx(0.25 * 0.5 * 0.75, rel=1e-12)

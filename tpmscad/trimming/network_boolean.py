@@ -18,7 +18,7 @@ import numpy as np
 from tpmscad._typing import Array, IntArray
 from tpmscad.brep.boundary_representation import Brep, translate_brep
 from tpmscad.brep.restricted_surfaces import restrict_carriers
-from tpmscad.errors import InvalidRequest, NothingLeft, TrimmingError, UntracedCurve
+from tpmscad.errors import InvalidRequest, NothingLeft, TrimmingError
 from tpmscad.fallbacks import Fallback, Fallbacks
 from tpmscad.trimming.classify.network_edges import classify_pieces, sort_splits, split_network_edges
 from tpmscad.trimming.intersect.common_curves import CommonCurves, trace_common_curves
@@ -236,7 +236,7 @@ def _cut_networks(operands: _Operands, may_move: bool, max_shift: float, finish:
             for s in shifts
         ),
         retry_on=(TrimmingError,),
-        final=(UntracedCurve, NothingLeft),
+        final=(NothingLeft,),
     )
     outcome = placements.run(operands, finish)
     reason = str(outcome.failures[0]) if outcome.failures else ""

@@ -12,6 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from tpmscad._typing import Array, BoolArray, IntArray
+from tpmscad.brep.orthogonal_projection import project_to_surface
 from tpmscad.errors import TrimmingError, format_point
 from tpmscad.rigid_motion import Motion
 from tpmscad.splines.bspline import line_segment
@@ -33,6 +34,9 @@ from tpmscad.trimming.operands.network_tables import (
 RAY_DIRECTIONS = np.array([[0.61, 0.37, 0.70], [-0.43, 0.81, 0.40], [0.29, -0.52, -0.80], [0.05, 0.17, 0.98]])
 """Directions of rays towards the middle of a network, but for signs; tried one after another while a ray touches a face or meets
 an edge."""
+
+NEAREST_FACES, NEAREST_CELLS = 64, 8
+"""Faces by the distance of their boxes, and cells of them by that of their middles, among which the nearest one is looked for."""
 
 RAY_CLEARANCE = 1e-6
 """Distance, relative to the size of the networks, by which a ray must clear the edges of the faces it pierces."""
@@ -152,8 +156,37 @@ def points_in_network(network: Network, points: Array) -> BoolArray:
         undecided[met] = doubtful[nearest]
         undecided[pairs[hits.touching_pair, 0]] = True
         left = left[undecided]
-    if len(left):
+    if len(left) and not is_open:
         raise TrimmingError(
             f"whether {format_point(points[left[0]])} is inside a network could not be told by rays from it"
         )
+    for i in left.tolist():
+        result[i] = _is_behind_nearest_face(network, points[i])
     return result
+
+
+def _is_behind_nearest_face(network: Network, point: Array) -> bool:
+    """Whether a point (3,) lies on the inner side of the face nearest to it, which decides where no ray meets one."""
+    gap = np.maximum(np.maximum(network.low - point, point - network.high), 0.0)
+    near = np.sort(np.argsort(np.linalg.norm(gap, axis=1))[:NEAREST_FACES])
+    faces = tabulate_faces(network.brep, near)
+    owner = np.repeat(np.arange(len(faces.low)), np.diff(faces.cells.first))
+    first = np.argsort(np.linalg.norm(faces.cells.centre - point, axis=1))[:NEAREST_CELLS]
+    best, inside = np.inf, False
+    for cell in first.tolist():
+        f = np.array([owner[cell]])
+        own = slice(faces.cells.first[f[0]], faces.cells.first[f[0] + 1])
+        low = (faces.cells.middle[own] - faces.cells.half[own]).min(axis=0)
+        high = (faces.cells.middle[own] + faces.cells.half[own]).max(axis=0)
+
+        def jet(u: Array, v: Array, rows: IntArray, f: IntArray = f) -> tuple[Array, ...]:
+            found = evaluate_faces(faces.patches, f[rows * 0], np.column_stack([u, v]))
+            return found[:, 0], found[:, 1], found[:, 2]
+
+        u, v = project_to_surface(jet, point[None], *faces.cells.middle[[cell]].T, np.column_stack([low, high]))
+        foot, along_u, along_v = (column[0] for column in jet(u, v, np.zeros(1, np.int64)))
+        distance = float(np.linalg.norm(point - foot))
+        if distance < best:
+            best = distance
+            inside = bool(faces.patches.layout[f[0], SENSE] * np.cross(along_u, along_v) @ (point - foot) < 0)
+    return inside

@@ -33,6 +33,9 @@ MIN_SITES = 9
 MAX_REFINEMENTS = 10
 """Times that intervals of a curve are halved at most."""
 
+DEVIATION_MARGIN = 1.2
+"""Factor on measured deviations: between the places where a curve is measured they are a little greater."""
+
 MIN_LAST_STEP = 0.3
 """Part of the step before below which the last step is joined to it."""
 
@@ -117,7 +120,7 @@ def trace_common_curves(first: Network, second: Network, ends: CurveEnds, n_vert
             tuple(BSplineCurve(poles[:, 3:5].copy(), knots, DEGREE) for knots, poles in splines),
             tuple(BSplineCurve(poles[:, 5:7].copy(), knots, DEGREE) for knots, poles in splines),
         ),
-        deviation=deviation[curve_number],
+        deviation=DEVIATION_MARGIN * deviation[curve_number],
     )
 
 

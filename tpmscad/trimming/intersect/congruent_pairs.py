@@ -15,13 +15,16 @@ from tpmscad.brep.carriers import Plane
 from tpmscad.trimming.intersect.network_hits import CurveEnds
 
 RESOLUTION = 1e-10
-"""Resolution of descriptions, relative to the size of the operands; that of copies is round-off, some 1e-15."""
+"""Resolution of placements, relative to the size of the operands; that of copies is round-off, some 1e-15."""
+
+PARAMETER_RESOLUTION = 1e-7
+"""That of the ends' parameters, which tell curves of one placement apart."""
 
 
 def sort_ends(ends: CurveEnds) -> CurveEnds:
     """The ends of each pair by their parameters on the second face, in the same order for all pairs of a class."""
     row = np.repeat(np.arange(len(ends.pairs)), np.diff(ends.start))
-    s, r = _round(ends.parameters[:, 2:]).T
+    s, r = _round(ends.parameters[:, 2:], PARAMETER_RESOLUTION).T
     order = np.lexsort((r, s, row))
     return CurveEnds(ends.pairs, ends.start, ends.parameters[order], ends.enters[order], ends.vertex[order])
 
@@ -35,7 +38,7 @@ def group_congruent_pairs(first: Brep, second: Brep, ends: CurveEnds, rows: IntA
     for n in np.unique(count).tolist():
         own = np.flatnonzero(count == n)
         at = ends.start[rows[own]][:, None] + np.arange(n)
-        parameters = _round(ends.parameters[at, 2:].reshape(len(own), 2 * n))
+        parameters = _round(ends.parameters[at, 2:].reshape(len(own), 2 * n), PARAMETER_RESOLUTION)
         key = np.column_stack([keys[own], parameters, ends.enters[at]])
         _, representative, label = np.unique(key, axis=0, return_index=True, return_inverse=True)
         like[own] = own[representative[label.ravel()]]
@@ -64,6 +67,6 @@ def _describe_pairs(first: Brep, second: Brep, pairs: IntArray) -> IntArray:
     return np.column_stack([numbers, sense, _round(rotation), _round(translation)])
 
 
-def _round(values: Array) -> IntArray:
-    """Values as multiples of the resolution."""
-    return np.rint(values / RESOLUTION).astype(np.int64)
+def _round(values: Array, resolution: float = RESOLUTION) -> IntArray:
+    """Values as multiples of a resolution."""
+    return np.rint(values / resolution).astype(np.int64)

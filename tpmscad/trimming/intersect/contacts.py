@@ -134,19 +134,20 @@ def find_contacts(first: Network, second: Network, piercings: Piercings, coplana
     face = np.array([row[4] for row in rows])
     uv = _plane_parameters(first.brep, face, points)
     inside, border = locate_in_faces(first, face, uv)
-    made: dict[tuple[int, int], tuple[Array, int, int, float, int, int, float, tuple[int, ...]]] = {}
+    made: list[tuple[Array, int, int, float, int, int, float, tuple[int, ...]]] = []
     for i in np.flatnonzero(inside | (border < snap)).tolist():
         point, vertex, edge, t, g = rows[i]
-        key = (vertex, -1)
-        on_vertex, on_edge, on_t, faces = -1, -1, 0.0, (g,)
-        if border[i] < snap:
-            on_vertex, on_edge, on_t, faces = _find_on_border(first.brep, g, point, snap)
-        if vertex < 0:
-            key = (edge, on_edge)
-        made.setdefault(key, (point, vertex, edge, t, on_vertex, on_edge, on_t, faces))
-        if len(faces) > len(made[key][7]):
-            made[key] = (point, vertex, edge, t, on_vertex, on_edge, on_t, faces)
-    point, vertex, edge, t, on_vertex, on_edge, on_t, faces = zip(*made.values(), strict=True)
+        place = (-1, -1, 0.0, (g,)) if border[i] >= snap else _find_on_border(first.brep, g, point, snap)
+        same = [
+            k
+            for k, other in enumerate(made)
+            if other[1:3] == (vertex, edge) and np.linalg.norm(other[0] - point) < CONTACT_SNAPS * snap
+        ]
+        if not same:
+            made.append((point, vertex, edge, t, *place))
+        elif len(place[3]) > len(made[same[0]][7]):
+            made[same[0]] = (point, vertex, edge, t, *place)
+    point, vertex, edge, t, on_vertex, on_edge, on_t, faces = zip(*made, strict=True)
     return Contacts(
         np.array(point),
         np.array(vertex),

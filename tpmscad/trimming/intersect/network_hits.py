@@ -36,6 +36,9 @@ from tpmscad.trimming.operands.network_tables import (
     tabulate_faces,
 )
 
+EVERYWHERE = np.array([[-np.inf] * 3, [np.inf] * 3])
+"""What a closed network covers."""
+
 SNAP_TOLS = 2.0
 """Distance in tolerances of a hit from a vertex or an edge below which it is refused: kernels take both for one point."""
 
@@ -115,17 +118,18 @@ def prepare_networks(first: Brep, second: Brep, margin: float, *, is_cover: bool
     """
     boxes = bound_faces(first), bound_faces(second)
     pairs = find_overlapping_boxes(*boxes[0], *boxes[1], margin)
-    everywhere = np.array([[-np.inf] * 3, [np.inf] * 3])
     covered = np.stack([first.vertices.min(axis=0), first.vertices.max(axis=0)])
     sizes = [CELL_FRACTION * float(np.median(np.max(high - low, axis=1))) for low, high in boxes]
-    one = _prepare(first, np.unique(pairs[:, 0]), boxes[0], everywhere, sizes[1])
-    return one, _prepare(second, np.unique(pairs[:, 1]), boxes[1], covered if is_cover else everywhere, sizes[0])
+    one = _prepare(first, np.unique(pairs[:, 0]), boxes[0], EVERYWHERE, sizes[1])
+    return one, _prepare(second, np.unique(pairs[:, 1]), boxes[1], covered if is_cover else EVERYWHERE, sizes[0])
 
 
 def _prepare(brep: Brep, near: IntArray, boxes: tuple[Array, Array], covered: Array, cell_size: float) -> Network:
     """An operand with tables of the faces `near` (n,) and their edges."""
     count = np.bincount(brep.uses.edge, minlength=len(brep.edges))
     unmatched = connectivity.find_unmatched_edges(brep)
+    if not (count == 1).any():
+        covered = EVERYWHERE
     if np.isfinite(covered).all():
         unmatched = unmatched[count[unmatched] != 1]
     if len(unmatched):
