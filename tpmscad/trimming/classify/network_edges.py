@@ -18,8 +18,6 @@ from tpmscad.rigid_motion import Motion
 from tpmscad.splines.bspline import line_segment
 from tpmscad.splines.curve_batch import evaluate_curves
 from tpmscad.trimming.classify.propagation import InsideVotes
-from tpmscad.trimming.intersect.arrangement import CurveSegments, SubSegments
-from tpmscad.trimming.intersect.curve_surface import split_segments
 from tpmscad.trimming.intersect.edge_face import intersect_edges_with_faces
 from tpmscad.trimming.intersect.network_hits import Hits, Network, evaluate_faces
 from tpmscad.trimming.operands.network_tables import (
@@ -65,15 +63,36 @@ def sort_splits(hits: Hits, first_vertex: int, edge: IntArray, t: Array, vertex:
     return EdgeSplits(edges[order], parameters[order], vertices[order], leaves[order])
 
 
-def split_network_edges(network: Network, splits: EdgeSplits, number: IntArray) -> SubSegments:
+@dataclass(frozen=True, slots=True, eq=False)
+class EdgePieces:
+    """M pieces of edges, in the order of edges and parameters: those of edge i are first[i] to first[i + 1] - 1."""
+
+    segment: IntArray
+    span: Array
+    start: IntArray
+    end: IntArray
+    first: IntArray
+
+
+def split_network_edges(network: Network, splits: EdgeSplits, number: IntArray) -> EdgePieces:
     """The network's edges split; number (V,): the numbers of its own vertices over both networks."""
     e = network.brep.edges
-    segments = CurveSegments(e.curve, e.motion, e.span, number[e.start], number[e.end])
-    return split_segments(segments, splits.edge, splits.t, splits.vertex)
+    n, edge = len(e), splits.edge
+    cuts = np.bincount(edge, minlength=n)
+    first = np.concatenate([[0], np.cumsum(cuts + 1)])
+    owner = np.repeat(np.arange(n), cuts + 1)
+    after = np.arange(len(edge)) + 1 + edge  # the piece behind each split
+    span = np.empty((len(owner), 2))
+    start, end = np.empty(len(owner), np.int64), np.empty(len(owner), np.int64)
+    span[first[:-1], 0], span[first[1:] - 1, 1] = e.span.T
+    start[first[:-1]], end[first[1:] - 1] = number[e.start], number[e.end]
+    span[after, 0], span[after - 1, 1] = splits.t, splits.t
+    start[after], end[after - 1] = splits.vertex, splits.vertex
+    return EdgePieces(owner, span, start, end, first)
 
 
 def classify_pieces(
-    network: Network, other: Network, splits: EdgeSplits, pieces: SubSegments, number: IntArray, left_out: IntArray
+    network: Network, other: Network, splits: EdgeSplits, pieces: EdgePieces, number: IntArray, left_out: IntArray
 ) -> BoolArray:
     """Pieces of the network's edges inside the other solid (M,); TrimmingError if hits contradict each other.
 

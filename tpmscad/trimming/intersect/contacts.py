@@ -379,7 +379,7 @@ NO_EDGES_IN_FACES = EdgesInFaces(_NONE, _NONE, np.zeros(0, bool), _NONE, _NONE, 
 def find_edges_in_faces(
     first: Network, second: Network, contacts: Contacts, first_piece: IntArray, span: Array
 ) -> EdgesInFaces:
-    """Of the pieces of the second network's edges, those that lie in faces; pieces as in `SubSegments`.
+    """Of the pieces of the second network's edges, those that lie in faces; pieces as in `EdgePieces`.
 
     TrimmingError where a face beside such a piece is tangent to the plane, or two of them meet in it from within.
     """

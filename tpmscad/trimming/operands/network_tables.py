@@ -21,7 +21,7 @@ from numpy.typing import ArrayLike
 from tpmscad._compiled_loops import njit_cached, njit_inner
 from tpmscad._typing import Array, BoolArray, IntArray
 from tpmscad.brep.boundary_representation import Brep
-from tpmscad.brep.carriers import Circle, ConicalSurface, Ellipse, Plane, SphericalSurface
+from tpmscad.brep.carriers import Carrier, Circle, ConicalSurface, Ellipse, Plane, SphericalSurface
 from tpmscad.brep.foot_surface import MAX_DEGREE, span_powers
 from tpmscad.brep.quadrics import MIN_POLE_STEP_ANGLE
 from tpmscad.errors import InvalidRequest
@@ -47,6 +47,9 @@ SEGMENTS_PER_USE = 24
 
 PLANE_MARGIN = 0.02
 """Enlargement of the rectangle that stands for a plane, relative to the face."""
+
+MAX_POLE_EXTENT = 1e-9
+"""Extent of a side that is a point, relative to the surface."""
 
 ROUNDOFF = 1e-12
 """Enlargement of the bounds of cells, relative to the distance of the face from the origin."""
@@ -395,7 +398,7 @@ def divide_uses(brep: Brep, rows: IntArray | None = None) -> UseSegments:
 
     A use has one where it is straight in (u, v), and one more for a step along a pole.
 
-    At the pole of a sphere or the apex of a cone a loop runs from the end of a use to another u, where the next one starts.
+    At the pole of a sphere or a spline, or the apex of a cone, a loop runs from the end of a use to another u, where the next one starts.
     """
     uses = brep.uses
     is_line = np.array([is_segment(c) for c in brep.pcurves], bool)
@@ -415,7 +418,7 @@ def _step_along_poles(brep: Brep) -> BoolArray:
     """Uses (K,) behind whose end the loop steps along a pole."""
     faces = brep.faces
     result = np.zeros(len(brep.uses), bool)
-    has_pole = np.array([isinstance(c, SphericalSurface | ConicalSurface) for c in brep.carriers], bool)
+    has_pole = np.array([_has_pole(c) for c in brep.carriers], bool)
     use = np.flatnonzero(has_pole[faces.carrier][brep.face_of_use])
     if len(use):
         following = np.arange(1, len(brep.uses) + 1)
@@ -423,6 +426,15 @@ def _step_along_poles(brep: Brep) -> BoolArray:
         end, start = (evaluate_uses(brep, k, np.full(len(use), x)) for k, x in ((use, 1.0), (following[use], 0.0)))
         result[use] = np.abs(end - start)[:, 0] > MIN_POLE_STEP_ANGLE
     return result
+
+
+def _has_pole(carrier: Carrier) -> bool:
+    """Whether a whole line of the carrier's parameters may be one point: of a spline, if the poles of a side are."""
+    if not isinstance(carrier, BSplineSurface):
+        return isinstance(carrier, SphericalSurface | ConicalSurface)
+    p = carrier.poles
+    extent = min(float(np.ptp(side, axis=0).max()) for side in (p[0], p[-1], p[:, 0], p[:, -1]))
+    return extent <= MAX_POLE_EXTENT * float(np.ptp(p, axis=(0, 1)).max())
 
 
 def sample_loops(brep: Brep, rows: IntArray) -> list[Array]:

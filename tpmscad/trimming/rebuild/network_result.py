@@ -21,7 +21,7 @@ from tpmscad.index_ranges import repeat_rows
 from tpmscad.rigid_motion import Motion
 from tpmscad.splines.bspline import BSplineCurve
 from tpmscad.splines.curve_batch import evaluate_curves
-from tpmscad.trimming.intersect.arrangement import SubSegments
+from tpmscad.trimming.classify.network_edges import EdgePieces
 from tpmscad.trimming.intersect.common_curves import CommonCurves
 from tpmscad.trimming.intersect.contacts import EdgesInFaces
 from tpmscad.trimming.operands.network_tables import find_starts, list_spline_curves
@@ -41,7 +41,7 @@ class CutNetwork:
     """
 
     brep: Brep
-    pieces: SubSegments
+    pieces: EdgePieces
     inside: BoolArray
     in_faces: EdgesInFaces
 
