@@ -109,6 +109,8 @@ def _assign_channels(cut: DividedNetwork) -> IntArray:
     points = shared.vertices[shared.edges.start[shared.uses.edge]]
     face = shared.face_of_use
     all_tags = np.array(shared.tags)[shared.faces.tag[face]]
+    if not np.isin(list(SIDES), all_tags).any():  # the lattice does not meet the body: it lies in one channel
+        return np.full(len(shell), PLUS)
     for s in np.flatnonzero(channel == "").tolist():  # a part of the body that the lattice does not meet
         at = points[np.isin(face, cut.beyond[shell == s])][:1]
         near = {tag: cKDTree(points[all_tags == tag]).query(at)[0][0] for tag in SIDES if (all_tags == tag).any()}

@@ -1,10 +1,12 @@
 """Seeds of the curves that two faces have in common and that no edge meets, found by exclusion.
 
-A closed curve has a point at which its tangent, the product of both normals, is perpendicular to any direction that is given. For
-two faces the direction is that of the tangent where they meet on the average, so that few cells remain, mostly none. Two cells,
-one of each face, are dropped if the tangent is nowhere perpendicular to it, or if they are apart along a normal of one of them, or
-along the curve. Where the derivatives vary so little in them that a curve passes once at most, the point on it is found by
-Newton's method; it lies on a curve that is known, or is the seed of a closed one. Else both cells are divided.
+A closed curve surrounds, on each of two faces, a point with a normal that is parallel to one within it on the other: most pairs of
+faces have none. A closed curve also has a point at which its tangent, the product of both normals, is perpendicular to any
+direction that is given. For two faces the direction is that of the known curves, or of the tangent where they meet on the average,
+so that few cells remain. Two cells, one of each face, are dropped if the tangent is nowhere perpendicular to it, or if they are
+apart along a normal of one of them, or along the curve. Where the derivatives vary so little in them that a curve passes once at
+most, the point on it is found by Newton's method; it lies on a curve that is known, or is the seed of a closed one. Else both
+cells are divided.
 """
 
 from __future__ import annotations
@@ -105,8 +107,8 @@ def find_seed(
 ) -> tuple[int, int]:  # pragma: no cover - compiled
     """FOUND and the next pair from `begin` on with a `seed` (4,) on no known curve; NONE and len(pairs) if there is none.
 
-    The pairs are those of `list_searched_pairs`. The seed lies in the loops of both faces; `beside` (n,) is set for pairs that may
-    have others, beyond their loops. UNRESOLVED and the pair for a contact that is not resolved. Pair k has the curves
+    The pairs are those of `list_searched_pairs`. The seed lies in the loops of both faces; `beside` (n,) is set for pairs that
+    may have others, beyond their loops. UNRESOLVED and the pair for a contact that is not resolved. Pair k has the curves
     of_pair[k] to of_pair[k + 1] - 1, and curve c has the points bounds[c] to bounds[c + 1] - 1.
     """
     stack = np.empty((8 * MAX_DIVISIONS + 16, 6))

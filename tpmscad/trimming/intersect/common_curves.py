@@ -53,9 +53,10 @@ CHECKS = np.array([0.15, 0.38, 0.62, 0.85])
 class CommonCurves:
     """A arcs on a face of each network, on [0, 1], with the second solid on the left seen from outside on the first network.
 
-    `faces` (A, 2): the faces; `start`, `end` (A,): vertices, numbered as those of ends, and behind them those on no edge, `points`
-    (n, 3); `curve` (A,): the arc's number in `curves` and in `pcurves`, those on the first network and on the second; copies share
-    them. `motion` (A,): that of the second face, which the curves are moved by; `deviation` (A,): their distance from both faces.
+    `faces` (A, 2): the faces; `start`, `end` (A,): vertices, numbered as those of ends, and behind them those on no edge,
+    `points` (n, 3); `curve` (A,): the arc's number in `curves` and in `pcurves`, those on the first network and on the second;
+    copies share them. `motion` (A,): that of the second face, which the curves are moved by; `deviation` (A,): their distance
+    from both faces.
     """
 
     faces: IntArray
@@ -126,7 +127,10 @@ def trace_common_curves(first: Network, second: Network, ends: CurveEnds, n_vert
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Paths:
-    """Points of paths one after another, `points` (N, 10), path i from start[i] to start[i + 1] - 1, and both faces (P, 2) of each."""
+    """Points of paths one after another, `points` (N, 10), path i from start[i] to start[i + 1] - 1.
+
+    `face` (P, 2): both faces of each.
+    """
 
     points: Array
     start: IntArray
@@ -187,7 +191,7 @@ def _fit_paths(
 
 
 def _choose_intervals(t: Array, failing: BoolArray) -> BoolArray:
-    """The intervals (m, n - 1) between sites t (m, n) to halve: those that fail, and others that would be too long beside them."""
+    """The intervals (m, n - 1) between sites t (m, n) to halve: those that fail, and those that are too long beside them then."""
     halved, step = failing.copy(), np.diff(t, axis=1)
     while True:
         length = np.pad(np.where(halved, 0.5 * step, step), ((0, 0), (1, 1)), constant_values=np.inf)

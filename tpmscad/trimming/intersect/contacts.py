@@ -1,10 +1,10 @@
 """Coincidences of the second network with planes of the first: its vertices and edges that lie on these, resolved exactly.
 
-Lattices are often cut where their symmetry is: a plane of the body passes through corners of patches, holds sides of them, or its
-border crosses an edge. A *contact* is such a vertex of the second network on a face, an edge or a vertex of the first one, or a
-point in which edges of both cross. It is a vertex of both networks. The faces round it on both sides are sectors of their tangent
-planes there; where the line of two planes runs into the sectors of both faces, a common curve of the faces begins or ends. An edge
-that lies in a face is a common curve itself: each face beside it is inside or outside.
+Lattices are often cut where their symmetry is: a plane of the body passes through corners of patches, holds sides of them, or
+its border crosses an edge. A *contact* is such a vertex of the second network on a face, an edge or a vertex of the first one, or
+a point in which edges of both cross. It is a vertex of both networks. The faces round it are sectors of their tangent planes
+there; where the line of two planes runs into the sectors of both faces, a common curve of the faces begins or ends. An edge that
+lies in a face is a common curve itself: each face beside it is inside or outside.
 """
 
 from __future__ import annotations

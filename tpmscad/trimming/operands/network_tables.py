@@ -22,7 +22,7 @@ from tpmscad._compiled_loops import njit_cached, njit_inner
 from tpmscad._typing import Array, BoolArray, IntArray
 from tpmscad.brep.boundary_representation import Brep
 from tpmscad.brep.carriers import Carrier, Circle, ConicalSurface, Ellipse, Plane, SphericalSurface
-from tpmscad.brep.foot_surface import MAX_DEGREE, span_powers
+from tpmscad.brep.foot_surface import span_powers
 from tpmscad.brep.quadrics import MIN_POLE_STEP_ANGLE
 from tpmscad.errors import InvalidRequest
 from tpmscad.rigid_motion import Motion
@@ -398,7 +398,8 @@ def divide_uses(brep: Brep, rows: IntArray | None = None) -> UseSegments:
 
     A use has one where it is straight in (u, v), and one more for a step along a pole.
 
-    At the pole of a sphere or a spline, or the apex of a cone, a loop runs from the end of a use to another u, where the next one starts.
+    At the pole of a sphere or a spline, or the apex of a cone, a loop runs from the end of a use to another u, where the next one
+    starts.
     """
     uses = brep.uses
     is_line = np.array([is_segment(c) for c in brep.pcurves], bool)
@@ -500,10 +501,6 @@ def _divide_patches(surfaces: list[BSplineSurface], cell_size: float) -> list[_C
     """The monomials and cells of patches, those of equal degrees and spans at once."""
     groups: dict[tuple[int, int, int, int, bytes, bytes], list[int]] = {}
     for i, s in enumerate(surfaces):
-        if max(s.degree_u, s.degree_v) > MAX_DEGREE:
-            raise InvalidRequest(
-                f"a patch has degree {max(s.degree_u, s.degree_v)}: networks of degree up to {MAX_DEGREE} can be cut"
-            )
         knots = (_relative_knots(*own) for own in zip((s.knots_u, s.knots_v), s.domain, strict=True))
         key = (s.degree_u, s.degree_v, *_count_parts(s, cell_size), *(k.tobytes() for k in knots))
         groups.setdefault(key, []).append(i)  # type: ignore[arg-type]
@@ -589,8 +586,8 @@ def _divide_like_patches(surfaces: list[BSplineSurface], parts: tuple[int, int])
 def _bound_normals(coefficients: Array, parts: tuple[int, int]) -> tuple[Array, Array]:
     """Mean unit normals (n, cells, 3) of cells, and bounds (n, cells) of how far the unit normals in them differ from these.
 
-    S_u x S_v is a polynomial: its Chebyshev coefficients on each quarter of a cell, of which the first is the mean, bound how far it
-    leaves the direction of that. coefficients: of patches, (n, spans of u, of v, powers of u, of v, 3).
+    S_u x S_v is a polynomial: its Chebyshev coefficients on each quarter of a cell, of which the first is the mean, bound how far
+    it leaves the direction of that. coefficients: of patches, (n, spans of u, of v, powers of u, of v, 3).
     """
     n, nu, nv, p, q, _ = coefficients.shape
     (x, to_u), (y, to_v) = (_chebyshev_parts(2 * m, max(2 * (d - 1), 1)) for m, d in zip(parts, (p, q), strict=True))

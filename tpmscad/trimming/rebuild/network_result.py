@@ -93,9 +93,9 @@ def rebuild_parts(
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _BoundedFaces:
-    """Faces of a part: the operand's face (F,) that each lies on, its numbers of loops (F,), those of uses of the loops, and the uses.
+    """Faces of a part: the operand's face (F,) that each lies on, and its number of loops (F,).
 
-    Rows of uses (K, 3) are (edge, sense, pcurve).
+    `loop_lengths`: the uses of each loop. Rows of `uses` (K, 3) are (edge, sense, pcurve).
     """
 
     face: IntArray
@@ -199,7 +199,7 @@ def _chain_crossed(
 def _follow_single_loops(
     face: IntArray, start: IntArray, end: IntArray, points: Array
 ) -> tuple[IntArray, IntArray, IntArray]:
-    """The faces (n,) whose directed edges (m,) make one loop about an area, the edges loop by loop, and the lengths (n,) of loops.
+    """The faces (n,) whose directed edges (m,) make one loop about an area, the edges loop by loop, and the loops' lengths (n,).
 
     points (m, k, 2): along each edge.
     """
