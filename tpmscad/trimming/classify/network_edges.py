@@ -202,7 +202,8 @@ def _is_behind_nearest_face(network: Network, point: Array) -> bool:
             found = evaluate_faces(faces.patches, f[rows * 0], np.column_stack([u, v]))
             return found[:, 0], found[:, 1], found[:, 2]
 
-        u, v = project_to_surface(jet, point[None], *faces.cells.middle[[cell]].T, np.column_stack([low, high]))
+        start = faces.cells.middle[[cell]]
+        u, v = project_to_surface(jet, point[None], start[:, 0], start[:, 1], np.column_stack([low, high]).tolist())
         foot, along_u, along_v = (column[0] for column in jet(u, v, np.zeros(1, np.int64)))
         distance = float(np.linalg.norm(point - foot))
         if distance < best:

@@ -195,7 +195,7 @@ def _plane_of(brep: Brep, face: int) -> tuple[Array, Array]:
     """A point of a planar face, and its normal out of the solid."""
     carrier = brep.carriers[brep.faces.carrier[face]]
     motion = brep.faces.motion[face]
-    return motion.apply(carrier.origin), motion.apply_to_vectors(brep.faces.sense[face] * carrier.normal)  # type: ignore[union-attr]
+    return motion.apply(carrier.origin), motion.apply_to_vectors(brep.faces.sense[face] * carrier.normal)
 
 
 def _plane_parameters(brep: Brep, face: IntArray, points: Array) -> Array:
@@ -397,6 +397,7 @@ def find_edges_in_faces(
                 continue
             beside = []
             for sector in around.at_edge(e, t):
+                assert sector.start is not None
                 into = np.cross(sector.normal, sector.start)
                 rise = float(into @ outward)
                 if abs(rise) < MIN_SINE:

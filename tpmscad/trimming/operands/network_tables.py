@@ -619,11 +619,11 @@ def _bound_normals(coefficients: Array, parts: tuple[int, int]) -> tuple[Array, 
 @lru_cache(maxsize=32)
 def _chebyshev_parts(count: int, n: int) -> tuple[Array, Array]:
     """Nodes (n,) on [-1, 1], and matrices (count, n, n) from values there to Chebyshev coefficients on equal parts."""
-    x = chebyshev.chebpts1(n)
+    x = np.asarray(chebyshev.chebpts1(n), np.float64)
     local = np.linalg.inv(chebyshev.chebvander(x, n - 1))
     middle = -1.0 + (2 * np.arange(count) + 1) / count
     within = chebyshev.chebvander(middle[:, None] + x / count, n - 1) @ local
-    return x, local @ within
+    return x, np.asarray(local @ within, np.float64)
 
 
 @lru_cache(maxsize=32)
