@@ -22,6 +22,7 @@ from tpmscad.brep.free_form_surface import BodyCarrier, FreeFormSurface
 from tpmscad.brep.moments import integral_properties
 from tpmscad.errors import InvalidRequest, NotQuadric
 from tpmscad.kernel.body_import.closed_face_splitting import split_closed_faces
+from tpmscad.kernel.body_import.crease_splitting import list_whole_faces, split_at_creases
 from tpmscad.kernel.body_import.exact_faces import read_exact_body
 from tpmscad.kernel.body_import.unrolled_faces import ImportedBody, ImportedEdge, unroll_face
 from tpmscad.kernel.measure.edge_gaps import measure_accuracy, measure_edge_length
@@ -109,7 +110,8 @@ def _read_faces(shape: Any, free_form: bool, gap: float = 0.0) -> tuple[Brep, In
         _refuse_free_form(faces, size)
     at = -1
     try:
-        body = read_exact_body(faces, size, free_form)
+        parts = split_at_creases(faces, size) if free_form else list_whole_faces(faces)
+        body = read_exact_body(parts, size, free_form)
         unrolled_faces = []
         for at in range(len(body.faces)):
             unrolled_faces.append(unroll_face(body, body.faces[at]))
@@ -117,14 +119,15 @@ def _read_faces(shape: Any, free_form: bool, gap: float = 0.0) -> tuple[Brep, In
         body = split_closed_faces(replace(body, faces=tuple(unrolled_faces)))
         brep = _assemble(body)
     except UnsupportedFace as error:
+        of = parts[body.faces[at].source_face].source if at >= 0 else -1
         raise NotQuadric(
-            f"{_describe_face(faces, at)} {error}: it needs the Boolean operations of the kernel",
-            (at,) if at >= 0 else (),
+            f"{_describe_face(faces, of)} {error}: it needs the Boolean operations of the kernel",
+            (of,) if of >= 0 else (),
         ) from None
-    source = np.array([face.source_face for face in body.faces])
+    part_of = np.array([face.source_face for face in body.faces])
     strips = gap * measure_edge_length(unwrap(shape)) if gap > CONFUSION_TOLERANCE else 0.0
-    _check_closed_and_volume(brep, source, faces, size, strips, gap, body.move)
-    return brep, source, body
+    _check_closed_and_volume(brep, part_of, [part.face for part in parts], size, strips, gap, body.move)
+    return brep, np.array([part.source for part in parts])[part_of], body
 
 
 def _refuse_free_form(faces: list[TopoDS_Face], size: float) -> None:

@@ -9,14 +9,13 @@ from dataclasses import dataclass, replace
 import numpy as np
 from OCP.BRep import BRep_Tool
 from OCP.BRepAdaptor import BRepAdaptor_Curve
-from OCP.BRepTools import BRepTools_WireExplorer
 from OCP.GeomAbs import (
     GeomAbs_BSplineCurve,
     GeomAbs_Circle,
     GeomAbs_Ellipse,
     GeomAbs_Line,
 )
-from OCP.TopAbs import TopAbs_EDGE, TopAbs_FORWARD, TopAbs_WIRE
+from OCP.TopAbs import TopAbs_FORWARD
 from OCP.TopoDS import TopoDS_Edge, TopoDS_Face
 
 from tpmscad._typing import Array
@@ -26,6 +25,7 @@ from tpmscad.brep.foot_surface import find_point_sides
 from tpmscad.brep.free_form_surface import BodyCarrier, FreeFormSurface
 from tpmscad.brep.orthogonal_projection import project_to_curve
 from tpmscad.brep.surface_correction import correct_surface
+from tpmscad.kernel.body_import.crease_splitting import WiredFace
 from tpmscad.kernel.body_import.free_form_carriers import convert_curve, convert_free_form
 from tpmscad.kernel.body_import.gap_closing import (
     MAX_GAP_REL,
@@ -37,7 +37,7 @@ from tpmscad.kernel.body_import.gap_closing import (
 from tpmscad.kernel.body_import.unrolled_faces import ImportedBody, ImportedEdge, ImportedFace, ImportedUse
 from tpmscad.kernel.occt import convert
 from tpmscad.kernel.occt.convert import axis_frame
-from tpmscad.kernel.occt.exploration import ShapeKey, first_vertex, last_vertex, list_subshapes, orientation_sign
+from tpmscad.kernel.occt.exploration import ShapeKey, first_vertex, last_vertex, orientation_sign
 from tpmscad.kernel.recognise.edge_curves import (
     POLE_REL_TOL,
     REFIT_SAMPLES,
@@ -58,24 +58,26 @@ CONTINUATION_REL = 0.02
 beyond an edge of the body by a few steps of its marching grid."""
 
 
-def read_exact_body(faces: Sequence[TopoDS_Face], size: float, free_form: bool = False) -> ImportedBody:
-    """Body of the faces, which are oriented outwards; `size` sets the tolerances.
+def read_exact_body(parts: Sequence[WiredFace], size: float, free_form: bool = False) -> ImportedBody:
+    """Body of faces without creases, which are oriented outwards; `size` sets the tolerances.
 
     Faces that are neither planes nor quadrics are taken, and gaps between faces closed, if `free_form` is set. Raises
     UnsupportedFace if a face or an edge cannot be represented exactly.
     """
-    carriers = [_read_carrier(face, size, free_form) for face in faces]
+    carriers = [_read_carrier(part.face, size, free_form) for part in parts]
     edge_of: dict[ShapeKey, int] = {}
     vertex_of: dict[ShapeKey, int] = {}
     shapes: list[TopoDS_Edge] = []
     ends: list[tuple[int, int]] = []
     faces_of_edge: list[list[int]] = []
     loops_of = []
-    for i, face in enumerate(faces):
+    for i, part in enumerate(parts):
         loops = []
-        for wire in _wire_edges(face):
+        for wire in part.loops:
             loop = []
             for edge in wire:
+                if BRep_Tool.Degenerated_s(edge):
+                    continue
                 key = ShapeKey(edge)
                 if key not in edge_of:
                     edge_of[key] = len(shapes)
@@ -89,7 +91,8 @@ def read_exact_body(faces: Sequence[TopoDS_Face], size: float, free_form: bool =
                 if i not in faces_of_edge[e]:
                     faces_of_edge[e].append(i)
                 loop.append(ImportedUse(e, orientation_sign(edge)))
-            loops.append(tuple(loop))
+            if loop:
+                loops.append(tuple(loop))
         loops_of.append(loops)
     faces_of_vertex: list[set[int]] = [set() for _ in vertex_of]
     for e, (start, end) in enumerate(ends):
@@ -116,12 +119,12 @@ def read_exact_body(faces: Sequence[TopoDS_Face], size: float, free_form: bool =
                 )
     edges = [ImportedEdge(*curve, a, b) for curve, (a, b) in zip(curves, ends, strict=True)]
     result = []
-    for i, (face, carrier, loops) in enumerate(zip(faces, carriers, loops_of, strict=True)):
-        _, point, normal, _ = evaluate_mid_face(face)
+    for i, (part, carrier, loops) in enumerate(zip(parts, carriers, loops_of, strict=True)):
+        _, point, normal, _ = evaluate_mid_face(part.face)
         gradient_sense = 1 if normal @ carrier.gradient(point) > 0 else -1
         if gradient_sense < 0:
             loops = [tuple(ImportedUse(u.edge, -u.sense) for u in reversed(loop)) for loop in loops]
-        outward = gradient_sense * orientation_sign(face)
+        outward = gradient_sense * orientation_sign(part.face)
         result.append(ImportedFace(carrier, outward, tuple(loops), i))
     return ImportedBody(tuple(vertices), tuple(edges), tuple(result), size, move)
 
@@ -268,24 +271,6 @@ def _read_carrier(face: TopoDS_Face, size: float, free_form: bool) -> BodyCarrie
         # the poles lie across v then, as those of a sphere
         carrier = replace(carrier, spline=carrier.spline.turned(1), closed=carrier.closed[::-1])
     return carrier
-
-
-def _wire_edges(face: TopoDS_Face) -> list[list[TopoDS_Edge]]:
-    """Edges of the face loop by loop, counter-clockwise about S_u x S_v of OCCT, without degenerate edges."""
-    forward = convert.as_face(face.Oriented(TopAbs_FORWARD))
-    loops = []
-    for shape in list_subshapes(forward, TopAbs_WIRE):
-        wire = convert.as_wire(shape)
-        walk, loop = BRepTools_WireExplorer(wire, forward), []
-        while walk.More():
-            loop.append(walk.Current())
-            walk.Next()
-        if len(loop) != len(list_subshapes(wire, TopAbs_EDGE)):
-            raise UnsupportedFace("has a wire whose edges are not connected in order")
-        loop = [edge for edge in loop if not BRep_Tool.Degenerated_s(edge)]
-        if loop:
-            loops.append(loop)
-    return loops
 
 
 def _exact_vertex(point: Array, carriers: Sequence[BodyCarrier], size: float) -> Array:
