@@ -204,7 +204,7 @@ def _compute_domains(block: LatticeBlock, body: CadBody) -> dict[str, DomainSoli
 
 def _trim_domains(block: LatticeBlock, body: CadBody) -> dict[str, DomainSolids]:
     """The three domains rebuilt from one arrangement of the patches and the body."""
-    read, patches = read_trimming_body(body), block.patches
+    read, patches = read_trimming_body(body, block.measures.tol), block.patches
     with numerical_failures():
         return _trim_domains_by(read, patches, block, body)
 

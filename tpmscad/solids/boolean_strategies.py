@@ -139,7 +139,7 @@ def trim_on_parameters(block: LatticeBlock, body: CadBody, operation: Operation 
 
     InvalidRequest or TrimmingError if that is impossible, KernelError if the volume of the result is wrong.
     """
-    read = read_trimming_body(body)
+    read = read_trimming_body(body, block.measures.tol)
     with numerical_failures():
         result = (_combine_by_networks if read.free_form else _trim_by_brep)(block, body, read, operation)
     volume = 0.0 if result.brep is None else float(result.built.nesting.volume.sum())
@@ -152,13 +152,16 @@ def _orient(patches: Brep, operation: Operation) -> Brep:
     return patches if operation == "intersection" else reverse_faces(patches)
 
 
-def read_trimming_body(body: CadBody) -> FreeFormBody:
-    """The body as `trimming` takes it, with free-form faces if it has some; NotQuadric if that is impossible."""
+def read_trimming_body(body: CadBody, tol: float | None = None) -> FreeFormBody:
+    """The body as `trimming` takes it, with free-form faces if it has some; NotQuadric if that is impossible.
+
+    tol: the tolerance of what it is cut with, of which its edges may be off its faces by a hundredth.
+    """
     try:
         return FreeFormBody(brep_from_shape(body.shape, body.face_labels), {})
     except NotQuadric:
         with numerical_failures():
-            return read_free_form_body(body.shape, body.face_labels)
+            return read_free_form_body(body.shape, body.face_labels, body.accuracy, tol)
 
 
 @contextmanager

@@ -12,6 +12,8 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
+from OCP.BRep import BRep_Tool
+from OCP.TopAbs import TopAbs_EDGE
 from OCP.TopoDS import TopoDS_Face
 
 from tpmscad._typing import Array, IntArray
@@ -23,7 +25,8 @@ from tpmscad.brep.moments import integral_properties
 from tpmscad.errors import InvalidRequest, NotQuadric
 from tpmscad.kernel.body_import.closed_face_splitting import split_closed_faces
 from tpmscad.kernel.body_import.crease_splitting import list_whole_faces, split_at_creases
-from tpmscad.kernel.body_import.exact_faces import read_exact_body
+from tpmscad.kernel.body_import.exact_faces import EXACT, MAX_LEFT_REL, read_exact_body
+from tpmscad.kernel.body_import.gap_closing import MAX_GAP_REL, Allowance
 from tpmscad.kernel.body_import.unrolled_faces import ImportedBody, ImportedEdge, unroll_face
 from tpmscad.kernel.measure.edge_gaps import measure_accuracy, measure_edge_length
 from tpmscad.kernel.measure.mass_properties import face_moments
@@ -59,26 +62,62 @@ def brep_from_shape(shape: Any, tags: Sequence[str] = ()) -> Brep:
 class FreeFormBody:
     """The boundary representation of a body, and the distances of its spline carriers, by their numbers.
 
-    `notes`: what was done to close gaps between its faces, in words.
+    `notes`: what was done to close gaps between its faces, in words. `carried`: the largest tolerance of an edge that is off its
+    faces, model units; 0 if all lie on them within round-off.
     """
 
     brep: Brep
     free_form: Mapping[int, FreeFormSurface]
     notes: tuple[str, ...] = ()
+    carried: float = 0.0
 
 
-def read_free_form_body(shape: Any, tags: Sequence[str] = ()) -> FreeFormBody:
-    """As `brep_from_shape`, with faces on splines as well, and gaps between faces closed.
+TOL_PER_CARRIED = 100.0
+"""The tolerance of a lattice, in units of what an edge of the body may be off its faces."""
 
-    Planes and quadrics stay; splines are moved so that their edges are on them (`gap_closing`). Raises NotQuadric if a spline is
-    not within 1e-10 of the body's size, has a crease or poles along both parameters, or if a gap cannot be closed.
+
+def read_free_form_body(
+    shape: Any, tags: Sequence[str] = (), accuracy: float | None = None, tol: float | None = None
+) -> FreeFormBody:
+    """As `brep_from_shape`, with faces on splines as well, split at creases, and gaps between faces closed.
+
+    Planes and quadrics stay; splines are moved so that their edges are on them (`gap_closing`). What is left of a gap is carried
+    by the edge as its tolerance, within the file's accuracy, which is the larger of the one that it states, `accuracy`, and the
+    tolerances of its edges, and within a hundredth of `tol`, the tolerance of what cuts the body. Raises NotQuadric if a spline
+    is not within 1e-10 of the body's size, has poles along both parameters, or if more is left of a gap.
     """
     gap = measure_accuracy([unwrap(shape)])
-    brep, source, body = _read_faces(shape, True, gap)
+    allowance = _find_allowance(unwrap(shape), accuracy, tol)
+    brep, source, body = _read_faces(shape, True, gap, allowance)
     carriers = [face.carrier for face in body.faces]
     brep = replace(brep, faces=replace(brep.faces, tag=source), tags=tuple(tags)) if tags else brep
     forms = {i: c for i, c in enumerate(carriers) if isinstance(c, FreeFormSurface)}
-    return FreeFormBody(brep, forms, _describe_gaps(body, gap))
+    carried, asked = float(brep.edges.deviation.max(initial=0.0)), max(CONFUSION_TOLERANCE, MAX_LEFT_REL * body.size)
+    notes = _describe_gaps(body, gap)
+    if carried <= asked:
+        return FreeFormBody(brep, forms, notes)
+    if tol is not None and carried > tol / TOL_PER_CARRIED:
+        raise NotQuadric(
+            f"edges of the body are up to {carried:.2g} off its faces, more than a hundredth of tol, "
+            f"{tol / TOL_PER_CARRIED:.2g}: give a tol of {TOL_PER_CARRIED * carried:.2g}, or repair the body in the CAD system",
+            (),
+        )
+    told = f"edges of the body meet its faces within {carried:.2g}, asked {asked:.2g}; they carry it as their tolerance"
+    return FreeFormBody(brep, forms, (*notes, told), carried)
+
+
+def _find_allowance(shape: Any, accuracy: float | None, tol: float | None) -> Allowance:
+    """What edges of a shape may be off its faces."""
+    limits = [
+        (
+            max(float(BRep_Tool.MaxTolerance_s(shape, TopAbs_EDGE)), accuracy or 0.0),
+            "the file's own accuracy; repair it",
+        ),
+        (MAX_GAP_REL * box_diagonal(shape), f"{MAX_GAP_REL:g} of the body's size; repair it"),
+    ]
+    if tol is not None:
+        limits.append((tol / TOL_PER_CARRIED, f"a hundredth of tol, {tol:.3g}; give a greater one, or repair the body"))
+    return Allowance(*min(limits))
 
 
 def _describe_gaps(body: ImportedBody, gap: float) -> tuple[str, ...]:
@@ -97,10 +136,12 @@ def brep_and_source_faces(shape: Any) -> tuple[Brep, IntArray]:
     return _read_faces(shape, False)[:2]
 
 
-def _read_faces(shape: Any, free_form: bool, gap: float = 0.0) -> tuple[Brep, IntArray, ImportedBody]:
+def _read_faces(
+    shape: Any, free_form: bool, gap: float = 0.0, allowance: Allowance = EXACT
+) -> tuple[Brep, IntArray, ImportedBody]:
     """The boundary representation, the source of each of its faces, and the body from which it was assembled.
 
-    `gap`: distance of the kernel's edges from its surfaces.
+    `gap`: distance of the kernel's edges from its surfaces. `allowance`: what edges may be off faces in the result.
     """
     faces = [face for solid in solids_of(shape) for face in faces_of(solid)]
     if not faces:
@@ -111,13 +152,13 @@ def _read_faces(shape: Any, free_form: bool, gap: float = 0.0) -> tuple[Brep, In
     at = -1
     try:
         parts = split_at_creases(faces, size) if free_form else list_whole_faces(faces)
-        body = read_exact_body(parts, size, free_form)
+        body = read_exact_body(parts, size, free_form, allowance)
         unrolled_faces = []
         for at in range(len(body.faces)):
             unrolled_faces.append(unroll_face(body, body.faces[at]))
         at = -1
         body = split_closed_faces(replace(body, faces=tuple(unrolled_faces)))
-        brep = _assemble(body)
+        brep = _assemble(body, allowance.length)
     except UnsupportedFace as error:
         of = parts[body.faces[at].source_face].source if at >= 0 else -1
         raise NotQuadric(
@@ -151,8 +192,11 @@ def _describe_face(faces: list[TopoDS_Face], index: int) -> str:
     return f"face {index} (about {x:.4g}, {y:.4g}, {z:.4g})"
 
 
-def _assemble(body: ImportedBody) -> Brep:
-    """Boundary representation of a body without seams, with the measured deviation of every edge."""
+def _assemble(body: ImportedBody, allowed: float) -> Brep:
+    """Boundary representation of a body without seams, with the measured deviation of every edge.
+
+    Pcurves that follow no edge within round-off follow it within `allowed`.
+    """
     curves: list[EdgeCurve] = []
     pcurves: list[BSplineCurve] = []
     index: dict[int, int] = {}
@@ -170,7 +214,9 @@ def _assemble(body: ImportedBody) -> Brep:
                     assert use.mid_parameters is not None
                     number = len(pcurves)
                     tol = _pcurve_tolerance(face.carrier, edge, body.size)
-                    pcurves.append(fit_pcurve(face.carrier, edge.curve, edge.span, use.mid_parameters, body.size, tol))
+                    pcurves.append(
+                        fit_pcurve(face.carrier, edge.curve, edge.span, use.mid_parameters, body.size, tol, allowed)
+                    )
                 rows.append((use.edge, use.sense, number))
                 off = _edge_deviation(body, face.carrier, use.edge, pcurves[number] if number >= 0 else None)
                 deviation[use.edge] = max(deviation[use.edge], off)

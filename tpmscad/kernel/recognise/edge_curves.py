@@ -57,6 +57,10 @@ POLE_REL_TOL = 1e-7
 free-form surface."""
 
 
+WIDER_FIT = 4.0
+"""Ratio of the tolerances that are tried one after another for a pcurve of an edge that is off its face."""
+
+
 class UnsupportedFace(Exception):
     """The reason, in words, why a face or one of its edges cannot be represented exactly on a plane or quadric."""
 
@@ -146,8 +150,12 @@ def fit_pcurve(
     near: Array,
     size: float,
     tol: float,
+    most: float = 0.0,
 ) -> BSplineCurve:
-    """Pcurve on the carrier, within `tol` of the curve; a line wherever (u, v) is affine in the parameter."""
+    """Pcurve on the carrier, within `tol` of the curve; a line wherever (u, v) is affine in the parameter.
+
+    Where no spline is within `tol`, one within up to `most` is taken. UnsupportedFace if there is none either.
+    """
     t = np.linspace(*span, EDGE_SAMPLES)
     uv = follow_parameters(carrier, curve, span, near, None, size)
     slope = (uv[-2] - uv[1]) / (t[-2] - t[1])
@@ -167,11 +175,13 @@ def fit_pcurve(
     def error(fit: BSplineCurve, checks: Array) -> Array:
         return np.asarray(np.linalg.norm(carrier(*fit(checks).T) - curve(checks), axis=1))
 
-    return _require_fit(
-        fit_adaptively(
+    while True:
+        fit = fit_adaptively(
             lambda s: follow_parameters(carrier, curve, span, near, s, size), np.union1d(span, inner), error, tol
         )
-    )
+        if fit is not None or tol >= most:
+            return _require_fit(fit)
+        tol = min(WIDER_FIT * tol, most)
 
 
 def _require_fit(fit: BSplineCurve | None) -> BSplineCurve:
