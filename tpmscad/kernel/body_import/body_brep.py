@@ -92,10 +92,10 @@ def read_free_form_body(
     carriers = [face.carrier for face in body.faces]
     brep = replace(brep, faces=replace(brep.faces, tag=source), tags=tuple(tags)) if tags else brep
     forms = {i: c for i, c in enumerate(carriers) if isinstance(c, FreeFormSurface)}
-    carried, asked = float(brep.edges.deviation.max(initial=0.0)), max(CONFUSION_TOLERANCE, MAX_LEFT_REL * body.size)
     notes = _describe_gaps(body, gap)
-    if carried <= asked:
+    if has_tight_edges(brep):
         return FreeFormBody(brep, forms, notes)
+    carried, asked = float(brep.edges.deviation.max()), _find_tight_deviation(brep)
     if tol is not None and carried > tol / TOL_PER_CARRIED:
         raise NotQuadric(
             f"edges of the body are up to {carried:.2g} off its faces, more than a hundredth of tol, "
@@ -104,6 +104,16 @@ def read_free_form_body(
         )
     told = f"edges of the body meet its faces within {carried:.2g}, asked {asked:.2g}; they carry it as their tolerance"
     return FreeFormBody(brep, forms, (*notes, told), carried)
+
+
+def has_tight_edges(brep: Brep) -> bool:
+    """Whether all edges lie on their faces within round-off, so that none carries a tolerance of its own."""
+    return bool(brep.edges.deviation.max(initial=0.0) <= _find_tight_deviation(brep))
+
+
+def _find_tight_deviation(brep: Brep) -> float:
+    size = float(np.linalg.norm(np.ptp(brep.vertices, axis=0)))
+    return max(CONFUSION_TOLERANCE, MAX_LEFT_REL * size)
 
 
 def _find_allowance(shape: Any, accuracy: float | None, tol: float | None) -> Allowance:
@@ -192,6 +202,11 @@ def _describe_face(faces: list[TopoDS_Face], index: int) -> str:
     return f"face {index} (about {x:.4g}, {y:.4g}, {z:.4g})"
 
 
+CARRIED_MARGIN = 1.5
+"""Factor on the measured deviation of an edge that is off its faces by more than the kernel's least tolerance: the kernel measures
+at other places, and rejects the faces of an edge that it finds farther off than its tolerance."""
+
+
 def _assemble(body: ImportedBody, allowed: float) -> Brep:
     """Boundary representation of a body without seams, with the measured deviation of every edge.
 
@@ -219,6 +234,7 @@ def _assemble(body: ImportedBody, allowed: float) -> Brep:
                     )
                 rows.append((use.edge, use.sense, number))
                 off = _edge_deviation(body, face.carrier, use.edge, pcurves[number] if number >= 0 else None)
+                off *= CARRIED_MARGIN if off > CONFUSION_TOLERANCE else 1.0
                 deviation[use.edge] = max(deviation[use.edge], off)
             use_start.append(len(rows))
         loop_start.append(len(use_start) - 1)
