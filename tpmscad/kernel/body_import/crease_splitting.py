@@ -44,10 +44,7 @@ Loop = list[TopoDS_Edge]
 
 @dataclass(frozen=True, slots=True, eq=False)
 class WiredFace:
-    """A face of the kernel, or a part of one, with its loops, and the number of the face in the body.
-
-    The edges of the loops are those of the split body; those of `face` may still be whole.
-    """
+    """A face of the kernel, or a part of one, with its loops, and the number of the face in the body."""
 
     face: TopoDS_Face
     loops: list[Loop]
@@ -227,8 +224,10 @@ def _split_edges(body: list[WiredFace], crossings: Sequence[_Crossing], size: fl
     if not pieces:
         return
     for i, wired in enumerate(body):
-        loops = [[part for use in loop for part in _expand(use, pieces)] for loop in wired.loops]
-        body[i] = WiredFace(wired.face, loops, wired.source)
+        if any(ShapeKey(use) in pieces for loop in wired.loops for use in loop):
+            loops = [[part for use in loop for part in _expand(use, pieces)] for loop in wired.loops]
+            face = convert.as_face(wired.face.Oriented(TopAbs_FORWARD).EmptyCopied())
+            body[i] = WiredFace(_add_wires(face, loops, wired.face), loops, wired.source)
 
 
 def _expand(use: TopoDS_Edge, pieces: dict[ShapeKey, list[TopoDS_Edge]]) -> list[TopoDS_Edge]:
@@ -334,11 +333,17 @@ def _make_part(sheet: _Sheet, loops: list[Loop], whole: WiredFace) -> TopoDS_Fac
         elif not any(other.IsSame(use) for other in uses[:i]):
             first, second = (sheet.curve(convert.as_edge(use.Oriented(w))) for w in (TopAbs_FORWARD, TopAbs_REVERSED))
             builder.UpdateEdge(use, first, second, part, CONFUSION_TOLERANCE)
+    return _add_wires(part, loops, whole.face)
+
+
+def _add_wires(face: TopoDS_Face, loops: list[Loop], whole: TopoDS_Face) -> TopoDS_Face:
+    """A face, forward and without edges, with loops and the orientation of another one."""
+    builder = BRep_Builder()
     for loop in loops:
         wire = TopoDS_Wire()
         builder.MakeWire(wire)
         for use in loop:
             builder.Add(wire, use)
         wire.Closed(True)
-        builder.Add(part, wire)
-    return convert.as_face(part.Oriented(whole.face.Orientation()))
+        builder.Add(face, wire)
+    return convert.as_face(face.Oriented(whole.Orientation()))

@@ -20,7 +20,7 @@ from typing import Any
 
 import numpy as np
 from OCP.BRep import BRep_Tool
-from OCP.BRepAdaptor import BRepAdaptor_Curve
+from OCP.BRepAdaptor import BRepAdaptor_Curve, BRepAdaptor_Surface
 from OCP.BRepTools import BRepTools
 from OCP.Geom import (
     Geom_BezierCurve,
@@ -154,9 +154,8 @@ def find_creases(face: TopoDS_Face, size: float) -> CreasedSurface | None:
     surface, face_box = _surface_of(face)
     if isinstance(surface, Geom_ElementarySurface):
         return None
-    adaptor = GeomAdaptor_Surface(surface, *face_box.ravel().tolist())
     is_closed = surface.IsUClosed() or surface.IsVClosed()  # there may be a crease at the seam
-    if adaptor.NbUIntervals(GeomAbs_C1) == adaptor.NbVIntervals(GeomAbs_C1) == 1 and not is_closed:
+    if is_c1(face) and not is_closed:
         return None
     spline, error, _ = _convert_box(surface, _widen(surface, face_box, REACH, BEYOND_REL * size), EXACT_REL_TOL * size)
     creases = _list_creases(spline)
@@ -166,6 +165,12 @@ def find_creases(face: TopoDS_Face, size: float) -> CreasedSurface | None:
     if error > EXACT_REL_TOL * size:
         raise UnsupportedFace(f"is free-form, and its spline is {error:.2g} off")
     return CreasedSurface(spline, creases, inside)
+
+
+def is_c1(face: TopoDS_Face) -> bool:
+    """Whether the derivatives of a face's surface are continuous within the box of the face."""
+    adaptor = BRepAdaptor_Surface(face, True)
+    return bool(adaptor.NbUIntervals(GeomAbs_C1) == adaptor.NbVIntervals(GeomAbs_C1) == 1)
 
 
 def _surface_of(face: TopoDS_Face) -> tuple[Geom_Surface, Array]:
