@@ -17,6 +17,7 @@ import numpy as np
 from tpmscad._typing import Array, IntArray
 from tpmscad.brep.boundary_representation import Brep
 from tpmscad.brep.carriers import Carrier, Plane
+from tpmscad.brep.foot_surface import find_point_sides
 from tpmscad.brep.moments.legendre_series import integrate_pcurves_single_span, is_single_span
 from tpmscad.brep.moments.loop_integrals import N_MOMENTS, composite_curve_rule, integrate_pcurves
 from tpmscad.brep.moments.tensor_gauss import whole_moments
@@ -78,10 +79,13 @@ def integrate_faces(brep: Brep) -> FaceMoments:
 
 
 def _start_axis(carrier: Carrier) -> int:
-    """The parameter, u or v (0 or 1), along which moments on a surface are integrated first: of a spline that of fewer spans."""
-    return int(
-        isinstance(carrier, BSplineSurface) and len(np.unique(carrier.knots_u)) > len(np.unique(carrier.knots_v))
-    )
+    """The parameter, u or v (0 or 1), along which moments on a surface are integrated first: of a spline that of fewer spans.
+
+    On a spline with poles it is u: loops have steps along v = const at a pole, which are no half-edges.
+    """
+    if not isinstance(carrier, BSplineSurface) or len(np.unique(carrier.knots_u)) <= len(np.unique(carrier.knots_v)):
+        return 0
+    return int(not find_point_sides(carrier).any())
 
 
 def _find_starts(brep: Brep, curved: IntArray) -> Array:
