@@ -203,13 +203,18 @@ def _describe_face(faces: list[TopoDS_Face], index: int) -> str:
     return f"face {index} (about {x:.4g}, {y:.4g}, {z:.4g})"
 
 
+def _widen_carried(off: float) -> float:
+    """The tolerance of an edge that is off its faces or vertices by a distance."""
+    return off * (CARRIED_MARGIN if off > CONFUSION_TOLERANCE else 1.0)
+
+
 CARRIED_MARGIN = 1.5
 """Factor on the measured deviation of an edge that is off its faces by more than the kernel's least tolerance: the kernel, which
 measures at other places, rejects faces with an edge that it finds farther off than its tolerance."""
 
 
 def _assemble(body: ImportedBody, allowed: float) -> Brep:
-    """Boundary representation of a body without seams, with the measured deviation of every edge.
+    """Boundary representation of a body without seams, with the measured deviation of every edge from its faces and vertices.
 
     Pcurves that follow no edge within round-off follow it within `allowed`.
     """
@@ -220,7 +225,8 @@ def _assemble(body: ImportedBody, allowed: float) -> Brep:
         if id(edge.curve) not in index:
             index[id(edge.curve)] = len(curves)
             curves.append(edge.curve)
-    deviation = np.zeros(len(body.edges))
+    ends = [np.stack([body.vertices[e.start], body.vertices[e.end]]) - e.curve(np.array(e.span)) for e in body.edges]
+    deviation = np.array([_widen_carried(float(np.linalg.norm(miss, axis=1).max())) for miss in ends])
     rows, use_start, loop_start = [], [0], [0]
     for face in body.faces:
         for loop in face.loops:
@@ -235,8 +241,7 @@ def _assemble(body: ImportedBody, allowed: float) -> Brep:
                     )
                 rows.append((use.edge, use.sense, number))
                 off = _edge_deviation(body, face.carrier, use.edge, pcurves[number] if number >= 0 else None)
-                off *= CARRIED_MARGIN if off > CONFUSION_TOLERANCE else 1.0
-                deviation[use.edge] = max(deviation[use.edge], off)
+                deviation[use.edge] = max(deviation[use.edge], _widen_carried(off))
             use_start.append(len(rows))
         loop_start.append(len(use_start) - 1)
     edges, n = body.edges, len(body.faces)
