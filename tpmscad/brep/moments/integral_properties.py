@@ -57,7 +57,7 @@ def integrate_faces(brep: Brep) -> FaceMoments:
             pieces = [(brep.pcurves[int(p)], (low, high)) for _, p, low, high, _ in keys[start:stop].tolist()]
             if isinstance(surface, BSplineSurface) and is_single_span(surface):
                 table[start:stop] = integrate_pcurves_single_span(surface, pieces)
-            elif _start_axis(surface):
+            elif isinstance(surface, BSplineSurface) and _start_axis(surface):
                 pieces = [(BSplineCurve(c.poles[:, ::-1], c.knots, c.degree), along) for c, along in pieces]
                 turned = integrate_pcurves(turn_surface(surface, swap=True), pieces, keys[start:stop, 4])
                 # loops run the other way round, and so does the normal

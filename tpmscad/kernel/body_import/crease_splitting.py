@@ -132,7 +132,7 @@ class _Sheet:
         spline = self.creased.spline
         ends = np.array(spline.domain)
         inside = np.clip(uv, ends[:, 0], ends[:, 1])
-        slope = np.linalg.norm(spline(*inside.T, int(axis == 0), int(axis == 1)), axis=1)
+        slope = np.linalg.norm(spline(inside[:, 0], inside[:, 1], int(axis == 0), int(axis == 1)), axis=1)
         apart = np.abs(uv[:, axis] - at)
         return (apart * slope <= tol) & (apart <= 0.1 * np.ptp(ends[axis])) | (
             apart <= SAME_PARAMETER * np.ptp(ends[axis])
@@ -266,7 +266,7 @@ def _cut_loops(sheet: _Sheet, loops: list[Loop], axis: int, at: float) -> list[l
 
 def _chain(sheet: _Sheet, uses: list[TopoDS_Edge]) -> list[list[Loop]]:
     """The loops of each face that half-edges bound, which lies to their left."""
-    ends = [(ShapeKey(first_vertex(use)), ShapeKey(last_vertex(use)))[:: orientation_sign(use)] for use in uses]
+    ends = [_list_ends(use) for use in uses]
     tips = [sheet.trace(use)[1][[0, -1]][:: orientation_sign(use)] for use in uses]
     span = np.ptp(np.array(sheet.creased.spline.domain), axis=1)
 
@@ -275,6 +275,12 @@ def _chain(sheet: _Sheet, uses: list[TopoDS_Edge]) -> list[list[Loop]]:
 
     loops = [[uses[i] for i in loop] for loop in chain_loops(ends, gap)]
     return [[loops[i] for i in of] for of in nest_loops([sheet.polygon(loop) for loop in loops])]
+
+
+def _list_ends(use: TopoDS_Edge) -> tuple[ShapeKey, ShapeKey]:
+    """The vertices at the start and the end of a half-edge."""
+    start, end = ShapeKey(first_vertex(use)), ShapeKey(last_vertex(use))
+    return (start, end) if orientation_sign(use) > 0 else (end, start)
 
 
 def _make_crease_edges(

@@ -164,7 +164,7 @@ def find_creases(face: TopoDS_Face, size: float) -> CreasedSurface | None:
         return None
     if error > EXACT_REL_TOL * size:
         raise UnsupportedFace(f"is free-form, and its spline is {error:.2g} off")
-    return CreasedSurface(spline, creases, inside)
+    return CreasedSurface(spline, creases, (inside[0], inside[1]))
 
 
 def is_c1(face: TopoDS_Face) -> bool:
