@@ -15,9 +15,11 @@ from OCP.BRepTools import BRepTools
 from benchmarks.foot_points import FACES, kernel_distances, points_beside, side_faces
 from tpmscad._typing import Array
 from tpmscad.brep.foot_surface import prepare_foot_surface
+from tpmscad.brep.free_form_surface import FreeFormSurface
 from tpmscad.kernel.body_import.free_form_carriers import ConvertedSurface, convert_free_form
 from tpmscad.kernel.occt.bounding_boxes import box_diagonal
-from tpmscad.kernel.recognise.edge_curves import UnsupportedFace
+from tpmscad.kernel.recognise.edge_curves import UnsupportedFace, fit_pcurve
+from tpmscad.splines.bspline import BSplineSurface, line_segment
 
 pytestmark = pytest.mark.kernel
 
@@ -138,3 +140,16 @@ def test_planes_quadrics_and_creases_are_refused() -> None:
     face = BRepBuilderAPI_MakeFace(surface, *surface.Bounds()[:2], 0.0, 3.0, 1e-7).Face()
     with pytest.raises(UnsupportedFace, match="crease at u"):
         convert_free_form(face, 4.0)
+
+
+def test_a_pcurve_has_the_knots_of_the_surface_that_it_crosses() -> None:
+    """A plane whose parameter u changes its speed from 2 to 6: the pcurve of a line has a kink there, and two spans."""
+    x, knots = np.array([0.0, 1, 2, 5, 8]), np.array([0.0, 0, 0, 1, 1, 2, 2, 2])
+    poles = np.stack([np.stack([x, np.full(5, y), np.zeros(5)], axis=1) for y in (0.0, 1.0)], axis=1)
+    surface = FreeFormSurface(BSplineSurface(poles, knots, np.array([0.0, 0, 1, 1]), 2, 1))
+    line = line_segment(np.array([0.5, 0.1, 0]), np.array([7, 0.9, 0]), (0.0, 1.0))
+    found = fit_pcurve(surface, line, (0.0, 1.0), np.array([1.2, 0.5]), 8.0, 1e-9)
+    t = np.linspace(0, 1, 500)
+    np.testing.assert_allclose(surface(*found(t).T), line(t), atol=2e-9)
+    assert (np.abs(np.unique(found.knots)[:, None] - [1.5 / 6.5]).min(axis=0) < 1e-9).all()
+    assert len(np.unique(found.knots)) < 8

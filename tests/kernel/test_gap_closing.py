@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import re
+from dataclasses import replace
+from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
@@ -10,27 +13,31 @@ import pytest
 pytest.importorskip("OCP")
 
 import build123d as bd
+from OCP.BRep import BRep_Tool
 from OCP.BRepAdaptor import BRepAdaptor_Curve
+from OCP.TopAbs import TopAbs_EDGE
 from scipy.interpolate import make_interp_spline
 
 from benchmarks.made_gaps import BODIES, spoil
-from tests.shapes.misfits import volume
+from tests.shapes.misfits import misfit, volume
 from tests.trimming.conftest import Cover, cover
 from tests.trimming.network_operands import trim
 from tpmscad.brep import connectivity
-from tpmscad.brep.boundary_representation import reverse_faces
-from tpmscad.brep.carriers import Circle
+from tpmscad.brep.boundary_representation import reverse_faces, translate_brep
+from tpmscad.brep.carriers import Circle, CylindricalSurface
 from tpmscad.brep.free_form_surface import FreeFormSurface
 from tpmscad.brep.moments import integral_properties
 from tpmscad.errors import NotQuadric
 from tpmscad.kernel.body_import import body_brep
 from tpmscad.kernel.body_import.body_brep import brep_from_shape, read_free_form_body
 from tpmscad.kernel.body_import.unrolled_faces import ImportedEdge
-from tpmscad.kernel.build.solids import build_solids
+from tpmscad.kernel.build.solids import BrepSolids, build_solids
 from tpmscad.kernel.measure.mass_properties import face_moments
 from tpmscad.kernel.measure.validity import is_brep_valid
+from tpmscad.kernel.step.brep_writer import write_step
 from tpmscad.splines.bspline import BSplineCurve, BSplineSurface, is_segment
 from tpmscad.splines.knots import bezier_knots
+from tpmscad.trimming.network_boolean import combine_networks
 
 pytestmark = pytest.mark.kernel
 
@@ -142,3 +149,46 @@ def test_a_thread_of_eight_turns_is_read() -> None:
     assert len(connectivity.find_unmatched_edges(read.brep)) == 0
     assert read.brep.edges.deviation.max() < 1e-7
     assert volume(read.brep) == pytest.approx(thread.volume, rel=1e-5)  # of the kernel, to five digits
+
+
+GAP = 3e-6
+
+
+def rounded_box_with_gap(gap: float) -> BrepSolids:
+    """A box with a rounded edge whose cylinder is too large by a gap: it meets its tangent planes far away, or never."""
+    box = bd.Box(10, 8, 6)
+    brep = brep_from_shape(bd.fillet(box.edges().filter_by(bd.Axis.Z)[:1], 2.0))
+    round_ones = [i for i, c in enumerate(brep.carriers) if isinstance(c, CylindricalSurface)]
+    carriers = tuple(replace(c, radius=c.radius + gap) if i in round_ones else c for i, c in enumerate(brep.carriers))
+    deviation = brep.edges.deviation.copy()
+    deviation[brep.uses.edge[np.isin(brep.faces.carrier[brep.face_of_use], round_ones)]] = 1.1 * abs(gap)
+    return build_solids(replace(brep, carriers=carriers, edges=replace(brep.edges, deviation=deviation)))
+
+
+@pytest.mark.parametrize("gap", [GAP, -GAP])
+def test_an_edge_off_its_face_carries_the_gap_and_it_is_told(gap: float) -> None:
+    read = read_free_form_body(rounded_box_with_gap(gap).shape, tol=0.05)
+    off = misfit(read.brep)
+    assert 0.4 * GAP < off.max() < read.carried < 2 * GAP
+    assert (off <= read.brep.edges.deviation[read.brep.uses.edge] + 1e-12).all()
+    assert volume(read.brep) == pytest.approx(480 - (4 - np.pi) * 6, abs=150 * GAP)
+    assert any("carry it as their tolerance" in note for note in read.notes)
+
+
+def test_a_lattice_in_a_body_with_a_gap_is_valid_with_the_gap_in_shape_and_file(cover: Cover, tmp_path: Path) -> None:
+    read = read_free_form_body(rounded_box_with_gap(-GAP).shape)
+    gap = misfit(read.brep).max()
+    lattice = translate_brep(cover("P", (1, 1, 1), (0.07, 0.11, 0.19), (-0.04, 0.04)), np.full(3, -5.0))
+    brep = combine_networks(read.brep, lattice, "intersection", is_cover=True).brep
+    built = build_solids(brep)
+    assert is_brep_valid(brep, built.known_faces)
+    assert BRep_Tool.MaxTolerance_s(built.shape, TopAbs_EDGE) >= gap
+    write_step(brep, built.nesting, tmp_path / "filled.step")
+    stated = re.search(r"LENGTH_MEASURE\(([^)]*)\)", (tmp_path / "filled.step").read_text())
+    assert stated
+    assert float(stated[1]) == brep.edges.deviation.max() >= gap
+
+
+def test_what_exceeds_a_hundredth_of_the_tolerance_is_refused_with_a_remedy() -> None:
+    with pytest.raises(NotQuadric, match=r"more than 1e-07 \(a hundredth of tol, 1e-05; give a greater one"):
+        read_free_form_body(rounded_box_with_gap(GAP).shape, tol=1e-5)

@@ -191,7 +191,7 @@ def _compute_domains(block: LatticeBlock, body: CadBody) -> dict[str, DomainSoli
 
 def _trim_domains(block: LatticeBlock, body: CadBody) -> dict[str, DomainSolids]:
     """The three domains of a CAD body by a cut of its faces and the patches."""
-    read = read_trimming_body(body)
+    read = read_trimming_body(body, block.measures.tol)
     with numerical_failures():
         domains = _name_domains(body, read.brep, block)
     return {name: replace(domain, notes=(*domain.notes, *read.notes)) for name, domain in domains.items()}

@@ -8,7 +8,7 @@ points in the body that lie in the lattice, which no boolean takes part in.
 from __future__ import annotations
 
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass, replace
 from traceback import extract_tb
 from typing import Any
@@ -20,7 +20,12 @@ from tpmscad._typing import Array, BoolArray
 from tpmscad.brep.boundary_representation import Brep, reverse_faces, spline_faces
 from tpmscad.errors import KernelError, NothingLeft, NotQuadric, TpmscadError, TrimmingError
 from tpmscad.fallbacks import Fallback, Fallbacks
-from tpmscad.kernel.body_import.body_brep import FreeFormBody, brep_from_shape, read_free_form_body
+from tpmscad.kernel.body_import.body_brep import (
+    FreeFormBody,
+    brep_from_shape,
+    has_tight_edges,
+    read_free_form_body,
+)
 from tpmscad.kernel.body_import.cad_body import CadBody
 from tpmscad.kernel.boolean.boolean_operations import OcctSolids, estimate_volume, intersect_solids, subtract_solid
 from tpmscad.kernel.build.solids import BrepSolids, build_solids
@@ -125,7 +130,7 @@ def trim_on_parameters(block: LatticeBlock, body: CadBody, operation: Operation 
 
     InvalidRequest or TrimmingError if that is impossible, KernelError if the volume of the result is wrong.
     """
-    read = read_trimming_body(body)
+    read = read_trimming_body(body, block.measures.tol)
     with numerical_failures():
         result = _combine_by_networks(block, read, operation)
     volume = 0.0 if result.brep is None else float(result.built.nesting.volume.sum())
@@ -138,13 +143,17 @@ def _orient(patches: Brep, operation: Operation) -> Brep:
     return patches if operation == "intersection" else reverse_faces(patches)
 
 
-def read_trimming_body(body: CadBody) -> FreeFormBody:
-    """The body as `trimming` takes it, with free-form faces if it has some; NotQuadric if that is impossible."""
-    try:
-        return FreeFormBody(brep_from_shape(body.shape, body.face_labels), {})
-    except NotQuadric:
-        with numerical_failures():
-            return read_free_form_body(body.shape, body.face_labels)
+def read_trimming_body(body: CadBody, tol: float | None = None) -> FreeFormBody:
+    """The body as `trimming` takes it, with free-form faces if it has some; NotQuadric if that is impossible.
+
+    tol: the tolerance of what it is cut with, of which its edges may be off its faces by a hundredth.
+    """
+    with suppress(NotQuadric):
+        brep = brep_from_shape(body.shape, body.face_labels)
+        if has_tight_edges(brep):
+            return FreeFormBody(brep, {})
+    with numerical_failures():
+        return read_free_form_body(body.shape, body.face_labels, body.accuracy, tol)
 
 
 @contextmanager

@@ -28,14 +28,16 @@ def fit_adaptively(
     error: Callable[[BSplineCurve, Array], Array],
     tol: float,
     bends: Array | None = None,
+    kinks: Array | None = None,
 ) -> BSplineCurve | None:
     """Spline through values(t); spans with an error above `tol` are bisected and the spline is fitted again.
 
-    `bends` are those of the breaks at which only first derivatives are continuous. None if MAX_FIT_SPANS spans do not suffice.
+    `bends` are those of the breaks at which only first derivatives are continuous, `kinks` those at which only the values are.
+    None if MAX_FIT_SPANS spans do not suffice.
     """
     inside = (np.arange(ERROR_CHECKS_PER_SPAN) + 0.5) / ERROR_CHECKS_PER_SPAN
     while len(breaks) <= MAX_FIT_SPANS:
-        knots, sites = make_knots_and_sites(breaks, bends)
+        knots, sites = make_knots_and_sites(breaks, bends, kinks)
         try:
             poles = np.asarray(np.linalg.solve(design_matrix(knots, FIT_DEGREE, sites), values(sites)), float)
         except np.linalg.LinAlgError:
@@ -52,9 +54,13 @@ def fit_adaptively(
     return None
 
 
-def make_knots_and_sites(breaks: Array, bends: Array | None = None) -> tuple[Array, Array]:
-    """Knots of degree `FIT_DEGREE` at the breaks, repeated at the bends, and the Greville abscissae."""
-    inner = breaks if bends is None else np.repeat(breaks, np.where(np.isin(breaks, bends), FIT_DEGREE - 1, 1))
+def make_knots_and_sites(breaks: Array, bends: Array | None = None, kinks: Array | None = None) -> tuple[Array, Array]:
+    """Knots of degree `FIT_DEGREE` at the breaks, repeated at the bends and kinks, and the Greville abscissae."""
+    counts = np.ones(len(breaks), np.int64)
+    for places, count in ((bends, FIT_DEGREE - 1), (kinks, FIT_DEGREE)):
+        if places is not None:
+            counts[1:-1][np.isin(breaks[1:-1], places)] = count
+    inner = np.repeat(breaks, counts)
     knots = np.concatenate([np.repeat(breaks[0], FIT_DEGREE), inner, np.repeat(breaks[-1], FIT_DEGREE)])
     sites = np.array([knots[i + 1 : i + FIT_DEGREE + 1].mean() for i in range(len(knots) - FIT_DEGREE - 1)])
     return knots, np.clip(sites, breaks[0], breaks[-1])

@@ -16,12 +16,14 @@ import numpy as np
 
 from tpmscad._typing import Array, IntArray
 from tpmscad.brep.boundary_representation import Brep
-from tpmscad.brep.carriers import Plane
+from tpmscad.brep.carriers import Carrier, Plane
+from tpmscad.brep.foot_surface import find_point_sides
 from tpmscad.brep.moments.legendre_series import integrate_pcurves_single_span, is_single_span
 from tpmscad.brep.moments.loop_integrals import N_MOMENTS, composite_curve_rule, integrate_pcurves
 from tpmscad.brep.moments.tensor_gauss import whole_moments
 from tpmscad.rigid_motion import Motion
-from tpmscad.splines.bspline import BSplineSurface
+from tpmscad.splines.bspline import BSplineCurve, BSplineSurface
+from tpmscad.splines.knots import turn_surface
 
 
 @dataclass(frozen=True, slots=True)
@@ -55,6 +57,11 @@ def integrate_faces(brep: Brep) -> FaceMoments:
             pieces = [(brep.pcurves[int(p)], (low, high)) for _, p, low, high, _ in keys[start:stop].tolist()]
             if isinstance(surface, BSplineSurface) and is_single_span(surface):
                 table[start:stop] = integrate_pcurves_single_span(surface, pieces)
+            elif isinstance(surface, BSplineSurface) and _start_axis(surface):
+                pieces = [(BSplineCurve(c.poles[:, ::-1], c.knots, c.degree), along) for c, along in pieces]
+                turned = integrate_pcurves(turn_surface(surface, swap=True), pieces, keys[start:stop, 4])
+                # loops run the other way round, and so does the normal
+                table[start:stop] = turned * np.where(np.arange(N_MOMENTS) == 0, -1.0, 1.0)
             else:
                 table[start:stop] = integrate_pcurves(surface, pieces, keys[start:stop, 4])
         np.add.at(moments, face[curved], table[key_of_use.ravel()] * uses.sense[curved, None])
@@ -71,8 +78,18 @@ def integrate_faces(brep: Brep) -> FaceMoments:
     )
 
 
+def _start_axis(carrier: Carrier) -> int:
+    """The parameter, u or v (0 or 1), along which moments on a surface are integrated first: of a spline that of fewer spans.
+
+    On a spline with poles it is u: loops have steps along v = const at a pole, which are no half-edges.
+    """
+    if not isinstance(carrier, BSplineSurface) or len(np.unique(carrier.knots_u)) <= len(np.unique(carrier.knots_v)):
+        return 0
+    return int(not find_point_sides(carrier).any())
+
+
 def _find_starts(brep: Brep, curved: IntArray) -> Array:
-    """For each of the uses `curved` (n,), the last knot of its surface along u before all of its face: (n,).
+    """For each of the uses `curved` (n,), the last knot of its surface along `_start_axis` before all of its face: (n,).
 
     On a quadric it is the face's least angle: counted from 0, gaps of 1e-8 between pcurves gave a face of 9e-6 an area that was
     off by 6e-8, and a sliver of a lattice a negative volume. A face is small beside its surface where a large spline face of a
@@ -80,12 +97,15 @@ def _find_starts(brep: Brep, curved: IntArray) -> Array:
     """
     face, pcurve = brep.face_of_use[curved], brep.uses.pcurve[curved]
     first = np.full(len(brep.faces), np.inf)
-    np.minimum.at(first, face, np.array([brep.pcurves[p].poles[:, 0].min() for p in pcurve.tolist()]))
+    axis = np.array([_start_axis(c) for c in brep.carriers])[brep.faces.carrier[face]].tolist()
+    poles = [brep.pcurves[p].poles[:, a].min() for p, a in zip(pcurve.tolist(), axis, strict=True)]
+    np.minimum.at(first, face, np.array(poles))
     start, carrier = first[face], brep.faces.carrier[face]
     for c in np.unique(carrier).tolist():
         surface = brep.carriers[c]
         if isinstance(surface, BSplineSurface):
-            own, knots = np.flatnonzero(carrier == c), np.unique(surface.knots_u)
+            own = np.flatnonzero(carrier == c)
+            knots = np.unique((surface.knots_u, surface.knots_v)[_start_axis(surface)])
             start[own] = knots[np.maximum(np.searchsorted(knots, first[face[own]], side="right") - 1, 0)]
     return start
 

@@ -12,6 +12,8 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
+from OCP.BRep import BRep_Tool
+from OCP.TopAbs import TopAbs_EDGE
 from OCP.TopoDS import TopoDS_Face
 
 from tpmscad._typing import Array, IntArray
@@ -22,7 +24,10 @@ from tpmscad.brep.free_form_surface import BodyCarrier, FreeFormSurface
 from tpmscad.brep.moments import integral_properties
 from tpmscad.errors import InvalidRequest, NotQuadric
 from tpmscad.kernel.body_import.closed_face_splitting import split_closed_faces
-from tpmscad.kernel.body_import.exact_faces import read_exact_body
+from tpmscad.kernel.body_import.crease_splitting import list_whole_faces, split_at_creases
+from tpmscad.kernel.body_import.exact_faces import EXACT, MAX_LEFT_REL, read_exact_body
+from tpmscad.kernel.body_import.free_form_carriers import is_c1
+from tpmscad.kernel.body_import.gap_closing import MAX_GAP_REL, Allowance
 from tpmscad.kernel.body_import.unrolled_faces import ImportedBody, ImportedEdge, unroll_face
 from tpmscad.kernel.measure.edge_gaps import measure_accuracy, measure_edge_length
 from tpmscad.kernel.measure.mass_properties import face_moments
@@ -58,26 +63,72 @@ def brep_from_shape(shape: Any, tags: Sequence[str] = ()) -> Brep:
 class FreeFormBody:
     """The boundary representation of a body, and the distances of its spline carriers, by their numbers.
 
-    `notes`: what was done to close gaps between its faces, in words.
+    `notes`: what was done to close gaps between its faces, in words. `carried`: the largest tolerance of an edge that is off its
+    faces, model units; 0 if all lie on them within round-off.
     """
 
     brep: Brep
     free_form: Mapping[int, FreeFormSurface]
     notes: tuple[str, ...] = ()
+    carried: float = 0.0
 
 
-def read_free_form_body(shape: Any, tags: Sequence[str] = ()) -> FreeFormBody:
-    """As `brep_from_shape`, with faces on splines as well, and gaps between faces closed.
+TOL_PER_CARRIED = 100.0
+"""The tolerance of a lattice, in units of what an edge of the body may be off its faces."""
 
-    Planes and quadrics stay; splines are moved so that their edges are on them (`gap_closing`). Raises NotQuadric if a spline is
-    not within 1e-10 of the body's size, has a crease or poles along both parameters, or if a gap cannot be closed.
+
+def read_free_form_body(
+    shape: Any, tags: Sequence[str] = (), accuracy: float | None = None, tol: float | None = None
+) -> FreeFormBody:
+    """As `brep_from_shape`, with faces on splines as well, split at creases, and gaps between faces closed.
+
+    Planes and quadrics stay; splines are moved so that their edges are on them (`gap_closing`). What is left of a gap is carried
+    by the edge as its tolerance, within the file's accuracy, which is the larger of the one that it states, `accuracy`, and the
+    tolerances of its edges, and within a hundredth of `tol`, the tolerance of what cuts the body. Raises NotQuadric if a spline
+    is not within 1e-10 of the body's size, has poles along both parameters, or if more is left of a gap.
     """
     gap = measure_accuracy([unwrap(shape)])
-    brep, source, body = _read_faces(shape, True, gap)
+    allowance = _find_allowance(unwrap(shape), accuracy, tol)
+    brep, source, body = _read_faces(shape, True, gap, allowance)
     carriers = [face.carrier for face in body.faces]
     brep = replace(brep, faces=replace(brep.faces, tag=source), tags=tuple(tags)) if tags else brep
     forms = {i: c for i, c in enumerate(carriers) if isinstance(c, FreeFormSurface)}
-    return FreeFormBody(brep, forms, _describe_gaps(body, gap))
+    notes = _describe_gaps(body, gap)
+    if has_tight_edges(brep):
+        return FreeFormBody(brep, forms, notes)
+    carried, asked = float(brep.edges.deviation.max()), _find_tight_deviation(brep)
+    if tol is not None and carried > tol / TOL_PER_CARRIED:
+        raise NotQuadric(
+            f"edges of the body are up to {carried:.2g} off its faces, more than a hundredth of tol, "
+            f"{tol / TOL_PER_CARRIED:.2g}: give a tol of {TOL_PER_CARRIED * carried:.2g}, or repair the body in the CAD system",
+            (),
+        )
+    told = f"edges of the body meet its faces within {carried:.2g}, asked {asked:.2g}; they carry it as their tolerance"
+    return FreeFormBody(brep, forms, (*notes, told), carried)
+
+
+def has_tight_edges(brep: Brep) -> bool:
+    """Whether all edges lie on their faces within round-off, so that none carries a tolerance of its own."""
+    return bool(brep.edges.deviation.max(initial=0.0) <= _find_tight_deviation(brep))
+
+
+def _find_tight_deviation(brep: Brep) -> float:
+    size = float(np.linalg.norm(np.ptp(brep.vertices, axis=0)))
+    return max(CONFUSION_TOLERANCE, MAX_LEFT_REL * size)
+
+
+def _find_allowance(shape: Any, accuracy: float | None, tol: float | None) -> Allowance:
+    """What edges of a shape may be off its faces."""
+    limits = [
+        (
+            max(float(BRep_Tool.MaxTolerance_s(shape, TopAbs_EDGE)), accuracy or 0.0),
+            "the file's own accuracy; repair it",
+        ),
+        (MAX_GAP_REL * box_diagonal(shape), f"{MAX_GAP_REL:g} of the body's size; repair it"),
+    ]
+    if tol is not None:
+        limits.append((tol / TOL_PER_CARRIED, f"a hundredth of tol, {tol:.3g}; give a greater one, or repair the body"))
+    return Allowance(*min(limits))
 
 
 def _describe_gaps(body: ImportedBody, gap: float) -> tuple[str, ...]:
@@ -96,10 +147,12 @@ def brep_and_source_faces(shape: Any) -> tuple[Brep, IntArray]:
     return _read_faces(shape, False)[:2]
 
 
-def _read_faces(shape: Any, free_form: bool, gap: float = 0.0) -> tuple[Brep, IntArray, ImportedBody]:
+def _read_faces(
+    shape: Any, free_form: bool, gap: float = 0.0, allowance: Allowance = EXACT
+) -> tuple[Brep, IntArray, ImportedBody]:
     """The boundary representation, the source of each of its faces, and the body from which it was assembled.
 
-    `gap`: distance of the kernel's edges from its surfaces.
+    `gap`: distance of the kernel's edges from its surfaces. `allowance`: what edges may be off faces in the result.
     """
     faces = [face for solid in solids_of(shape) for face in faces_of(solid)]
     if not faces:
@@ -109,22 +162,24 @@ def _read_faces(shape: Any, free_form: bool, gap: float = 0.0) -> tuple[Brep, In
         _refuse_free_form(faces, size)
     at = -1
     try:
-        body = read_exact_body(faces, size, free_form)
+        parts = split_at_creases(faces, size) if free_form else list_whole_faces(faces)
+        body = read_exact_body(parts, size, free_form, allowance)
         unrolled_faces = []
         for at in range(len(body.faces)):
             unrolled_faces.append(unroll_face(body, body.faces[at]))
         at = -1
         body = split_closed_faces(replace(body, faces=tuple(unrolled_faces)))
-        brep = _assemble(body)
+        brep = _assemble(body, allowance.length)
     except UnsupportedFace as error:
+        of = parts[body.faces[at].source_face].source if at >= 0 else -1
         raise NotQuadric(
-            f"{_describe_face(faces, at)} {error}: it needs the Boolean operations of the kernel",
-            (at,) if at >= 0 else (),
+            f"{_describe_face(faces, of)} {error}: it needs the Boolean operations of the kernel",
+            (of,) if of >= 0 else (),
         ) from None
-    source = np.array([face.source_face for face in body.faces])
+    part_of = np.array([face.source_face for face in body.faces])
     strips = gap * measure_edge_length(unwrap(shape)) if gap > CONFUSION_TOLERANCE else 0.0
-    _check_closed_and_volume(brep, source, faces, size, strips, gap, body.move)
-    return brep, source, body
+    _check_closed_and_volume(brep, part_of, [part.face for part in parts], size, strips, gap, body.move)
+    return brep, np.array([part.source for part in parts])[part_of], body
 
 
 def _refuse_free_form(faces: list[TopoDS_Face], size: float) -> None:
@@ -148,8 +203,21 @@ def _describe_face(faces: list[TopoDS_Face], index: int) -> str:
     return f"face {index} (about {x:.4g}, {y:.4g}, {z:.4g})"
 
 
-def _assemble(body: ImportedBody) -> Brep:
-    """Boundary representation of a body without seams, with the measured deviation of every edge."""
+def _widen_carried(off: float) -> float:
+    """The tolerance of an edge that is off its faces or vertices by a distance."""
+    return off * (CARRIED_MARGIN if off > CONFUSION_TOLERANCE else 1.0)
+
+
+CARRIED_MARGIN = 1.5
+"""Factor on the measured deviation of an edge that is off its faces by more than the kernel's least tolerance: the kernel, which
+measures at other places, rejects faces with an edge that it finds farther off than its tolerance."""
+
+
+def _assemble(body: ImportedBody, allowed: float) -> Brep:
+    """Boundary representation of a body without seams, with the measured deviation of every edge from its faces and vertices.
+
+    Pcurves that follow no edge within round-off follow it within `allowed`.
+    """
     curves: list[EdgeCurve] = []
     pcurves: list[BSplineCurve] = []
     index: dict[int, int] = {}
@@ -157,7 +225,8 @@ def _assemble(body: ImportedBody) -> Brep:
         if id(edge.curve) not in index:
             index[id(edge.curve)] = len(curves)
             curves.append(edge.curve)
-    deviation = np.zeros(len(body.edges))
+    ends = [np.stack([body.vertices[e.start], body.vertices[e.end]]) - e.curve(np.array(e.span)) for e in body.edges]
+    deviation = np.array([_widen_carried(float(np.linalg.norm(miss, axis=1).max())) for miss in ends])
     rows, use_start, loop_start = [], [0], [0]
     for face in body.faces:
         for loop in face.loops:
@@ -167,10 +236,12 @@ def _assemble(body: ImportedBody) -> Brep:
                     assert use.mid_parameters is not None
                     number = len(pcurves)
                     tol = _pcurve_tolerance(face.carrier, edge, body.size)
-                    pcurves.append(fit_pcurve(face.carrier, edge.curve, edge.span, use.mid_parameters, body.size, tol))
+                    pcurves.append(
+                        fit_pcurve(face.carrier, edge.curve, edge.span, use.mid_parameters, body.size, tol, allowed)
+                    )
                 rows.append((use.edge, use.sense, number))
                 off = _edge_deviation(body, face.carrier, use.edge, pcurves[number] if number >= 0 else None)
-                deviation[use.edge] = max(deviation[use.edge], off)
+                deviation[use.edge] = max(deviation[use.edge], _widen_carried(off))
             use_start.append(len(rows))
         loop_start.append(len(use_start) - 1)
     edges, n = body.edges, len(body.faces)
@@ -253,15 +324,18 @@ def _check_closed_and_volume(
 
     `source` (F,): the kernel's face of which a face is a part. `strips`: area of the gaps along the kernel's pcurves, by which
     its volume errs; `gap`: their width; `move`: how far faces were moved. A face that is taken for the rest of its surface has
-    another area, or another share in the volume.
+    another area, or another share in the volume. Faces on surfaces that are not C1 are left out: the kernel's quadrature errs on
+    them by up to a tenth, even where they are plane.
     """
     unmatched = connectivity.find_unmatched_edges(brep)
     if len(unmatched):
         at = brep.vertices[brep.edges.start[unmatched[0]]].round(6)
         raise NotQuadric(f"{len(unmatched)} edges of the body do not join two of its faces, the first at {at}", ())
     moments = integral_properties.integrate_faces(brep)
-    expected = face_moments(faces)
-    volume, whole = float(integral_properties.volume(moments)[0]), float(expected[:, 1].sum())
+    shares = np.column_stack([moments.area, np.trace(moments.first, axis1=1, axis2=2) / 3.0])
+    own = np.stack([np.bincount(source, weights=column, minlength=len(faces)) for column in shares.T], axis=1)
+    expected = np.where(np.array([is_c1(face) for face in faces])[:, None], face_moments(faces)[:, :2], own)
+    volume, whole = (float(found[:, 1].sum()) for found in (own, expected))
     allowed = (BOUNDARY_DISTANCE_TOL * size + move) * moments.area.sum()
     allowed += min(strips * size / 3.0, MAX_STRIP_VOLUME * abs(whole))
     if not abs(volume - whole) <= allowed:
@@ -270,13 +344,11 @@ def _check_closed_and_volume(
             "it needs the Boolean operations of the kernel",
             (),
         )
-    shares = np.column_stack([moments.area, np.trace(moments.first, axis1=1, axis2=2) / 3.0])
-    own = np.stack([np.bincount(source, weights=column, minlength=len(faces)) for column in shares.T], axis=1)
     length = np.array([measure_edge_length(face) for face in faces])
     band = (gap + BOUNDARY_DISTANCE_TOL * size + move) * length + FACE_REL_TOL * expected[:, 0]
     reach = float(np.abs(brep.vertices).max(initial=0.0)) + size  # no point of the body is farther from the origin
     limit = np.stack([band, band * reach / 3.0 + move * expected[:, 0]], axis=1)
-    wrong = np.flatnonzero((np.abs(own - expected[:, :2]) > limit).any(axis=1))
+    wrong = np.flatnonzero((np.abs(own - expected) > limit).any(axis=1))
     if len(wrong):
         f = int(wrong[0])
         raise NotQuadric(

@@ -32,7 +32,7 @@ class CadBody:
     """One valid, closed solid with the report of its check, a name for messages, and notes on the file that it came from.
 
     face_names: of the solid's faces in the order of `faces_of`, as the file states them, "" where it names none.
-    title: of the solid among several, for the names of what is made of it.
+    title: of the solid among several, for the names of what is made of it. accuracy: what the file states, mm.
     """
 
     shape: TopoDS_Solid
@@ -41,6 +41,7 @@ class CadBody:
     notes: tuple[str, ...] = ()
     face_names: tuple[str, ...] = ()
     title: str = "body"
+    accuracy: float | None = None
 
     @property
     def face_labels(self) -> tuple[str, ...]:
@@ -106,7 +107,7 @@ def read_body_file(path: str | os.PathLike[str], solid: int | str | None, *, hea
     for number, shape, report, names in zip(found.numbers, found.solids, found.reports, found.face_names, strict=True):
         name = str(path) if len(found.entries) == 1 else f"solid {found.entries[number - 1].label} of {path}"
         _require_possible(shape, name)
-        bodies.append(CadBody(shape, report, name, found.notes, names, titles[number]))
+        bodies.append(CadBody(shape, report, name, found.notes, names, titles[number], found.accuracy))
     return BodyFile(os.fspath(path), found.entries, tuple(bodies), found.healed, found.accuracy, found.notes)
 
 

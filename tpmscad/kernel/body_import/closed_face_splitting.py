@@ -9,6 +9,7 @@ outer loops around them.
 from __future__ import annotations
 
 from collections import Counter
+from collections.abc import Callable, Hashable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -35,40 +36,49 @@ from tpmscad.splines.bspline import isoparametric_curve, line_segment
 
 def split_into_faces(body: ImportedBody, face: ImportedFace, uses: list[ImportedUse]) -> list[ImportedFace]:
     """Faces bounded by half-edges with continuous (u, v); each region lies to the left of its half-edges."""
-    loops = _chain_loops(body, face, uses)
-    polygons = [loop_polygon(body, face, loop) for loop in loops]
+    tips = [sample_use(body, face, use)[[0, -1]] for use in uses]
+
+    def gap(last: int, following: int) -> float:
+        return _use_gap(body, face, uses[following], tips[last][1], tips[following][0])
+
+    loops = chain_loops([_use_vertices(body, use) for use in uses], gap)
+    polygons = [loop_polygon(body, face, tuple(uses[i] for i in loop)) for loop in loops]
+    return [replace(face, loops=tuple(tuple(uses[k] for k in loops[i]) for i in of)) for of in nest_loops(polygons)]
+
+
+def nest_loops(polygons: Sequence[Array]) -> list[list[int]]:
+    """For each face the polygons (n, 2) of its outer loop, which runs counter-clockwise, and of its holes, by their numbers."""
     areas = np.array([signed_area(p) for p in polygons])
     outer = [i for i in np.argsort(areas).tolist() if areas[i] > 0]
     loops_of_face: dict[int, list[int]] = {i: [i] for i in outer}
     for hole in np.flatnonzero(areas <= 0).tolist():
         around = [i for i in outer if point_in_polygon(polygons[i], polygons[hole][0])]
         if not around:
-            raise UnsupportedFace("has a hole outside every outer loop after it was cut at its seam")
+            raise UnsupportedFace("has a hole outside every outer loop after it was cut")
         loops_of_face[around[0]].append(hole)
-    return [replace(face, loops=tuple(loops[i] for i in members)) for members in loops_of_face.values()]
+    return list(loops_of_face.values())
 
 
-def _chain_loops(body: ImportedBody, face: ImportedFace, uses: list[ImportedUse]) -> list[tuple[ImportedUse, ...]]:
-    """Loops of half-edges chained by their vertices, and by (u, v) where a vertex has several successors."""
-    ends = {id(use): sample_use(body, face, use)[[0, -1]] for use in uses}
-    waiting = list(uses)
+def chain_loops(ends: Sequence[tuple[Hashable, Hashable]], gap: Callable[[int, int], float]) -> list[list[int]]:
+    """Loops of half-edges, by their numbers, chained by their start and end vertices.
+
+    Of several successors the one with the least gap follows, `gap(last, following)`, which is infinite if it cannot follow.
+    """
+    waiting = list(range(len(ends)))
     loops = []
     while waiting:
         loop = [waiting.pop(0)]
-        first = _use_vertices(body, loop[0])[0]
         while True:
-            vertex, end = _use_vertices(body, loop[-1])[1], ends[id(loop[-1])][1]
-            following = [u for u in waiting if _use_vertices(body, u)[0] == vertex]
-            options = {id(u): _use_gap(body, face, u, end, ends[id(u)][0]) for u in following}
-            closing = _use_gap(body, face, loop[0], end, ends[id(loop[0])][0]) if vertex == first else np.inf
-            best = min(following, key=lambda u: options[id(u)], default=None)
-            if best is None or closing < options[id(best)]:
-                if not np.isfinite(closing):
-                    raise UnsupportedFace("has a boundary that does not close")
+            last = loop[-1]
+            options = {i: gap(last, i) for i in [*waiting, loop[0]] if ends[i][0] == ends[last][1]}
+            best = min(options, key=options.__getitem__, default=None)
+            if best is None or not np.isfinite(options[best]):
+                raise UnsupportedFace("has a boundary that does not close")
+            if best == loop[0]:
                 break
             loop.append(best)
             waiting.remove(best)
-        loops.append(tuple(loop))
+        loops.append(loop)
     return loops
 
 

@@ -9,14 +9,13 @@ from dataclasses import dataclass, replace
 import numpy as np
 from OCP.BRep import BRep_Tool
 from OCP.BRepAdaptor import BRepAdaptor_Curve
-from OCP.BRepTools import BRepTools_WireExplorer
 from OCP.GeomAbs import (
     GeomAbs_BSplineCurve,
     GeomAbs_Circle,
     GeomAbs_Ellipse,
     GeomAbs_Line,
 )
-from OCP.TopAbs import TopAbs_EDGE, TopAbs_FORWARD, TopAbs_WIRE
+from OCP.TopAbs import TopAbs_FORWARD
 from OCP.TopoDS import TopoDS_Edge, TopoDS_Face
 
 from tpmscad._typing import Array
@@ -26,18 +25,22 @@ from tpmscad.brep.foot_surface import find_point_sides
 from tpmscad.brep.free_form_surface import BodyCarrier, FreeFormSurface
 from tpmscad.brep.orthogonal_projection import project_to_curve
 from tpmscad.brep.surface_correction import correct_surface
+from tpmscad.kernel.body_import.crease_splitting import WiredFace
 from tpmscad.kernel.body_import.free_form_carriers import convert_curve, convert_free_form
 from tpmscad.kernel.body_import.gap_closing import (
     MAX_GAP_REL,
+    MAX_MOVE_GAPS,
+    Allowance,
     are_tangent_quadrics,
     close_edge,
     close_vertex,
+    largest_miss,
     plane_through_seam,
 )
 from tpmscad.kernel.body_import.unrolled_faces import ImportedBody, ImportedEdge, ImportedFace, ImportedUse
 from tpmscad.kernel.occt import convert
 from tpmscad.kernel.occt.convert import axis_frame
-from tpmscad.kernel.occt.exploration import ShapeKey, first_vertex, last_vertex, list_subshapes, orientation_sign
+from tpmscad.kernel.occt.exploration import ShapeKey, first_vertex, last_vertex, orientation_sign
 from tpmscad.kernel.recognise.edge_curves import (
     POLE_REL_TOL,
     REFIT_SAMPLES,
@@ -58,24 +61,32 @@ CONTINUATION_REL = 0.02
 beyond an edge of the body by a few steps of its marching grid."""
 
 
-def read_exact_body(faces: Sequence[TopoDS_Face], size: float, free_form: bool = False) -> ImportedBody:
-    """Body of the faces, which are oriented outwards; `size` sets the tolerances.
+EXACT = Allowance()
+"""Nothing but round-off is left."""
 
-    Faces that are neither planes nor quadrics are taken, and gaps between faces closed, if `free_form` is set. Raises
-    UnsupportedFace if a face or an edge cannot be represented exactly.
+
+def read_exact_body(
+    parts: Sequence[WiredFace], size: float, free_form: bool = False, allowance: Allowance = EXACT
+) -> ImportedBody:
+    """Body of faces without creases, which are oriented outwards; `size` sets the tolerances.
+
+    Faces that are neither planes nor quadrics are taken, and gaps between faces closed, if `free_form` is set; what is left of
+    them is carried by the edges, within the allowance. Raises UnsupportedFace if a face or an edge cannot be represented so.
     """
-    carriers = [_read_carrier(face, size, free_form) for face in faces]
+    carriers = [_read_carrier(part.face, size, free_form) for part in parts]
     edge_of: dict[ShapeKey, int] = {}
     vertex_of: dict[ShapeKey, int] = {}
     shapes: list[TopoDS_Edge] = []
     ends: list[tuple[int, int]] = []
     faces_of_edge: list[list[int]] = []
     loops_of = []
-    for i, face in enumerate(faces):
+    for i, part in enumerate(parts):
         loops = []
-        for wire in _wire_edges(face):
+        for wire in part.loops:
             loop = []
             for edge in wire:
+                if BRep_Tool.Degenerated_s(edge):
+                    continue
                 key = ShapeKey(edge)
                 if key not in edge_of:
                     edge_of[key] = len(shapes)
@@ -89,7 +100,8 @@ def read_exact_body(faces: Sequence[TopoDS_Face], size: float, free_form: bool =
                 if i not in faces_of_edge[e]:
                     faces_of_edge[e].append(i)
                 loop.append(ImportedUse(e, orientation_sign(edge)))
-            loops.append(tuple(loop))
+            if loop:
+                loops.append(tuple(loop))
         loops_of.append(loops)
     faces_of_vertex: list[set[int]] = [set() for _ in vertex_of]
     for e, (start, end) in enumerate(ends):
@@ -99,7 +111,7 @@ def read_exact_body(faces: Sequence[TopoDS_Face], size: float, free_form: bool =
     move = 0.0
     if free_form:
         wires = _Wires(shapes, ends, faces_of_edge, points, faces_of_vertex)
-        vertices, curves, carriers, move = _close_gaps(wires, carriers, size)
+        vertices, curves, carriers, move = _close_gaps(wires, carriers, size, allowance)
     else:
         vertices = [
             _exact_vertex(p, [carriers[i] for i in sorted(of)], size)
@@ -116,12 +128,12 @@ def read_exact_body(faces: Sequence[TopoDS_Face], size: float, free_form: bool =
                 )
     edges = [ImportedEdge(*curve, a, b) for curve, (a, b) in zip(curves, ends, strict=True)]
     result = []
-    for i, (face, carrier, loops) in enumerate(zip(faces, carriers, loops_of, strict=True)):
-        _, point, normal, _ = evaluate_mid_face(face)
+    for i, (part, carrier, loops) in enumerate(zip(parts, carriers, loops_of, strict=True)):
+        _, point, normal, _ = evaluate_mid_face(part.face)
         gradient_sense = 1 if normal @ carrier.gradient(point) > 0 else -1
         if gradient_sense < 0:
             loops = [tuple(ImportedUse(u.edge, -u.sense) for u in reversed(loop)) for loop in loops]
-        outward = gradient_sense * orientation_sign(face)
+        outward = gradient_sense * orientation_sign(part.face)
         result.append(ImportedFace(carrier, outward, tuple(loops), i))
     return ImportedBody(tuple(vertices), tuple(edges), tuple(result), size, move)
 
@@ -141,12 +153,12 @@ _Curve = tuple[EdgeCurve, tuple[float, float]]
 
 
 def _close_gaps(
-    wires: _Wires, carriers: list[BodyCarrier], size: float
+    wires: _Wires, carriers: list[BodyCarrier], size: float, allowance: Allowance
 ) -> tuple[list[Array], list[_Curve], list[BodyCarrier], float]:
     """Vertices, curves of edges and carriers, which meet, and the largest move of a face."""
     tol = EXACT_REL_TOL * size
     paths = [_sample_curve(shape) for shape in wires.edges]
-    vertices = _close_vertices(wires, carriers, paths, size)
+    vertices = _close_vertices(wires, carriers, paths, size, allowance)
     curves: list[_Curve | None] = []
     for shape, of, (a, b), path in zip(wires.edges, wires.faces_of_edge, wires.ends, paths, strict=True):
         own, start, end = [carriers[i] for i in of], vertices[a], vertices[b]
@@ -154,17 +166,24 @@ def _close_gaps(
             curves.append(None)  # a seam follows its surface
             continue
         curve = None
-        if _max_distance(np.stack([start, end]), own) <= tol:
+        if largest_miss(np.stack([start, end]), own) <= tol:
             with contextlib.suppress(UnsupportedFace, ValueError):
                 curve = _exact_edge(shape, own, start, end, size)
         if curve is None or not _has_kind_of_tangent_edge(*curve, own):
-            curve = close_edge(path, own, start, end, tol, size)
+            curve = close_edge(path, own, start, end, tol, size, allowance)
+            gap = largest_miss(path, own)
+            if (
+                largest_miss(curve[0](np.linspace(*curve[1], len(path))), own) > MAX_MOVE_GAPS * gap
+                and gap <= allowance.length
+            ):
+                # surfaces that are nearly tangent meet far away, or the edge is rough: its gap is the least that can be carried
+                curve = _occt_spline(BRepAdaptor_Curve(shape), own, start, end, tol, MAX_MOVE_GAPS * gap) or curve
         curves.append(curve)
     found, move = list(carriers), 0.0
     for i, carrier in enumerate(carriers):
         if isinstance(carrier, FreeFormSurface):
             border = [c for c, of in zip(curves, wires.faces_of_edge, strict=True) if i in of and c is not None]
-            found[i], moved = _close_face(carrier, border, size)
+            found[i], moved = _close_face(carrier, border, size, allowance)
             move = max(move, moved)
     result = []
     for e, curve in enumerate(curves):
@@ -185,7 +204,9 @@ def _has_kind_of_tangent_edge(curve: EdgeCurve, span: tuple[float, float], carri
     return not are_tangent_quadrics(carriers, curve(np.linspace(*span, CHECK_SAMPLES)))
 
 
-def _close_vertices(wires: _Wires, carriers: list[BodyCarrier], paths: list[Array], size: float) -> list[Array]:
+def _close_vertices(
+    wires: _Wires, carriers: list[BodyCarrier], paths: list[Array], size: float, allowance: Allowance
+) -> list[Array]:
     """The vertices: common points of their surfaces, or what comes nearest."""
     tips: list[list[Array]] = [[] for _ in wires.points]
     seams: list[list[tuple[Plane, bool]]] = [[] for _ in wires.points]  # with marks of those of free-form surfaces
@@ -204,33 +225,39 @@ def _close_vertices(wires: _Wires, carriers: list[BodyCarrier], paths: list[Arra
         with contextlib.suppress(UnsupportedFace):
             vertex = _exact_vertex(point, own, size)
             soft = [plane for plane, is_soft in planes if is_soft]
-            if _max_distance(vertex[None], own) <= EXACT_REL_TOL * size and (
-                not soft or _max_distance(vertex[None], soft) <= SEAM_REL_TOL * size
+            if largest_miss(vertex[None], own) <= EXACT_REL_TOL * size and (
+                not soft or largest_miss(vertex[None], soft) <= SEAM_REL_TOL * size
             ):
                 vertices.append(vertex)
                 continue
-        vertices.append(close_vertex(np.mean(ends, axis=0), own, [plane for plane, _ in planes], size))
+        vertices.append(close_vertex(np.mean(ends, axis=0), own, [plane for plane, _ in planes], size, allowance))
     return vertices
 
 
-def _close_face(carrier: FreeFormSurface, border: list[_Curve], size: float) -> tuple[FreeFormSurface, float]:
-    """The surface of a face corrected so that its edges are on it, and how far it was moved."""
+def _close_face(
+    carrier: FreeFormSurface, border: list[_Curve], size: float, allowance: Allowance
+) -> tuple[FreeFormSurface, float]:
+    """The surface of a face corrected so that its edges are on it, and how far it was moved.
+
+    A surface that would have to move by more than is allowed stays as it is: its edges carry the gap.
+    """
     points = [curve(np.linspace(*span, CORRECTION_SAMPLES)) for curve, span in border]
-    if not points or _max_distance(np.concatenate(points), [carrier]) <= EXACT_REL_TOL * size:
+    if not points or largest_miss(np.concatenate(points), [carrier]) <= EXACT_REL_TOL * size:
         return carrier, 0.0
     corrected = correct_surface(carrier, np.concatenate(points), CLOSED_REL_TOL * size)
     between = np.concatenate([curve(np.linspace(*span, 2 * CORRECTION_SAMPLES)) for curve, span in border])
-    gap = _max_distance(between, [carrier])
-    if corrected.move > MAX_MOVE_GAPS * gap:
-        raise UnsupportedFace(
-            f"would have to move by {corrected.move:.2g} to close a gap of {gap:.2g} near {between[0].round(6)}"
-        )
-    left = np.abs(corrected.surface.distance(between))
-    if left.max() > MAX_LEFT_REL * size:
-        raise UnsupportedFace(
-            f"could not be moved onto its edges: {left.max():.2g} is left near {between[left.argmax()].round(6)}, "
-            f"more than {MAX_LEFT_REL * size:.2g}"
-        )
+    gap = largest_miss(between, [carrier])
+    off = np.abs(corrected.surface.distance(between))
+    left, place = float(off.max()), between[off.argmax()].round(6)
+    if corrected.move > max(MAX_MOVE_GAPS * gap, allowance.length):
+        words = f"would have to move by {corrected.move:.2g} to close a gap of {gap:.2g} near {between[0].round(6)}"
+        allowance.require(gap, 0.0, words)
+        return carrier, 0.0
+    if left > MAX_LEFT_REL * size:
+        words = f"could not be moved onto its edges: {min(left, gap):.2g} is left near {place}"
+        allowance.require(min(left, gap), MAX_LEFT_REL * size, words)
+        if gap <= left:
+            return carrier, 0.0
     return corrected.surface, corrected.move
 
 
@@ -239,9 +266,6 @@ CORRECTION_SAMPLES = 241
 
 CLOSED_REL_TOL = 5e-10
 """In body sizes: distance of edges from a corrected surface at which it is good enough."""
-
-MAX_MOVE_GAPS = 8.0
-"""Gaps by which a surface may move between its edges, where nothing but bending holds it: 4.1 on a face of a real casting."""
 
 MAX_LEFT_REL = 1e-8
 """In body sizes: the greatest distance that is taken. It is written into the tolerances of edges."""
@@ -270,24 +294,6 @@ def _read_carrier(face: TopoDS_Face, size: float, free_form: bool) -> BodyCarrie
     return carrier
 
 
-def _wire_edges(face: TopoDS_Face) -> list[list[TopoDS_Edge]]:
-    """Edges of the face loop by loop, counter-clockwise about S_u x S_v of OCCT, without degenerate edges."""
-    forward = convert.as_face(face.Oriented(TopAbs_FORWARD))
-    loops = []
-    for shape in list_subshapes(forward, TopAbs_WIRE):
-        wire = convert.as_wire(shape)
-        walk, loop = BRepTools_WireExplorer(wire, forward), []
-        while walk.More():
-            loop.append(walk.Current())
-            walk.Next()
-        if len(loop) != len(list_subshapes(wire, TopAbs_EDGE)):
-            raise UnsupportedFace("has a wire whose edges are not connected in order")
-        loop = [edge for edge in loop if not BRep_Tool.Degenerated_s(edge)]
-        if loop:
-            loops.append(loop)
-    return loops
-
-
 def _exact_vertex(point: Array, carriers: Sequence[BodyCarrier], size: float) -> Array:
     """Common point of the surfaces closest to the OCCT vertex, or the pole of a free-form one that is there."""
     poles = [p for c in carriers if isinstance(c, FreeFormSurface) for _, p in c.poles_across_v()]
@@ -313,13 +319,13 @@ def _exact_edge(
             float(project_to_curve(curve, (low, low), start[None])[0][0]),
             float(project_to_curve(curve, (high, high), end[None])[0][0]),
         )
-        if _max_distance(curve(np.linspace(*span, CHECK_SAMPLES)), carriers) <= tol:
+        if largest_miss(curve(np.linspace(*span, CHECK_SAMPLES)), carriers) <= tol:
             if isinstance(curve, Circle | Ellipse):
                 return curve, span
             length = float(np.linalg.norm(curve(span[1]) - curve(span[0])))
             return line_segment(curve(span[0]), curve(span[1]), (0.0, length)), (0.0, length)
     if any(isinstance(c, FreeFormSurface) for c in carriers):
-        spline_edge = _occt_spline(adaptor, carriers, start, end, tol)
+        spline_edge = _occt_spline(adaptor, carriers, start, end, tol, tol)
         if spline_edge is not None:
             return spline_edge
         if len(carriers) == 1 and isinstance(carriers[0], FreeFormSurface):
@@ -357,9 +363,9 @@ def _sample_curve(shape: TopoDS_Edge) -> Array:
 
 
 def _occt_spline(
-    adaptor: BRepAdaptor_Curve, carriers: Sequence[BodyCarrier], start: Array, end: Array, tol: float
+    adaptor: BRepAdaptor_Curve, carriers: Sequence[BodyCarrier], start: Array, end: Array, tol: float, within: float
 ) -> tuple[EdgeCurve, tuple[float, float]] | None:
-    """The kernel's own curve as a polynomial spline, and its span, if it is within the tolerance of the surfaces and vertices."""
+    """The kernel's own curve as a polynomial spline to `tol`, and its span, if it is `within` of the surfaces and vertices."""
     low, high = adaptor.FirstParameter(), adaptor.LastParameter()
     curve = None
     if adaptor.GetType() == GeomAbs_BSplineCurve:
@@ -372,11 +378,11 @@ def _occt_spline(
         curve = convert_curve(adaptor, tol / 4)
     if curve is None:
         return None
-    if np.abs(curve([low, high]) - np.stack([start, end])).max() > tol:
+    if np.abs(curve([low, high]) - np.stack([start, end])).max() > within:
         return None
     ends = curve.knots[(curve.knots > low) & (curve.knots < high)]
     t = np.unique(np.concatenate([np.linspace(low, high, REFIT_SAMPLES), ends]))
-    return (curve, (low, high)) if _max_distance(curve(t), carriers) <= tol else None
+    return (curve, (low, high)) if largest_miss(curve(t), carriers) <= within else None
 
 
 SEAM_REL_TOL = 1e-6
@@ -416,8 +422,3 @@ def _occt_conic(adaptor: BRepAdaptor_Curve) -> EdgeCurve | None:
     if kind == GeomAbs_Ellipse:
         return Ellipse(*axis_frame(adaptor.Ellipse()), adaptor.Ellipse().MajorRadius(), adaptor.Ellipse().MinorRadius())
     return None
-
-
-def _max_distance(points: Array, carriers: Sequence[BodyCarrier]) -> float:
-    """Largest distance of the points from any of the carriers."""
-    return max(float(np.abs(c.distance(points)).max()) for c in carriers)

@@ -14,12 +14,13 @@ beyond the face where the surface does, by a part of the face's range of paramet
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from OCP.BRep import BRep_Tool
-from OCP.BRepAdaptor import BRepAdaptor_Curve
+from OCP.BRepAdaptor import BRepAdaptor_Curve, BRepAdaptor_Surface
 from OCP.BRepTools import BRepTools
 from OCP.Geom import (
     Geom_BezierCurve,
@@ -121,19 +122,63 @@ def convert_free_form(face: TopoDS_Face, size: float, reach: float = REACH) -> C
     UnsupportedFace
         If the surface is a plane or a quadric, but for a torus that intersects itself, or has a crease inside the face.
     """
+    surface, face_box = _surface_of(face)
+    if isinstance(surface, Geom_ElementarySurface) and not _intersects_itself(surface):
+        raise UnsupportedFace("is on a plane or a quadric, which has a carrier of its own")
+    box = _widen(surface, face_box, reach, BEYOND_REL * size)
+    spline, error, sample = _convert_box(surface, box, EXACT_REL_TOL * size)
+    creases = _list_creases(spline)
+    inside = _list_inside(creases, face_box)
+    for axis in (0, 1):
+        if len(inside[axis]):
+            raise UnsupportedFace(f"has a crease at {'uv'[axis]} = {inside[axis][0]:.6g}")
+    spline = _join_poles(restrict_between(spline, creases, face_box.mean(axis=1)), size)
+    closed = find_smooth_seams(spline)
+    return ConvertedSurface(FreeFormSurface(spline, closed), max(error, measure_grid_error(spline, sample)))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class CreasedSurface:
+    """A face's surface as a spline, the parameters u and v of its creases, and those of them that cross the face's box."""
+
+    spline: BSplineSurface
+    creases: tuple[Array, Array]
+    inside: tuple[Array, Array]
+
+
+def find_creases(face: TopoDS_Face, size: float) -> CreasedSurface | None:
+    """The spline of a face and its creases, for a body of a size; None if none crosses the face's box and it is not closed.
+
+    UnsupportedFace if no spline is within 1e-10 of the size.
+    """
+    surface, face_box = _surface_of(face)
+    if isinstance(surface, Geom_ElementarySurface):
+        return None
+    is_closed = surface.IsUClosed() or surface.IsVClosed()  # there may be a crease at the seam
+    if is_c1(face) and not is_closed:
+        return None
+    spline, error, _ = _convert_box(surface, _widen(surface, face_box, REACH, BEYOND_REL * size), EXACT_REL_TOL * size)
+    creases = _list_creases(spline)
+    inside = _list_inside(creases, face_box)
+    if not any(map(len, inside)) and not is_closed:
+        return None
+    if error > EXACT_REL_TOL * size:
+        raise UnsupportedFace(f"is free-form, and its spline is {error:.2g} off")
+    return CreasedSurface(spline, creases, (inside[0], inside[1]))
+
+
+def is_c1(face: TopoDS_Face) -> bool:
+    """Whether the derivatives of a face's surface are continuous within the box of the face."""
+    adaptor = BRepAdaptor_Surface(face, True)
+    return bool(adaptor.NbUIntervals(GeomAbs_C1) == adaptor.NbVIntervals(GeomAbs_C1) == 1)
+
+
+def _surface_of(face: TopoDS_Face) -> tuple[Geom_Surface, Array]:
+    """The surface of a face without its bounds, and the box (2, 2) of the face's parameters."""
     surface = BRep_Tool.Surface_s(face)
     while isinstance(surface, Geom_RectangularTrimmedSurface):
         surface = surface.BasisSurface()
-    if isinstance(surface, Geom_ElementarySurface) and not _intersects_itself(surface):
-        raise UnsupportedFace("is on a plane or a quadric, which has a carrier of its own")
-    u0, u1, v0, v1 = BRepTools.UVBounds_s(face)
-    face_box = np.array([[u0, u1], [v0, v1]])
-    box = _widen(surface, face_box, reach, BEYOND_REL * size)
-    spline, error, sample = _convert_box(surface, box, EXACT_REL_TOL * size)
-    restricted = _cut_at_creases(spline, face_box)
-    spline = _join_poles(restricted, size)
-    closed = find_smooth_seams(spline)
-    return ConvertedSurface(FreeFormSurface(spline, closed), max(error, measure_grid_error(spline, sample)))
+    return surface, np.array(BRepTools.UVBounds_s(face)).reshape(2, 2)
 
 
 def _intersects_itself(surface: Geom_Surface) -> bool:
@@ -338,21 +383,28 @@ def _read_breaks(adaptor: GeomAdaptor_Surface | BRepAdaptor_Curve, axis: int | N
     return breaks, continuity
 
 
-def _cut_at_creases(spline: BSplineSurface, face_box: Array) -> BSplineSurface:
-    """The surface without what lies beyond creases outside the face. Raises UnsupportedFace if there is one inside."""
-    keep = np.array(spline.domain)
+def _list_creases(spline: BSplineSurface) -> tuple[Array, Array]:
+    """The inner knots along u and along v at which the tangent plane turns."""
+    found = []
     for axis, (knots, degree) in enumerate(((spline.knots_u, spline.degree_u), (spline.knots_v, spline.degree_v))):
         values, counts = np.unique(knots[degree + 1 : -degree - 1], return_counts=True)
-        tiny = SNAP_RTOL * np.ptp(knots)
-        for t in values[counts >= degree].tolist():
-            if not _has_crease(spline, axis, t):
-                continue
-            if t <= face_box[axis, 0] + tiny:
-                keep[axis, 0] = max(keep[axis, 0], t)
-            elif t >= face_box[axis, 1] - tiny:
-                keep[axis, 1] = min(keep[axis, 1], t)
-            else:
-                raise UnsupportedFace(f"has a crease at {'uv'[axis]} = {t:.6g}")
+        found.append(np.array([t for t in values[counts >= degree].tolist() if _has_crease(spline, axis, t)]))
+    return found[0], found[1]
+
+
+def _list_inside(creases: tuple[Array, Array], face_box: Array) -> list[Array]:
+    """The parameters of creases within the box (2, 2) of a face."""
+    tiny = SNAP_RTOL * np.ptp(face_box, axis=1)
+    return [c[(c > low + d) & (c < high - d)] for c, (low, high), d in zip(creases, face_box, tiny, strict=True)]
+
+
+def restrict_between(spline: BSplineSurface, creases: Sequence[Array], at: Array) -> BSplineSurface:
+    """The surface around parameters (2,) without what lies beyond the creases next to them."""
+    keep = np.array(spline.domain)
+    for axis in (0, 1):
+        ends = np.concatenate([[keep[axis, 0]], creases[axis], [keep[axis, 1]]])
+        k = min(max(int(np.searchsorted(ends, at[axis])), 1), len(ends) - 1)
+        keep[axis] = ends[k - 1], ends[k]
     return _restrict(spline, keep)
 
 

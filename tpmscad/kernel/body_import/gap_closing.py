@@ -7,12 +7,13 @@ are planes or quadrics, which do not move, and soft if they are free-form, which
 - An edge is the curve in which its surfaces meet at an angle, if it passes through its vertices; else a smooth curve next to the
   kernel's, pulled onto the hard surface; else the mean of both soft surfaces. Its ends are moved onto the vertices.
 
-What is left between an edge and its hard surfaces must be round-off: two hard surfaces that miss each other are refused.
+What is left between an edge and its surfaces becomes the tolerance of the edge, within an `Allowance`.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 from itertools import combinations
 
 import numpy as np
@@ -47,14 +48,34 @@ VERTEX_SINE = 1e-4
 SMOOTHING = 0.1
 """Of the gap along an edge: how far the smooth curve may be from the kernel's."""
 
+MAX_MOVE_GAPS = 8.0
+"""Gaps by which a surface may move between its edges, where nothing but bending holds it, or an edge to where its surfaces meet:
+4.1 on a face of a real casting."""
+
 MAX_LEFT_TOLS = 20.0
 """Tolerances by which an edge may miss a hard surface."""
 
 
-def close_vertex(start: Array, carriers: Sequence[BodyCarrier], seams: Sequence[Plane], size: float) -> Array:
+@dataclass(frozen=True, slots=True)
+class Allowance:
+    """How far edges may miss their faces beyond round-off: a length in model units, and what limits it, in words."""
+
+    length: float = 0.0
+    reason: str = "the file states no accuracy that covers it: repair the body in the CAD system that made it"
+
+    def require(self, miss: float, least: float, words: str) -> None:
+        """UnsupportedFace, in words, if a distance exceeds the allowance and the length `least`, which is round-off."""
+        if not miss <= max(self.length, least):
+            raise UnsupportedFace(f"{words}, more than {max(self.length, least):.2g} ({self.reason})")
+
+
+def close_vertex(
+    start: Array, carriers: Sequence[BodyCarrier], seams: Sequence[Plane], size: float, allowance: Allowance
+) -> Array:
     """The point next to `start` (3,) on all hard surfaces, and near the soft ones; `seams` are planes that contain seams there.
 
-    Raises UnsupportedFace if the hard surfaces have no common point within MAX_GAP_REL.
+    It is `start` itself where surfaces that are nearly tangent meet farther away than `MAX_MOVE_GAPS` of the gap between them,
+    if that is allowed. Raises UnsupportedFace if the hard surfaces have no common point within MAX_GAP_REL.
     """
     hard = [c for c in carriers if not isinstance(c, FreeFormSurface)]
     point = project_to_carriers([*carriers, *seams], start[None], HARD_SINE)
@@ -63,6 +84,9 @@ def close_vertex(start: Array, carriers: Sequence[BodyCarrier], seams: Sequence[
     tangent = _move_to_tangency(hard, point, size)
     point = point if tangent is None else tangent
     moved = float(np.linalg.norm(point[0] - start))
+    gap = largest_miss(start[None], carriers)
+    if moved > MAX_MOVE_GAPS * gap and EXACT_REL_TOL * size < gap <= allowance.length:
+        return start
     if not moved <= MAX_GAP_REL * size:
         raise UnsupportedFace(
             f"shares no point with its neighbouring faces near {start.round(6)}: "
@@ -72,11 +96,18 @@ def close_vertex(start: Array, carriers: Sequence[BodyCarrier], seams: Sequence[
 
 
 def close_edge(
-    points: Array, carriers: Sequence[BodyCarrier], start: Array, end: Array, tol: float, size: float
+    points: Array,
+    carriers: Sequence[BodyCarrier],
+    start: Array,
+    end: Array,
+    tol: float,
+    size: float,
+    allowance: Allowance,
 ) -> tuple[EdgeCurve, tuple[float, float]]:
     """Curve and span of an edge along points (m, 3) of the kernel's curve, from one vertex to the other.
 
-    Raises UnsupportedFace if two hard surfaces miss each other, or the curve is farther than MAX_GAP_REL from a surface.
+    Raises UnsupportedFace if two hard surfaces miss each other by more than is allowed, or the curve is farther than MAX_GAP_REL
+    from a surface.
     """
     gap = max(float(np.abs(c.distance(points)).max()) for c in carriers)
     gap = max(gap, *(float(np.linalg.norm(p - q)) for p, q in ((points[0], start), (points[-1], end))))
@@ -91,31 +122,44 @@ def close_edge(
         hard = [c for c in hard if not isinstance(c, FreeFormSurface)]
     path = _move_to_tangency(hard, points, size)
     path = project_to_carriers(carriers, points, HARD_SINE) if path is None else path
-    share = np.append(0.0, np.cumsum(np.linalg.norm(np.diff(path, axis=0), axis=1)))
-    share = (share / max(share[-1], 1e-300))[:, None]
-    path = path + (1.0 - share) * (start - path[0]) + share * (end - path[-1])
+    path = _join_ends(path, start, end)
     again = _move_to_tangency(hard, path[1:-1], size)
     if again is not None:
         path[1:-1] = again
     if not any(isinstance(c, FreeFormSurface) for c in carriers):
         for within in (tol, 4.0 * gap):  # a line or a circle that the file has rounded
             known = recognise_line_or_circle(path, within)
-            if known is not None and _misses(known[0](np.linspace(*known[1], len(points))), carriers) <= tol:
+            if known is not None and largest_miss(known[0](np.linspace(*known[1], len(points))), carriers) <= tol:
                 return known
     near = max(SMOOTHING * gap, tol)
     path = smooth_path(path, near)
+    quadrics = [c for c in hard if not isinstance(c, FreeFormSurface)]
     try:
         curve = _fit_between(hard, path, tol / 4, near)
     except UnsupportedFace:  # the soft surface is too rough
-        hard = [c for c in hard if not isinstance(c, FreeFormSurface)]
-        curve = _fit_between(hard, path, tol / 4, near)
-    left = _misses(curve(np.linspace(*curve.domain, 2 * len(points))), hard) if hard else 0.0
-    if left > MAX_LEFT_TOLS * tol:
-        raise UnsupportedFace(
-            f"misses a neighbouring face by {left:.2g} along the edge near {points[len(points) // 2].round(6)}; "
-            "planes, cylinders, cones, spheres and tori are not moved"
-        )
+        hard = quadrics
+        try:
+            curve = _fit_between(hard, path, tol / 4, near)
+        except UnsupportedFace:  # two quadrics are nearly tangent, and miss each other
+            if not allowance.length:
+                raise
+            curve = _fit_between([], path, tol / 4, near)
+    left = largest_miss(curve(np.linspace(*curve.domain, 2 * len(points))), hard) if hard else 0.0
+    place = points[len(points) // 2].round(6)
+    allowance.require(
+        left,
+        MAX_LEFT_TOLS * tol,
+        f"misses a neighbouring face by {left:.2g} along the edge near {place}; planes, cylinders, cones, spheres and tori "
+        "are not moved",
+    )
     return curve, curve.domain
+
+
+def _join_ends(path: Array, start: Array, end: Array) -> Array:
+    """A path (m, 3) moved so that it begins and ends at two points."""
+    share = np.append(0.0, np.cumsum(np.linalg.norm(np.diff(path, axis=0), axis=1)))
+    share = (share / max(share[-1], 1e-300))[:, None]
+    return np.asarray(path + (1.0 - share) * (start - path[0]) + share * (end - path[-1]))
 
 
 def _move_to_tangency(hard: Sequence[BodyCarrier], points: Array, size: float) -> Array | None:
@@ -128,7 +172,7 @@ def _move_to_tangency(hard: Sequence[BodyCarrier], points: Array, size: float) -
         return None
     found = project_to_tangency(hard, tangent, points)
     near = np.linalg.norm(found - points, axis=1).max() <= MAX_GAP_REL * size
-    return found if near and _misses(found, hard) <= EXACT_REL_TOL * size else None
+    return found if near and largest_miss(found, hard) <= EXACT_REL_TOL * size else None
 
 
 def _fit_between(hard: Sequence[BodyCarrier], path: Array, tol: float, near: float) -> BSplineCurve:
@@ -172,6 +216,6 @@ def _sines(carriers: Sequence[BodyCarrier], points: Array) -> Array:
     return np.asarray(np.linalg.norm(np.cross(first, second), axis=1))
 
 
-def _misses(points: Array, carriers: Sequence[BodyCarrier]) -> float:
+def largest_miss(points: Array, carriers: Sequence[BodyCarrier]) -> float:
     """Largest distance of points (m, 3) from any of the surfaces."""
     return max(float(np.abs(c.distance(points)).max()) for c in carriers)

@@ -13,6 +13,7 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import NDArray
 from scipy.interpolate import make_interp_spline
+from scipy.optimize import brentq
 
 from tpmscad._typing import Array, BoolArray
 from tpmscad.brep.carriers import ConicalSurface, EdgeCurve, Quadric, SphericalSurface
@@ -55,6 +56,10 @@ ARC_LENGTH_PASSES = 2
 POLE_REL_TOL = 1e-7
 """Distance from the axis, in body sizes, below which a point is a pole of a sphere or the apex of a cone; from the pole of a
 free-form surface."""
+
+
+WIDER_FIT = 4.0
+"""Ratio of the tolerances that are tried one after another for a pcurve of an edge that is off its face."""
 
 
 class UnsupportedFace(Exception):
@@ -146,8 +151,12 @@ def fit_pcurve(
     near: Array,
     size: float,
     tol: float,
+    most: float = 0.0,
 ) -> BSplineCurve:
-    """Pcurve on the carrier, within `tol` of the curve; a line wherever (u, v) is affine in the parameter."""
+    """Pcurve on the carrier, within `tol` of the curve; a line wherever (u, v) is affine in the parameter.
+
+    Where no spline is within `tol`, one within up to `most` is taken. UnsupportedFace if there is none either.
+    """
     t = np.linspace(*span, EDGE_SAMPLES)
     uv = follow_parameters(carrier, curve, span, near, None, size)
     slope = (uv[-2] - uv[1]) / (t[-2] - t[1])
@@ -164,14 +173,64 @@ def fit_pcurve(
         kept = np.concatenate([[span[0]], inner])
         inner = inner[(np.diff(kept) > least) & (inner < span[1] - least)]
 
+    kinks, bends = (_cross_knot_lines(carrier, curve, span, near, size, continuity) for continuity in (0, 1))
+    breaks = _join_breaks(np.union1d(span, inner), bends)
+
     def error(fit: BSplineCurve, checks: Array) -> Array:
         return np.asarray(np.linalg.norm(carrier(*fit(checks).T) - curve(checks), axis=1))
 
-    return _require_fit(
-        fit_adaptively(
-            lambda s: follow_parameters(carrier, curve, span, near, s, size), np.union1d(span, inner), error, tol
+    while True:
+        fit = fit_adaptively(
+            lambda s: follow_parameters(carrier, curve, span, near, s, size), breaks, error, tol, bends, kinks
         )
-    )
+        if fit is not None or tol >= most:
+            return _require_fit(fit)
+        tol = min(WIDER_FIT * tol, most)
+
+
+def _cross_knot_lines(
+    carrier: Quadric | FreeFormSurface,
+    curve: EdgeCurve,
+    span: tuple[float, float],
+    near: Array,
+    size: float,
+    continuity: int,
+) -> Array:
+    """Parameters of a curve at which it crosses lines of its surface where that is no smoother than C^continuity, ascending."""
+    if not isinstance(carrier, FreeFormSurface):
+        return np.zeros(0)
+    found: list[float] = []
+    for axis, knots in enumerate(carrier.knot_lines(continuity)):
+        if not len(knots):
+            continue
+        t, uv = np.linspace(*span, EDGE_SAMPLES), follow_parameters(carrier, curve, span, near, None, size)[:, axis]
+        period = carrier.period[axis]
+        turns = (
+            np.arange(np.floor((uv.min() - knots[-1]) / period), (uv.max() - knots[0]) / period + 1) if period else [0]
+        )
+        for knot in (knots + turn * period for turn in turns):
+            for value in knot.tolist():
+
+                def off(s: float, axis: int = axis, value: float = value) -> float:
+                    return float(follow_parameters(carrier, curve, span, near, np.array([s]), size)[0, axis] - value)
+
+                for k in np.flatnonzero((uv[:-1] > value) != (uv[1:] > value)).tolist():
+                    ends = off(t[k]), off(t[k + 1])
+                    if ends[0] * ends[1] < 0:
+                        found.append(float(brentq(off, t[k], t[k + 1])))
+    return np.unique(found)
+
+
+def _join_breaks(breaks: Array, more: Array) -> Array:
+    """Breaks with others, and without those inside that are nearer to one of these than a fit can tell."""
+    least = MIN_BREAK_FRACTION * (breaks[-1] - breaks[0])
+    more = more[(more > breaks[0] + least) & (more < breaks[-1] - least)]
+    if not len(more):
+        return breaks
+    apart = np.abs(breaks[:, None] - more).min(axis=1) > least
+    apart[[0, -1]] = True
+    more = more[np.append(True, np.diff(more) > least)]
+    return np.union1d(breaks[apart], more)
 
 
 def _require_fit(fit: BSplineCurve | None) -> BSplineCurve:

@@ -24,7 +24,7 @@ from tpmscad.brep.carriers import (
     ToroidalSurface,
 )
 from tpmscad.brep.curve_recognition import recognise_line_or_circle
-from tpmscad.kernel.occt.convert import axis_frame
+from tpmscad.kernel.occt.convert import CONFUSION_TOLERANCE, axis_frame
 from tpmscad.kernel.occt.seams import turn_seam_aside
 from tpmscad.kernel.recognise.edge_curves import UnsupportedFace
 
@@ -70,11 +70,12 @@ def _recognise_spline(face: TopoDS_Face, size: float) -> Plane | Quadric | None:
     points = _sample_face_grid(face)
     pln, cylinder, cone, sphere = gp_Pln(), gp_Cylinder(), gp_Cone(), gp_Sphere()
     tol = EXACT_REL_TOL * size
+    near = max(tol, CONFUSION_TOLERANCE)  # below it the kernel recognises no plane; what it finds is measured
     for found in (
-        lambda: Plane(*axis_frame(pln)) if recognition.IsPlane(tol, pln) else None,
-        lambda: _carrier_of_radius(CylindricalSurface, cylinder) if recognition.IsCylinder(tol, cylinder) else None,
-        lambda: _cone(cone, evaluate_mid_face(face)[1]) if recognition.IsCone(tol, cone) else None,
-        lambda: _carrier_of_radius(SphericalSurface, sphere) if recognition.IsSphere(tol, sphere) else None,
+        lambda: Plane(*axis_frame(pln)) if recognition.IsPlane(near, pln) else None,
+        lambda: _carrier_of_radius(CylindricalSurface, cylinder) if recognition.IsCylinder(near, cylinder) else None,
+        lambda: _cone(cone, evaluate_mid_face(face)[1]) if recognition.IsCone(near, cone) else None,
+        lambda: _carrier_of_radius(SphericalSurface, sphere) if recognition.IsSphere(near, sphere) else None,
         lambda: _fit_torus(points, tol),
         lambda: _fit_torus(np.swapaxes(points, 0, 1), tol),
     ):

@@ -48,10 +48,12 @@ def write_step(
     nesting: from `build_solids`. name: of the product, by default that of the file. instances: the solids are stored once and
     placed by an assembly, which each further level places again (`write_cell_assembly`). labels: names of the faces, by default
     their tags. colours: red, green and blue from 0 to 1 by label. Equal requests write equal bytes, but for `time_stamp` on a
-    line of its own. Other arguments and errors as `open_step_file`.
+    line of its own. The file states as its accuracy the kernel's confusion, or the largest deviation of an edge from its faces
+    if that is more. Other arguments and errors as `open_step_file`.
     """
     colours = colours or {}
-    envelope = open_step_file(path, schema=schema, accuracy=CONFUSION_TOLERANCE, time_stamp=time_stamp, verify=verify)
+    accuracy = float(brep.edges.deviation.max(initial=CONFUSION_TOLERANCE))
+    envelope = open_step_file(path, schema=schema, accuracy=accuracy, time_stamp=time_stamp, verify=verify)
     with envelope as (target, section, setting):
         title = name or target.stem
         part_name = f"{title} cell" if instances else title

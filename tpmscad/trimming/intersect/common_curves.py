@@ -6,6 +6,7 @@ way: the spline's own points, moved onto both faces in the planes normal to it, 
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -13,11 +14,12 @@ from numpy.lib.stride_tricks import sliding_window_view
 
 from tpmscad._compiled_loops import njit_cached
 from tpmscad._typing import Array, BoolArray, IntArray
+from tpmscad.brep.boundary_representation import Brep
 from tpmscad.errors import UntracedCurve, format_point
 from tpmscad.index_ranges import repeat_rows
 from tpmscad.rigid_motion import Motion
 from tpmscad.splines.alike_curves import AlikeCurves, interpolate_alike
-from tpmscad.splines.bspline import BSplineCurve
+from tpmscad.splines.bspline import BSplineCurve, BSplineSurface
 from tpmscad.trimming.intersect.common_points import Work, correct_point, find_tangent, make_work
 from tpmscad.trimming.intersect.congruent_pairs import sort_ends
 from tpmscad.trimming.intersect.face_face import trace_curves
@@ -82,30 +84,37 @@ def trace_common_curves(first: Network, second: Network, ends: CurveEnds, n_vert
     start: list[int] = []
     end: list[int] = []
     loose: list[Array] = []
-    own_path: dict[int, int] = {}
+    pieces_of: dict[int, tuple[int, list[Array]]] = {}  # where they start, and their paths
     fitted_faces: list[IntArray] = []
-    for number, curve in enumerate(trace_curves(first, second, joined, ends, tol)):
-        own, pair = curve.points, ends.pairs[curve.pair]
-        half = len(own) // 2
-        parts = [own] if curve.start >= 0 else [own[: half + 1], own[half:]]  # a closed curve has two edges
-        if curve.like == number:
-            own_path[number] = len(paths)
-            paths += parts
-            fitted_faces += [pair] * len(parts)
-        faces += [pair] * len(parts)
-        curve_of += range(own_path[curve.like], own_path[curve.like] + len(parts))
-        if curve.start >= 0:
-            start.append(int(ends.vertex[curve.start]))
-            end.append(int(ends.vertex[curve.end]))
-            continue
-        vertex = n_vertices + len(loose)
-        loose += [own[0, :3], own[half, :3]]
-        start += [vertex, vertex + 1]
-        end += [vertex + 1, vertex]
-    of_path = np.array(fitted_faces, np.int64).reshape(-1, 2)
-    splines, deviation = _fit_paths(joined.patches, of_path + np.array([0, len(first.faces.low)]), paths, 0.5 * tol)
+    lines = _list_knot_lines(first.brep), _list_knot_lines(second.brep)
     placed = second.brep.faces.motion
-    face, curve_number = np.array(faces, np.int64).reshape(-1, 2), np.array(curve_of, np.int64)
+    for number, curve in enumerate(trace_curves(first, second, joined, ends, tol)):
+        f, g = pair = ends.pairs[curve.pair]
+        is_closed = curve.start < 0  # a closed curve has two edges at least
+        if curve.like == number:
+            own, half = curve.points, len(curve.points) // 2
+            of_pair = [*lines[0][first.brep.faces.carrier[f]], *lines[1][second.brep.faces.carrier[g]]]
+            pieces: list[Array] = []
+            for part in (own[: half + 1], own[half:]) if is_closed else (own,):
+                pieces += _cut_at_lines(joined.patches, np.array([f, g + len(first.faces.low)]), part, of_pair)
+            pieces_of[number] = len(paths), pieces
+            paths += pieces
+            fitted_faces += [pair] * len(pieces)
+        first_path, pieces = pieces_of[curve.like]
+        between = [piece[0, :3] for piece in (pieces if is_closed else pieces[1:])]
+        if curve.like != number and between:
+            moved = placed[int(g)].apply(placed[int(fitted_faces[first_path][1])].apply_inverse(np.array(between)))
+            between = list(moved)
+        numbers = list(range(n_vertices + len(loose), n_vertices + len(loose) + len(between)))
+        loose += between
+        if is_closed:
+            numbers.append(numbers[0])
+        else:
+            numbers = [int(ends.vertex[curve.start]), *numbers, int(ends.vertex[curve.end])]
+        faces += [pair] * len(pieces)
+        curve_of += range(first_path, first_path + len(pieces))
+        start += numbers[:-1]
+        end += numbers[1:]
     return CommonCurves(
         faces=face,
         start=np.array(start, np.int64),
@@ -123,6 +132,58 @@ def trace_common_curves(first: Network, second: Network, ends: CurveEnds, n_vert
         ),
         deviation=DEVIATION_MARGIN * deviation[curve_number],
     )
+
+
+KNOT_CONTINUITY = 1
+"""Greatest continuity of a surface across a knot line at which curves are cut: a curve that crosses a jump of the curvature is
+not smooth in the parameters, and its spline converges with the square of its steps."""
+
+KNOT_STEPS = 40
+"""Bisections to the point in which a curve crosses a knot line."""
+
+MIN_PIECE_STEPS, KNOT_MARGIN = 0.1, 1e-6
+"""Of a step of a path: its points that are nearer to a knot line are left out; where an end of it is nearer, it is not cut."""
+
+
+def _list_knot_lines(brep: Brep) -> list[tuple[Array, Array]]:
+    """For each carrier its inner knots along u and along v across which it is no smoother than C^KNOT_CONTINUITY."""
+    found = []
+    for carrier in brep.carriers:
+        own = []
+        if isinstance(carrier, BSplineSurface):
+            for knots, degree in ((carrier.knots_u, carrier.degree_u), (carrier.knots_v, carrier.degree_v)):
+                values, counts = np.unique(knots[degree + 1 : -degree - 1], return_counts=True)
+                own.append(values[degree - counts <= KNOT_CONTINUITY])
+        found.append((own[0], own[1]) if own else (np.zeros(0), np.zeros(0)))
+    return found
+
+
+def _cut_at_lines(patches: PatchPolynomials, face: IntArray, path: Array, lines: Sequence[Array]) -> list[Array]:
+    """The pieces of a path (n, 10) between the lines of constant u, v, s and r that it crosses."""
+    places, rows = [np.arange(float(len(path)))], [path]
+    for column, values in enumerate(lines, start=3):
+        for value in values.tolist():
+            side = path[:, column] > value
+            for k in np.flatnonzero(side[:-1] != side[1:]).tolist():
+                low, high = 0.0, 1.0
+                for _ in range(KNOT_STEPS):
+                    x = 0.5 * (low + high)
+                    guess = (1 - x) * path[k] + x * path[k + 1]
+                    row = _correct(patches, face[None], guess[None, :7], guess[None, 7:])
+                    low, high = (x, high) if (row[0, column] > value) == side[k] else (low, x)
+                known = np.concatenate([[0.0, len(path) - 1.0], *places[1:]])
+                if np.abs(known - k - x).min() > KNOT_MARGIN:
+                    places.append(np.array([k + x]))
+                    rows.append(row)
+    if len(rows) == 1:
+        return [path]
+    at, cuts = np.concatenate(places), np.concatenate(places[1:])
+    kept = np.abs(at[:, None] - cuts).min(axis=1) > MIN_PIECE_STEPS
+    kept[[0, len(path) - 1]] = kept[len(path) :] = True
+    order = np.flatnonzero(kept)[np.argsort(at[kept])]
+    ends = [0, *np.flatnonzero(order >= len(path)).tolist(), len(order) - 1]
+    points = np.concatenate(rows)[order]
+    return [points[i : j + 1] for i, j in zip(ends[:-1], ends[1:], strict=True)]
 
 
 @dataclass(frozen=True, slots=True, eq=False)

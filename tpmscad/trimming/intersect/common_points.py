@@ -25,6 +25,10 @@ NEWTON_STEPS = 15
 STEP_TOL = 1e-14
 """Step, relative to the parameter ranges, at which a correction has converged."""
 
+ROUND_OFF = 1e-14
+"""Distance of the points on both faces, relative to the largest coordinate, that round-off leaves: at a sine of 1e-3 it moves the
+parameters by a thousand times as much in each step."""
+
 MIN_SINE = 1e-5
 """Sine of the angle between two faces below which a curve is not traced."""
 
@@ -86,6 +90,7 @@ def correct_point(
         evaluate_face(patches, f, at[0], at[1], work.jet_f)
         evaluate_face(patches, g, at[2], at[3], work.jet_g)
         a[3, 4] = 0.0
+        gap, size = 0.0, 0.0
         for c in range(4):
             a[3, c] = 0.0
         for d in range(3):
@@ -94,6 +99,7 @@ def correct_point(
                 a[3, c] += 0.5 * work.jet_f[1 + c, d] * normal[d]
                 a[3, 2 + c] += 0.5 * work.jet_g[1 + c, d] * normal[d]
             a[d, 4] = work.jet_g[0, d] - work.jet_f[0, d]
+            gap, size = max(gap, abs(a[d, 4])), max(size, abs(work.jet_f[0, d]))
             a[3, 4] -= (0.5 * (work.jet_f[0, d] + work.jet_g[0, d]) - origin[d]) * normal[d]
         if not solve_four(a):
             return False
@@ -104,7 +110,7 @@ def correct_point(
             step = max(step, abs(a[c, 4]) / range_of(patches, face, c % 2))
         if not step < 10.0:
             return False
-        if step < STEP_TOL or (step >= moved and step < 1e-11):
+        if step < STEP_TOL or (step >= moved and (step < 1e-11 or gap < ROUND_OFF * size)):
             return True
         moved = step
     return False
