@@ -75,25 +75,26 @@ def test_an_exception_of_the_kernel_is_translated_and_others_are_not() -> None:
         _ = 1 / 0
 
 
-FEW: Any = SimpleNamespace(faces=range(10))
+def block_of(n_patches: int) -> Any:
+    return SimpleNamespace(patches=SimpleNamespace(faces=range(n_patches)), shape=BODY)
 
 
 def test_the_kernels_boolean_is_not_tried_with_tens_of_thousands_of_patches() -> None:
-    many: Any = SimpleNamespace(faces=range(boolean_strategies.MAX_KERNEL_FACES + 1))
     body: Any = SimpleNamespace(shape=BODY)
     with pytest.raises(KernelError, match="has 20001 patches"):
-        boolean_strategies.intersect_in_kernel(many, body, pytest.fail)
+        boolean_strategies.intersect_in_kernel(block_of(boolean_strategies.MAX_KERNEL_FACES + 1), body)
 
 
 def test_the_kernels_boolean_is_checked_and_its_volume_compared_with_a_sample(monkeypatch: pytest.MonkeyPatch) -> None:
     body: Any = SimpleNamespace(shape=BODY, volume=100.0, name="the body")
     fraction = boolean_strategies.estimate_volume(BODY) / 100
+    monkeypatch.setattr(boolean_strategies, "intersect_solids", lambda *_: (BODY,))
     monkeypatch.setattr(boolean_strategies, "sample_lattice_fraction", lambda *_: (fraction, 0.01))
-    made = boolean_strategies.intersect_in_kernel(FEW, body, lambda: (BODY,))
+    made = boolean_strategies.intersect_in_kernel(block_of(10), body)
     assert made.solids == (BODY,)
     monkeypatch.setattr(boolean_strategies, "sample_lattice_fraction", lambda *_: (fraction + 0.1, 0.01))
     with pytest.raises(KernelError, match=r"of the body, but 0\.\d+ \+- 0\.01 of a sample"):
-        boolean_strategies.intersect_in_kernel(FEW, body, lambda: (BODY,))
+        boolean_strategies.intersect_in_kernel(block_of(10), body)
     monkeypatch.setattr(boolean_strategies, "is_valid", lambda _: False)
     with pytest.raises(KernelError, match="check rejects what its own boolean made"):
-        boolean_strategies.intersect_in_kernel(FEW, body, lambda: (BODY,))
+        boolean_strategies.intersect_in_kernel(block_of(10), body)
