@@ -13,7 +13,7 @@ from tpmscad.brep.carriers import EdgeCurve, Plane
 from tpmscad.brep.free_form_surface import FreeFormSurface
 from tpmscad.brep.loops import LoopError, chain_faces, points_in_polygons
 from tpmscad.brep.restricted_surfaces import restrict_carriers
-from tpmscad.erosion.edge_fits import fit_edge
+from tpmscad.erosion.edge_fits import fit_edges
 from tpmscad.erosion.edge_graph import EdgeGraph
 from tpmscad.erosion.offset_shell import OffsetShell, build_offset_shell
 from tpmscad.erosion.rim_cuts import cut_rim
@@ -79,8 +79,8 @@ def trace_edges(shell: OffsetShell) -> EdgeGraph:
     A point of the shell bounds the eroded body if no site is nearer than the skin. First the rims are cut where they get shallow,
     and edges are traced from all vertices. Then edges that no vertex leads to are sought on all sheets.
     """
-    graph = EdgeGraph(shell)
-    for rim in range(len(shell.rims)):
+    graph = EdgeGraph.of(shell)
+    for rim in shell.rims:
         cut_rim(graph, rim)
     leave_vertices(graph)
     for seed in find_seeds(graph):
@@ -102,37 +102,21 @@ class _Builder:
 
     def build(self) -> Brep:
         """The boundary representation; TrimmingError if its faces do not close or contradict the depth."""
-        for piece in self.graph.rim_pieces:
-            rim = self.shell.rims[piece.rim]
-            edge = self._add_edge(rim.curve, piece.span, (piece.start, piece.end))
-            for sheet, pcurve, sense in zip(rim.sheets, rim.pcurves, rim.senses, strict=True):
-                self._add_use(sheet, edge, sense, pcurve)
-        for traced in self.graph.edges:
-            one, other = (self.shell.sheets[s] for s in traced.sheets)
-            fitted = fit_edge(one, other, traced, self.shell.size)
-            edge = self._add_edge(fitted.curve, fitted.span, (traced.start, traced.end))
-            middle = len(traced.points) // 2
-            uvs = traced.parameters[middle, :2], traced.parameters[middle, 2:]
-            tangent = traced.points[middle] - traced.points[middle - 1]
-            normals = [sheet.outward(uv[None])[0] for sheet, uv in zip((one, other), uvs, strict=True)]
-            for k, sheet in enumerate(traced.sheets):
-                into = np.cross(normals[k], tangent)  # to the left of the edge, seen from outside
-                left = 1 if into @ normals[1 - k] < 0 else -1
-                self._add_use(sheet, edge, left * self.shell.sheets[sheet].sense, fitted.pcurves[k])
+        traced = ((edge.start, edge.end) for edge in self.graph.edges)
+        for edge, start, end in (
+            *self.graph.rim_pieces,
+            *((edge, *ends) for edge, ends in zip(fit_edges(self.graph), traced, strict=True)),
+        ):
+            self.curves.append(edge.curve)
+            self.spans.append(edge.span)
+            self.ends.append((start, end))
+            for sheet, pcurve, sense in zip(edge.sheets, edge.pcurves, edge.senses, strict=True):
+                number = -1
+                if pcurve is not None:
+                    number = len(self.pcurves)
+                    self.pcurves.append(pcurve)
+                self.uses.setdefault(sheet, []).append((len(self.curves) - 1, sense, number))
         return self._assemble()
-
-    def _add_edge(self, curve: EdgeCurve, span: tuple[float, float], ends: tuple[int, int]) -> int:
-        self.curves.append(curve)
-        self.spans.append(span)
-        self.ends.append(ends)
-        return len(self.curves) - 1
-
-    def _add_use(self, sheet: int, edge: int, sense: int, pcurve: BSplineCurve | None) -> None:
-        number = -1
-        if pcurve is not None:
-            number = len(self.pcurves)
-            self.pcurves.append(pcurve)
-        self.uses.setdefault(sheet, []).append((edge, sense, number))
 
     def _path(self, sheet: int, use: tuple[int, int, int]) -> Array:
         """(u, v) along an edge use, in its direction."""

@@ -111,7 +111,7 @@ def _fit_paths(
     """A spline (x, u, v, s, r) for each path (n, 10), and its largest distance from both faces."""
     if not paths:
         return [], np.zeros(0)
-    sites = _grade_sites(patches, face, [_join_last_step(p) for p in paths])
+    sites = grade_sites(patches, face, [_join_last_step(p) for p in paths])
     at = [_choose_parameters(p) for p in sites]
     values = [p[:, :7] for p in sites]
     splines = [make_interp_spline(t, v, DEGREE) for t, v in zip(at, values, strict=True)]
@@ -149,7 +149,7 @@ def _join_last_step(path: Array) -> Array:
     return np.delete(path, -2, axis=0) if last < MIN_LAST_STEP * before else path
 
 
-def _grade_sites(patches: PatchPolynomials, face: IntArray, paths: list[Array]) -> list[Array]:
+def grade_sites(patches: PatchPolynomials, face: IntArray, paths: list[Array]) -> list[Array]:
     """The paths with points between theirs: `MIN_SITES` at least, and no step longer than its neighbours by `MAX_STEP_RATIO`."""
     result = list(paths)
     parts = {i: np.full(len(p) - 1, -(-(MIN_SITES - 1) // (len(p) - 1))) for i, p in enumerate(paths)}
@@ -227,7 +227,7 @@ def _measure_deviations(
 
 def _correct(patches: PatchPolynomials, face: IntArray, guess: Array, normal: Array) -> Array:
     """Rows (n, 10) as of a path, in the planes through points (n, 7) near the curve; UntracedCurve if one is not found."""
-    found, good = _correct_all(
+    found, good = correct_points(
         patches, *(np.ascontiguousarray(column) for column in (face, guess, normal)), make_work()
     )
     if not good.all():
@@ -237,9 +237,10 @@ def _correct(patches: PatchPolynomials, face: IntArray, guess: Array, normal: Ar
 
 
 @njit_cached
-def _correct_all(
+def correct_points(
     patches: PatchPolynomials, face: IntArray, guess: Array, normal: Array, work: Work
 ) -> tuple[Array, BoolArray]:  # pragma: no cover - compiled
+    """Rows (n, 10) as of a path, in the planes through points (n, 7) normal to directions (n, 3), and which converged (n,)."""
     result, good = np.empty((len(guess), 10)), np.empty(len(guess), np.bool_)
     at = np.empty(4)
     for i in range(len(guess)):
