@@ -14,7 +14,7 @@ from tpmscad.brep.free_form_surface import FreeFormSurface
 from tpmscad.brep.loops import LoopError, chain_faces, points_in_polygons
 from tpmscad.brep.restricted_surfaces import restrict_carriers
 from tpmscad.erosion.edge_fits import fit_edges
-from tpmscad.erosion.edge_graph import EdgeGraph
+from tpmscad.erosion.edge_graph import MERGE_REL_TOL, EdgeGraph
 from tpmscad.erosion.offset_shell import OffsetShell, build_offset_shell
 from tpmscad.erosion.rim_cuts import cut_rim
 from tpmscad.erosion.seeds import find_seeds
@@ -36,6 +36,9 @@ FRACTIONS = np.linspace(0.0, 1.0, 33)
 CARRIER_MARGIN = 0.3
 """In body sizes: how far fitted carriers may go on beyond the vertices. A lattice that the eroded body trims is followed beyond
 its edges; with 0.001 the trim of an elliptic prism fails, and the kernel's split takes twice as long."""
+
+MAX_PLACES = 1000
+"""Places of a vertex on one sheet, more than there are."""
 
 CHECK_BORDER = 0.01
 """Of the extent of a sheet's domain: nodes nearer to the border of a face are not compared with the depth."""
@@ -187,12 +190,25 @@ class _Builder:
         edge, sense = np.array([use[0] for use in own]), np.array([use[1] for use in own])
         start, end = ends[edge, 0], ends[edge, 1]
         start, end = np.where(sense > 0, start, end), np.where(sense > 0, end, start)
-
+        start, end = (
+            np.array(
+                [v * MAX_PLACES + self._find_place(sheet, v, path[at]) for v, path in zip(own_ends, paths, strict=True)]
+            )
+            for own_ends, at in ((start.tolist(), 0), (end.tolist(), -1))
+        )
         try:
             return chain_faces(start, end, paths)
         except LoopError as error:
             at = format_point(paths[0][0])
             raise TrimmingError(f"the faces of an offset surface do not close about (u, v) = {at}: {error}") from error
+
+    def _find_place(self, sheet: int, vertex: int, uv: Array) -> int:
+        """Which of the places of a vertex on a sheet, which has more than one where it crosses itself, is next to (u, v) (2,)."""
+        u, v = uv
+        if np.linalg.norm(self.shell.sheets[sheet].carrier(u, v, 1, 0)) <= MERGE_REL_TOL * self.shell.size:
+            return 0  # a pole, through which loops run from one u to another
+        apart = [np.abs(place - uv).max() if s == sheet else np.inf for s, place in self.graph.incident[vertex]]
+        return int(np.argmin(apart))
 
     def _check_depth(self, sheet: int, polygons: list[Array]) -> None:
         """TrimmingError if a node of the sheet is deep enough but outside its faces (n, 2), or inside and too shallow."""
