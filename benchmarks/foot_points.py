@@ -26,8 +26,8 @@ from OCP.gp import gp_Pnt
 from OCP.TopoDS import TopoDS_Face
 
 from tpmscad._typing import Array
+from tpmscad.brep.foot_cells import prepare_foot_surface
 from tpmscad.brep.foot_points import find_foot_points
-from tpmscad.brep.foot_surface import prepare_foot_surface
 from tpmscad.brep.free_form_surface import FreeFormSurface
 from tpmscad.kernel.body_import.free_form_carriers import convert_free_form
 from tpmscad.kernel.occt.bounding_boxes import box_diagonal

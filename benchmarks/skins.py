@@ -2,9 +2,9 @@
 
     python -m benchmarks.skins [--bodies bracket,boss,...] [--cell 8] [--thickness 0.6] [--skin 1]
 
-Columns: the method of the offset; solids, shells and Betti numbers of the part with its openings; whether it is valid and its
+Columns: solids, shells and Betti numbers of the part with its openings; whether it is valid and its
 certificate met; the least and greatest thickness of the skin, and the share of the points at which it exceeds the request by more
-than 2 %; CPU seconds of the infill, those of the kernel's offset in a process of its own included.
+than 2 %; CPU seconds of the infill.
 
 The thickness is measured independently of the program: the vertices of a triangulation of the skin's inner faces against a fine
 triangulation of the body's closed faces, point to triangle. Openings are planar faces without a skin, or bores cut afterwards.
@@ -126,7 +126,7 @@ def erode(name: str, ratio: float, opened: bool) -> None:
     valid = all(check_shape(part.shape).valid for part in found.parts)
     volume = sum(part.volume for part in found.parts)
     print(
-        f"{name:>9} {skin:7.4g} {found.method.removeprefix('the ').removeprefix('an '):>30} {len(found.parts):>5} "
+        f"{name:>9} {skin:7.4g} {len(found.parts):>5} "
         f"{valid!s:>5} {volume:12.6g} {measured.least / skin:9.6f} {measured.greatest / skin:9.6f} {seconds:6.1f}",
         flush=True,
     )
@@ -257,15 +257,13 @@ def run(name: str, cell: float, thickness: float, skin: float) -> None:
     begun = cpu_seconds()
     model = tpmscad.infill(body, "gyroid", cell=cell, thickness=thickness, tol=cell / 100, skin=skin, open_faces=opened)
     whole = cpu_seconds() - begun
-    note = next(n for n in model.certificate.notes if n.startswith("skin of"))
-    method = note.removeprefix(f"skin of {skin:g} by ").split(":")[0]
     depth = measure(model.solid, closed, opened, skin)
     part = model.solid
     for bore in case.bores:
         part = part - bore
     shells = sum(len(solid.shells()) for solid in part.solids())
     print(
-        f"{name:>9} {method.removeprefix('the '):>26} {len(part.solids()):>6} {shells:>6} "
+        f"{name:>9} {len(part.solids()):>6} {shells:>6} "
         f"{model.certificate.betti!s:>12} {part.is_valid!s:>5} {model.certificate.met!s:>5} "
         f"{depth.min():8.4f} {depth.max():8.4f} {(depth > 1.02 * skin).mean():7.1%} {len(depth):>6} {whole:8.1f}",
         flush=True,
@@ -285,16 +283,13 @@ def main(arguments: list[str] | None = None) -> None:
     parser.add_argument("--open", action="store_true", help="with --erosion: the uppermost planar face is open")
     options = parser.parse_args(arguments)
     if options.erosion:
-        print(
-            f"{'body':>9} {'skin':>7} {'method':>30} {'parts':>5} {'valid':>5} {'volume':>12} "
-            f"{'least':>9} {'most':>9} {'CPU s':>6}"
-        )
+        print(f"{'body':>9} {'skin':>7} {'parts':>5} {'valid':>5} {'volume':>12} {'least':>9} {'most':>9} {'CPU s':>6}")
         for name in ERODED if options.bodies == ",".join(CASES) else options.bodies.split(","):
             for ratio in options.ratios.split(","):
                 erode(name, float(ratio), options.open)
         return
     print(
-        f"{'body':>9} {'offset by':>26} {'solids':>6} {'shells':>6} {'Betti':>12} {'valid':>5} {'met':>5} "
+        f"{'body':>9} {'solids':>6} {'shells':>6} {'Betti':>12} {'valid':>5} {'met':>5} "
         f"{'least':>8} {'most':>8} {'mitred':>7} {'points':>6} {'CPU s':>8}"
     )
     for name in options.bodies.split(","):

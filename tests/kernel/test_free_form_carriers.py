@@ -14,7 +14,7 @@ from OCP.BRepTools import BRepTools
 
 from benchmarks.foot_points import FACES, kernel_distances, points_beside, side_faces
 from tpmscad._typing import Array
-from tpmscad.brep.foot_surface import prepare_foot_surface
+from tpmscad.brep.foot_cells import prepare_foot_surface
 from tpmscad.brep.free_form_surface import FreeFormSurface
 from tpmscad.kernel.body_import.free_form_carriers import ConvertedSurface, convert_free_form
 from tpmscad.kernel.occt.bounding_boxes import box_diagonal

@@ -16,17 +16,15 @@ import build123d as bd
 from OCP.Bnd import Bnd_Box
 from OCP.BRep import BRep_Builder, BRep_Tool
 from OCP.BRepAdaptor import BRepAdaptor_Curve2d
-from OCP.BRepAlgoAPI import BRepAlgoAPI_Common, BRepAlgoAPI_Cut, BRepAlgoAPI_Fuse
+from OCP.BRepAlgoAPI import BRepAlgoAPI_Common
 from OCP.BRepBndLib import BRepBndLib
 from OCP.BRepBuilderAPI import BRepBuilderAPI_MakeEdge, BRepBuilderAPI_MakeFace, BRepBuilderAPI_MakeWire
 from OCP.BRepCheck import BRepCheck_Analyzer
 from OCP.BRepGProp import BRepGProp
 from OCP.BRepMesh import BRepMesh_IncrementalMesh
-from OCP.BRepOffset import BRepOffset_MakeOffset, BRepOffset_Skin
-from OCP.BRepPrimAPI import BRepPrimAPI_MakeBox, BRepPrimAPI_MakeCone, BRepPrimAPI_MakeCylinder, BRepPrimAPI_MakeRevol
+from OCP.BRepPrimAPI import BRepPrimAPI_MakeBox, BRepPrimAPI_MakeCone, BRepPrimAPI_MakeRevol
 from OCP.BRepTools import BRepTools
 from OCP.Geom import Geom_Plane
-from OCP.GeomAbs import GeomAbs_Arc
 from OCP.gp import gp_Ax1, gp_Ax2, gp_Circ, gp_Dir, gp_Pnt, gp_Trsf
 from OCP.GProp import GProp_GProps
 from OCP.ShapeFix import ShapeFix_Edge, ShapeFix_Shape
@@ -40,15 +38,13 @@ from tests.kernel.test_seams import split_ring
 from tests.kernel.test_sphere_seams import bored_quarter, read_by_occt, write_without_pcurves
 from tests.shapes.kernel_shapes import CASES, drilled_dome, plane_box, voxels
 from tpmscad.brep.extents import true_bounds
-from tpmscad.errors import KernelError
-from tpmscad.kernel.boolean.inward_offset import offset_by_occt
 from tpmscad.kernel.build.solids import build_faces, build_solids
 from tpmscad.kernel.export.shape_file import write_shape
 from tpmscad.kernel.measure.mass_properties import face_moments
 from tpmscad.kernel.measure.shape_report import check_shape, is_valid
 from tpmscad.kernel.occt import convert
 from tpmscad.kernel.occt.child_process import ChildFailure, call_in_child
-from tpmscad.kernel.occt.exploration import count_subshape_uses, faces_of, solids_of
+from tpmscad.kernel.occt.exploration import count_subshape_uses, faces_of
 from tpmscad.kernel.step.geometry_entities import find_knots_in_file
 from tpmscad.kernel.step.step_reader import read_step, silence_occt
 from tpmscad.splines import BSplineCurve, BSplineSurface, bezier_knots
@@ -190,20 +186,6 @@ def test_the_optimal_box_of_a_trimmed_face_is_that_of_the_face() -> None:
     assert box.CornerMax().Z() == pytest.approx(true_bounds(brep)[1][2], abs=1e-3)  # 0.25, not 0.81
 
 
-def inward_offset_is_done(shape) -> bool:
-    maker = BRepOffset_MakeOffset()
-    maker.Initialize(shape, -1.0, 1e-6, BRepOffset_Skin, False, False, GeomAbs_Arc, False)
-    maker.MakeOffsetShape()
-    return maker.IsDone()
-
-
-@pytest.mark.xfail(strict=True, raises=AssertionError, reason=f"OCCT {VERSION}: BRepOffset_NotConnectedShell")
-def test_a_solid_with_a_cavity_is_offset() -> None:
-    box = BRepPrimAPI_MakeBox(gp_Pnt(-15, -15, -15), gp_Pnt(15, 15, 15)).Shape()
-    cavity = BRepPrimAPI_MakeBox(gp_Pnt(-5, -5, -5), gp_Pnt(5, 5, 5)).Shape()
-    assert inward_offset_is_done(BRepAlgoAPI_Cut(box, cavity).Shape())
-
-
 def pcurve_deviation_on(surface: BSplineSurface) -> float:
     """Greatest distance between an edge that runs across a surface and the pcurve that OCCT's reader gives it."""
     nodes = np.linspace(0.0, 1.0, 8)
@@ -236,21 +218,6 @@ def test_it_does_so_with_the_knots_of_our_files() -> None:
         in_file = replace(surface, knots_u=knots_u, knots_v=knots_v)
         assert pcurve_deviation_on(in_file) < 1e-8
         np.testing.assert_array_equal(in_file(knots_u[-1], knots_v[-1] / 4), surface(1.0, 0.25))
-
-
-@pytest.mark.slow
-@pytest.mark.xfail(
-    strict=True,
-    raises=KernelError,
-    reason=f"OCCT {VERSION}: segmentation fault where two cylinders meet; offsets run apart",
-)
-def test_two_cylinders_that_meet_are_offset_with_mitres() -> None:
-    along_x = gp_Ax2(gp_Pnt(0, 0, 0), gp_Dir(1, 0, 0))
-    tee = BRepAlgoAPI_Fuse(
-        BRepPrimAPI_MakeCylinder(gp_Ax2(gp_Pnt(0, 0, -22), gp_Dir(0, 0, 1)), 9, 44).Shape(),
-        BRepPrimAPI_MakeCylinder(along_x, 7, 22).Shape(),
-    ).Shape()
-    assert offset_by_occt(solids_of(tee)[0], 1.0, (), "mitre")
 
 
 @pytest.mark.xfail(

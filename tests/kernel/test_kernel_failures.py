@@ -89,6 +89,7 @@ def test_the_kernels_boolean_is_not_tried_with_tens_of_thousands_of_patches() ->
 def test_the_kernels_boolean_is_checked_and_its_volume_compared_with_a_sample(monkeypatch: pytest.MonkeyPatch) -> None:
     body: Any = SimpleNamespace(shape=BODY, volume=100.0, name="the body")
     fraction = boolean_strategies.estimate_volume(BODY) / 100
+    monkeypatch.setattr(boolean_strategies, "intersect_solids", lambda *_: (BODY,))
     monkeypatch.setattr(boolean_strategies, "sample_lattice_fraction", lambda *_: (fraction, 0.01))
     monkeypatch.setattr(boolean_strategies, "intersect_solids", lambda *_: (BODY,))
     made = boolean_strategies.combine_in_kernel(BLOCK, body, "intersection")

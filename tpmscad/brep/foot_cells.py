@@ -14,17 +14,19 @@ import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 
 from tpmscad._typing import Array, IntArray
+from tpmscad.brep.foot_surface import (
+    SINGULAR_RATIO,
+    SpanPolynomials,
+    divide_evenly,
+    find_centre,
+    find_inner_knots,
+    find_point_sides,
+    subdivide,
+    tabulate_spans,
+    unit,
+)
 from tpmscad.splines.basis import bezier_interpolation, design_matrix
 from tpmscad.splines.bspline import BSplineSurface
-
-CELLS = 400
-"""Number of cells of a flat surface: more of them make boxes tighter and their list longer."""
-
-TURN_PER_CELL = 0.4
-"""Radians by which the normal turns at most from one line of cells to the next, roughly."""
-
-MAX_LINES = 96
-"""Most cells along one parameter."""
 
 SAMPLES_PER_PIECE = 5
 """Lines in each direction, in the part of a cell within a span, on which curvatures are sampled."""
@@ -32,14 +34,18 @@ SAMPLES_PER_PIECE = 5
 CURVATURE_MARGIN = 1.25
 """Widening of sampled curvatures, of which a surface has greater ones between the samples."""
 
-SINGULAR_RATIO = 1e-7
-"""Of the largest |S_u| |S_v| of a surface: where |S_u x S_v| is less, at poles, curvatures are not computed from it."""
-
 WINDOWS = (1, 4)
 """Cells to either side of a cell within which largest curvatures and lengths are stored."""
 
 BOX_PAD = 1e-12
 """In sizes of the surface: round-off of the Bezier poles, by which boxes are larger."""
+
+
+POLE_DIRECTIONS = 24
+"""Directions about a pole of the surface from which its curvatures are found."""
+
+SMOOTH_POLE = 1e-4
+"""A pole is smooth if the tangents about it are in one plane, and their curvatures those of one surface, within this fraction."""
 
 
 class FootCells(NamedTuple):
@@ -78,10 +84,12 @@ class FootCells(NamedTuple):
 
 def make_cells(local: BSplineSurface, box: Array, closed: tuple[bool, bool], area: float, size: float) -> FootCells:
     """The cells of a surface over a box (2, 2) of its parameters, with the greatest |S_u| |S_v| and the size of the surface."""
-    lines = _cell_lines(local, box, area)
+    lines = divide_evenly(local, box, area)
     knots, degrees = (local.knots_u, local.knots_v), (local.degree_u, local.degree_v)
     # A piece is what a cell and a span have in common along one parameter; end spans go on to the border of the box.
-    pieces = [np.union1d(own, t[(t > own[0]) & (t < own[-1])]) for own, t in zip(lines, _inner(local), strict=True)]
+    pieces = [
+        np.union1d(own, t[(t > own[0]) & (t < own[-1])]) for own, t in zip(lines, find_inner_knots(local), strict=True)
+    ]
     first = [np.searchsorted(p, own[:-1]) for p, own in zip(pieces, lines, strict=True)]
     cell = [np.searchsorted(own, 0.5 * (p[1:] + p[:-1])) - 1 for p, own in zip(pieces, lines, strict=True)]
     left, right = (_bezier_rows(p, t, d) for p, t, d in zip(pieces, knots, degrees, strict=True))
@@ -120,34 +128,6 @@ def make_cells(local: BSplineSurface, box: Array, closed: tuple[bool, bool], are
         np.ascontiguousarray(start.reshape(m, 3)),
         *tables,
     )
-
-
-def _cell_lines(local: BSplineSurface, box: Array, area: float) -> tuple[Array, Array]:
-    """Ends of the cells along u and v: even in length, and in the angle by which the normals turn."""
-    fine = fine_lines(local, box)
-    points = local.grid(*fine)
-    normals = unit(np.cross(local.grid(*fine, 1, 0), local.grid(*fine, 0, 1)), SINGULAR_RATIO * area)
-    steps, turns = [], []
-    for axis in (0, 1):
-        steps.append(np.linalg.norm(np.diff(points, axis=axis), axis=2).max(axis=1 - axis))
-        one, other = np.moveaxis(normals, axis, 0)[:-1], np.moveaxis(normals, axis, 0)[1:]
-        regular = one.any(axis=2) & other.any(axis=2)
-        turns.append(np.where(regular, np.linalg.norm(other - one, axis=2), 0.0).max(axis=1))
-    side = np.sqrt(steps[0].sum() * steps[1].sum() / CELLS)
-    lines = []
-    for axis in (0, 1):
-        measure = np.append(0.0, np.cumsum(steps[axis] / side + turns[axis] / TURN_PER_CELL))
-        count = int(np.clip(np.ceil(measure[-1]), 1, MAX_LINES))
-        inner = np.interp(np.arange(1, count) * measure[-1] / count, measure, fine[axis])
-        lines.append(np.concatenate([box[axis, :1], inner, box[axis, 1:]]))
-    return lines[0], lines[1]
-
-
-def _inner(local: BSplineSurface) -> tuple[Array, Array]:
-    """Knots between the spans along u and v."""
-    ends = [np.unique(local.knots_u), np.unique(local.knots_v)]
-    u, v = (t[(t > low) & (t < high)] for t, (low, high) in zip(ends, local.domain, strict=True))
-    return u, v
 
 
 def _bezier_rows(pieces: Array, knots: Array, degree: int) -> Array:
@@ -221,21 +201,63 @@ def _widen(values: Array, wrap: tuple[bool, bool]) -> Array:
     return np.ascontiguousarray(np.stack(rows))
 
 
-def subdivide(breaks: Array, lines: int) -> Array:
-    """`lines` equidistant parameters in each span with both ends, ascending: ends of spans occur twice."""
-    return (breaks[:-1, None] + np.diff(breaks)[:, None] * np.linspace(0.0, 1.0, lines)).ravel()
+class FootSurface(NamedTuple):
+    """What the search reads of a surface: the middle of its poles (3,), the start (2,) of its domain, its spans and its cells."""
+
+    centre: Array
+    origin: Array
+    spans: SpanPolynomials
+    cells: FootCells
 
 
-def fine_lines(local: BSplineSurface, box: Array) -> tuple[Array, Array]:
-    """Parameters along u and v, close enough to follow the surface, from one end of the box to the other."""
-    lines = []
-    for inner, (low, high) in zip(_inner(local), box, strict=True):
-        breaks = np.concatenate([[low], inner, [high]])
-        lines.append(np.unique(subdivide(breaks, max(3, min(33, 200 // len(breaks))))))
-    return lines[0], lines[1]
+def prepare_foot_surface(
+    surface: BSplineSurface, closed: tuple[bool, bool] = (False, False), continuation: float = 0.0
+) -> FootSurface:
+    """The data of a surface for the search of foot points, with arguments and errors as of `tabulate_spans`."""
+    local, spans = tabulate_spans(surface, closed, continuation)
+    is_point = np.flatnonzero(find_point_sides(surface))
+    pole, normal, curvature = _describe_poles(local, is_point, spans.speed, spans.size)
+    spans = spans._replace(pole=pole, pole_normal=normal, pole_curvature=curvature)
+    origin = np.array([interval[0] for interval in surface.domain])
+    cells = make_cells(local, spans.box, closed, float(spans.speed.prod()), spans.size)
+    return FootSurface(find_centre(surface), origin, spans, cells)
 
 
-def unit(vectors: Array, least: float) -> Array:
-    """Unit vectors (..., 3), zero where the length is not above `least`."""
-    length = np.linalg.norm(vectors, axis=-1, keepdims=True)
-    return np.where(length > least, vectors / np.maximum(length, 1e-300), 0.0)
+def _describe_poles(
+    local: BSplineSurface, points: IntArray, speed: Array, size: float
+) -> tuple[IntArray, Array, Array]:
+    """Marks, normals and curvatures of the sides, of which some are points.
+
+    About such a point the tangents t across the side are in one plane, and their normal curvatures are t . K t with one matrix K.
+    """
+    pole, normal, curvature = np.zeros(4, np.int64), np.zeros((4, 3)), np.zeros((4, 3, 3))
+    for side in points.tolist():
+        pole[side] = -1
+        across = 1 if side in (0, 2) else 0
+        far = side in (1, 2)
+        along = np.linspace(*local.domain[1 - across], POLE_DIRECTIONS + 1)[:-1]
+        at = np.array([local.domain[across][int(far)]])
+
+        def derivative(a: int, b: int, across: int = across, along: Array = along, at: Array = at) -> Array:
+            """Derivative a times across the side and b times along it: (POLE_DIRECTIONS, 3)."""
+            grid = local.grid(along, at, b, a) if across else local.grid(at, along, a, b)
+            return grid.reshape(-1, 3)
+
+        first, second, turning = derivative(1, 0), derivative(2, 0), derivative(1, 1)
+        tangent = unit(first, SINGULAR_RATIO * speed[across])
+        # S_u = (v - v0) S_uv to first order, so that S_u x S_v has the direction of +- S_uv x S_v
+        cross = np.cross(turning, first) if across else np.cross(first, turning)
+        normals = unit(cross * (-1.0 if far else 1.0), 0.0)
+        n = unit(normals.sum(axis=0), 0.0)
+        if np.abs(tangent @ n).max() > SMOOTH_POLE or not tangent.any(axis=1).all() or not n.any():
+            continue
+        e = unit(np.cross(n, tangent[0]), 0.0)
+        x, y = tangent @ tangent[0], tangent @ e
+        bend = second @ n / np.einsum("nk,nk->n", first, first)
+        rows = np.stack([x * x, 2 * x * y, y * y], axis=1)
+        (a, b, c), *_ = np.linalg.lstsq(rows, bend, rcond=1e-10)
+        if np.abs(rows @ [a, b, c] - bend).max() > SMOOTH_POLE * (np.abs(bend).max() + 1.0 / size):
+            continue
+        frame = np.stack([tangent[0], e])
+        pole[side], normal[side], curvature[side] = 1, n, frame.T @ np.array([[a, b], [b, c]]) @ frame
+    return pole, normal, curvature

@@ -27,7 +27,7 @@ import numpy as np
 
 from tpmscad._compiled_loops import njit_cached
 from tpmscad._typing import Array, BoolArray, IntArray
-from tpmscad.brep.foot_cells import WINDOWS, FootCells
+from tpmscad.brep.foot_cells import WINDOWS, FootCells, FootSurface
 from tpmscad.brep.foot_poles import (
     POLE_CHART,
     SAFE_DETERMINANT,
@@ -38,7 +38,7 @@ from tpmscad.brep.foot_poles import (
     turn_at_pole,
     write_pole_hessian,
 )
-from tpmscad.brep.foot_surface import FootSurface, SpanPolynomials, evaluate_spans
+from tpmscad.brep.foot_surface import SpanPolynomials, evaluate_spans
 
 CHUNK = 32
 """Points for which cells are selected together."""

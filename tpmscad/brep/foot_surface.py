@@ -16,7 +16,6 @@ import numpy as np
 
 from tpmscad._compiled_loops import njit_cached
 from tpmscad._typing import Array, BoolArray, IntArray
-from tpmscad.brep.foot_cells import SINGULAR_RATIO, FootCells, fine_lines, make_cells, subdivide, unit
 from tpmscad.splines.basis import design_matrices
 from tpmscad.splines.bspline import BSplineSurface
 
@@ -29,11 +28,17 @@ SIDES = ((3, 1), (0, 2))
 POLE_SPREAD = 1e-10
 """In sizes of the surface: a side whose poles all lie within this is one point."""
 
-POLE_DIRECTIONS = 24
-"""Directions about a pole of the surface from which its curvatures are found."""
+CELLS = 400
+"""Number of cells of a flat surface: more of them make boxes tighter and their list longer."""
 
-SMOOTH_POLE = 1e-4
-"""A pole is smooth if the tangents about it are in one plane, and their curvatures those of one surface, within this fraction."""
+TURN_PER_CELL = 0.4
+"""Radians by which the normal turns at most from one line of cells to the next, roughly."""
+
+MAX_LINES = 96
+"""Most cells along one parameter."""
+
+SINGULAR_RATIO = 1e-7
+"""Of the largest |S_u| |S_v| of a surface: where |S_u x S_v| is less, at poles, curvatures are not computed from it."""
 
 
 class SpanPolynomials(NamedTuple):
@@ -71,19 +76,10 @@ class SpanPolynomials(NamedTuple):
     pole_curvature: Array
 
 
-class FootSurface(NamedTuple):
-    """What the search reads of a surface: the middle of its poles (3,), the start (2,) of its domain, its spans and its cells."""
-
-    centre: Array
-    origin: Array
-    spans: SpanPolynomials
-    cells: FootCells
-
-
-def prepare_foot_surface(
+def tabulate_spans(
     surface: BSplineSurface, closed: tuple[bool, bool] = (False, False), continuation: float = 0.0
-) -> FootSurface:
-    """The data of a surface for the search of foot points.
+) -> tuple[BSplineSurface, SpanPolynomials]:
+    """A surface measured from the middle of its poles and the start of its domain, and its polynomials.
 
     Parameters
     ----------
@@ -97,8 +93,10 @@ def prepare_foot_surface(
 
     Returns
     -------
-    FootSurface
-        Monomials and cells.
+    local : BSplineSurface
+        The surface with its frame moved.
+    spans : SpanPolynomials
+        Its monomials; no side is marked as a pole.
 
     Raises
     ------
@@ -114,9 +112,9 @@ def prepare_foot_surface(
         raise ValueError(f"a surface can't go on by {continuation} beyond its border")
     flat = surface.poles.reshape(-1, 3)
     low, high = flat.min(axis=0), flat.max(axis=0)
-    centre, size = 0.5 * (low + high), float(np.linalg.norm(high - low))
+    size = float(np.linalg.norm(high - low))
     origin = np.array([interval[0] for interval in surface.domain])
-    poles = surface.poles - centre
+    poles = surface.poles - find_centre(surface)
     local = BSplineSurface(poles, surface.knots_u - origin[0], surface.knots_v - origin[1], *degrees)
     (breaks_u, left), (breaks_v, right) = (
         span_powers(knots, degree) for knots, degree in zip((local.knots_u, local.knots_v), degrees, strict=True)
@@ -140,9 +138,17 @@ def prepare_foot_surface(
         np.where(closed, (breaks_u[-1], breaks_v[-1]), 0.0),
         speed,
         size,
-        *_describe_poles(local, np.flatnonzero(is_point), speed, size),
+        np.zeros(4, np.int64),
+        np.zeros((4, 3)),
+        np.zeros((4, 3, 3)),
     )
-    return FootSurface(centre, origin, spans, make_cells(local, box, closed, float(speed.prod()), size))
+    return local, spans
+
+
+def find_centre(surface: BSplineSurface) -> Array:
+    """The middle (3,) of the box of the poles of a surface."""
+    flat = surface.poles.reshape(-1, 3)
+    return np.asarray(0.5 * (flat.min(axis=0) + flat.max(axis=0)))
 
 
 def find_point_sides(surface: BSplineSurface) -> BoolArray:
@@ -169,44 +175,52 @@ def _border_speed(local: BSplineSurface, axis: int, far: int) -> float:
     return float(np.linalg.norm(slopes, axis=2).max())
 
 
-def _describe_poles(
-    local: BSplineSurface, points: IntArray, speed: Array, size: float
-) -> tuple[IntArray, Array, Array]:
-    """Marks, normals and curvatures of the sides, of which some are points.
+def divide_evenly(local: BSplineSurface, box: Array, area: float) -> tuple[Array, Array]:
+    """Ends of the cells along u and v: even in length, and in the angle by which the normals turn."""
+    fine = fine_lines(local, box)
+    points = local.grid(*fine)
+    normals = unit(np.cross(local.grid(*fine, 1, 0), local.grid(*fine, 0, 1)), SINGULAR_RATIO * area)
+    steps, turns = [], []
+    for axis in (0, 1):
+        steps.append(np.linalg.norm(np.diff(points, axis=axis), axis=2).max(axis=1 - axis))
+        one, other = np.moveaxis(normals, axis, 0)[:-1], np.moveaxis(normals, axis, 0)[1:]
+        regular = one.any(axis=2) & other.any(axis=2)
+        turns.append(np.where(regular, np.linalg.norm(other - one, axis=2), 0.0).max(axis=1))
+    side = np.sqrt(steps[0].sum() * steps[1].sum() / CELLS)
+    lines = []
+    for axis in (0, 1):
+        measure = np.append(0.0, np.cumsum(steps[axis] / side + turns[axis] / TURN_PER_CELL))
+        count = int(np.clip(np.ceil(measure[-1]), 1, MAX_LINES))
+        inner = np.interp(np.arange(1, count) * measure[-1] / count, measure, fine[axis])
+        lines.append(np.concatenate([box[axis, :1], inner, box[axis, 1:]]))
+    return lines[0], lines[1]
 
-    About such a point the tangents t across the side are in one plane, and their normal curvatures are t . K t with one matrix K.
-    """
-    pole, normal, curvature = np.zeros(4, np.int64), np.zeros((4, 3)), np.zeros((4, 3, 3))
-    for side in points.tolist():
-        pole[side] = -1
-        across = 1 if side in (0, 2) else 0
-        far = side in (1, 2)
-        along = np.linspace(*local.domain[1 - across], POLE_DIRECTIONS + 1)[:-1]
-        at = np.array([local.domain[across][int(far)]])
 
-        def derivative(a: int, b: int, across: int = across, along: Array = along, at: Array = at) -> Array:
-            """Derivative a times across the side and b times along it: (POLE_DIRECTIONS, 3)."""
-            grid = local.grid(along, at, b, a) if across else local.grid(at, along, a, b)
-            return grid.reshape(-1, 3)
+def find_inner_knots(local: BSplineSurface) -> tuple[Array, Array]:
+    """Knots between the spans along u and v."""
+    ends = [np.unique(local.knots_u), np.unique(local.knots_v)]
+    u, v = (t[(t > low) & (t < high)] for t, (low, high) in zip(ends, local.domain, strict=True))
+    return u, v
 
-        first, second, turning = derivative(1, 0), derivative(2, 0), derivative(1, 1)
-        tangent = unit(first, SINGULAR_RATIO * speed[across])
-        # S_u = (v - v0) S_uv to first order, so that S_u x S_v has the direction of +- S_uv x S_v
-        cross = np.cross(turning, first) if across else np.cross(first, turning)
-        normals = unit(cross * (-1.0 if far else 1.0), 0.0)
-        n = unit(normals.sum(axis=0), 0.0)
-        if np.abs(tangent @ n).max() > SMOOTH_POLE or not tangent.any(axis=1).all() or not n.any():
-            continue
-        e = unit(np.cross(n, tangent[0]), 0.0)
-        x, y = tangent @ tangent[0], tangent @ e
-        bend = second @ n / np.einsum("nk,nk->n", first, first)
-        rows = np.stack([x * x, 2 * x * y, y * y], axis=1)
-        (a, b, c), *_ = np.linalg.lstsq(rows, bend, rcond=1e-10)
-        if np.abs(rows @ [a, b, c] - bend).max() > SMOOTH_POLE * (np.abs(bend).max() + 1.0 / size):
-            continue
-        frame = np.stack([tangent[0], e])
-        pole[side], normal[side], curvature[side] = 1, n, frame.T @ np.array([[a, b], [b, c]]) @ frame
-    return pole, normal, curvature
+
+def subdivide(breaks: Array, lines: int) -> Array:
+    """`lines` equidistant parameters in each span with both ends, ascending: ends of spans occur twice."""
+    return (breaks[:-1, None] + np.diff(breaks)[:, None] * np.linspace(0.0, 1.0, lines)).ravel()
+
+
+def fine_lines(local: BSplineSurface, box: Array) -> tuple[Array, Array]:
+    """Parameters along u and v, close enough to follow the surface, from one end of the box to the other."""
+    lines = []
+    for inner, (low, high) in zip(find_inner_knots(local), box, strict=True):
+        breaks = np.concatenate([[low], inner, [high]])
+        lines.append(np.unique(subdivide(breaks, max(3, min(33, 200 // len(breaks))))))
+    return lines[0], lines[1]
+
+
+def unit(vectors: Array, least: float) -> Array:
+    """Unit vectors (..., 3), zero where the length is not above `least`."""
+    length = np.linalg.norm(vectors, axis=-1, keepdims=True)
+    return np.where(length > least, vectors / np.maximum(length, 1e-300), 0.0)
 
 
 @njit_cached

@@ -2,7 +2,7 @@
 
 They are called and asked like planes and quadrics: the distance of a point is that from its nearest foot, positive on the side of
 S_u x S_v. Where the surface ends before the normal through the point reaches it, the foot is forced to the border, and the values
-are those of the tangent plane there; `foot_points` marks these points.
+are those of the tangent plane there; `foot_points` marks these points and gives second derivatives.
 """
 
 from __future__ import annotations
@@ -15,8 +15,10 @@ from numpy.typing import ArrayLike
 
 from tpmscad._typing import Array
 from tpmscad.brep.carriers import Plane, Quadric
+from tpmscad.brep.foot_cells import FootSurface, prepare_foot_surface
 from tpmscad.brep.foot_points import FootPoints, find_foot_points
-from tpmscad.brep.foot_surface import FootSurface, find_point_sides, prepare_foot_surface
+from tpmscad.brep.foot_surface import find_point_sides
+from tpmscad.brep.surface_feet import SurfaceFeet, SurfaceGrid, find_feet, make_surface_grid
 from tpmscad.rigid_motion import Motion
 from tpmscad.splines.bspline import BSplineSurface
 
@@ -97,17 +99,21 @@ class FreeFormSurface:
         """Foot points of points (..., 3), in one row, with the marks of those forced to the border; Hessians if `order` is 2."""
         return find_foot_points(_prepare(self), np.asarray(points, float).reshape(-1, 3), order)
 
+    def feet(self, points: ArrayLike) -> SurfaceFeet:
+        """The nearest feet of points (..., 3), in one row."""
+        return find_feet(_make_grid(self), np.asarray(points, float).reshape(-1, 3))
+
     def parameters(self, points: ArrayLike) -> Array:
         """(u, v) of the nearest feet of points (..., 3): (..., 2)."""
-        return self.foot_points(points, 1).parameters.reshape(*np.shape(points)[:-1], 2)
+        return self.feet(points).parameters.reshape(*np.shape(points)[:-1], 2)
 
     def distance(self, points: ArrayLike) -> Array:
         """Signed distance of points (..., 3), positive on the side of S_u x S_v: (...)."""
-        return self.foot_points(points, 1).distance.reshape(np.shape(points)[:-1])
+        return self.feet(points).distance.reshape(np.shape(points)[:-1])
 
     def gradient(self, points: ArrayLike) -> Array:
         """Gradient of the distance, unit vectors: (..., 3)."""
-        return self.foot_points(points, 1).gradient.reshape(np.shape(points))
+        return self.feet(points).gradient.reshape(np.shape(points))
 
     def hessian(self, points: ArrayLike) -> Array:
         """Second derivatives of the distance, zero where the foot is forced to the border: (..., 3, 3)."""
@@ -145,6 +151,12 @@ BodyCarrier = Plane | Quadric | FreeFormSurface
 def _prepare(surface: FreeFormSurface) -> FootSurface:
     """The data of the search, made at the first question."""
     return prepare_foot_surface(surface.spline, surface.closed, surface.continuation)
+
+
+@lru_cache(maxsize=256)
+def _make_grid(surface: FreeFormSurface) -> SurfaceGrid:
+    """The nodes from which feet are sought, made at the first question."""
+    return make_surface_grid(surface.spline, surface.closed, surface.continuation)
 
 
 def find_smooth_seams(spline: BSplineSurface) -> tuple[bool, bool]:

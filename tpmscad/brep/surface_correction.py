@@ -21,7 +21,7 @@ from scipy.sparse import csr_array, diags_array, kron
 from scipy.sparse.linalg import splu
 
 from tpmscad._typing import Array
-from tpmscad.brep.foot_surface import find_point_sides, prepare_foot_surface
+from tpmscad.brep.foot_surface import find_point_sides, tabulate_spans
 from tpmscad.brep.free_form_surface import FreeFormSurface
 from tpmscad.index_ranges import repeat_rows
 from tpmscad.splines.basis import design_matrix
@@ -78,7 +78,7 @@ def correct_surface(surface: FreeFormSurface, points: Array, tol: float) -> Corr
         The surface, the largest move, and the distance that is left, which exceeds `tol` if the most spans were not enough.
     """
     wide = absorb_continuation(surface)
-    uv = wide.foot_points(points, 1).parameters
+    uv = wide.feet(points).parameters
     offsets = points - wide(*uv.T)
     best: CorrectedSurface | None = None
     for count in SPAN_COUNTS:
@@ -111,7 +111,7 @@ def spline_at(spline: BSplineSurface, uv: Array) -> Array:
 
 def absorb_continuation(surface: FreeFormSurface) -> FreeFormSurface:
     """The same surface on the wider domain to which the polynomials of its end spans go on."""
-    spans = prepare_foot_surface(surface.spline, surface.closed, surface.continuation).spans
+    _, spans = tabulate_spans(surface.spline, surface.closed, surface.continuation)
     spline = surface.spline
     poles, knots = spline.poles, [spline.knots_u, spline.knots_v]
     for axis, degree in enumerate((spline.degree_u, spline.degree_v)):

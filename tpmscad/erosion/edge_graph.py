@@ -7,8 +7,9 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from tpmscad._typing import Array, BoolArray
-from tpmscad.erosion.offset_shell import OffsetShell
+from tpmscad.erosion.offset_shell import OffsetShell, SheetEdge
 from tpmscad.erosion.sites import FaceSite, OpenSite, depth_limit
+from tpmscad.trimming.operands.network_tables import PatchPolynomials, tabulate_carriers
 
 MERGE_REL_TOL = 1e-6
 """In body sizes: vertices within it are one."""
@@ -19,46 +20,47 @@ GRID = 33
 
 @dataclass(frozen=True, slots=True, eq=False)
 class TracedEdge:
-    """An edge of two sheets: parameters (m, 4) and points (m, 3) in order, vertices, and directions (2, 3) into it there."""
+    """An edge of two sheets, between two vertices: `path` (m, 10) of points, parameters on both sheets, and unit tangents.
+
+    The tangent is the product of the outward normals: the face on the first sheet is on its left, the other on its right.
+    """
 
     sheets: tuple[int, int]
-    parameters: Array
-    points: Array
-    leaving: Array
-    start: int
-    end: int
-
-
-@dataclass(frozen=True, slots=True)
-class RimPiece:
-    """A part of a rim between two parameters and vertices."""
-
-    rim: int
-    span: tuple[float, float]
+    path: Array
     start: int
     end: int
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SheetGrid:
-    """Nodes (n, n) of a sheet, n = `GRID`: (u, v), points, and which are in the domain, and which are deep enough as well."""
+    """Nodes (n, n) of a sheet, n = `GRID`: (u, v), which are in the domain, and which are deep enough as well."""
 
     uv: Array
-    points: Array
     inside: BoolArray
     deep: BoolArray
 
 
 @dataclass(slots=True, eq=False)
 class EdgeGraph:
-    """Vertices with the sheets that meet there and the parameters on them, traced edges, and pieces of rims."""
+    """Vertices with the sheets that meet there and the parameters on them, traced edges, and pieces of rims with their vertices.
+
+    patches: the sheets as polynomials, as the cut of networks takes them.
+    """
 
     shell: OffsetShell
+    patches: PatchPolynomials
     vertices: list[Array] = field(default_factory=list)
     incident: list[list[tuple[int, Array]]] = field(default_factory=list)
     edges: list[TracedEdge] = field(default_factory=list)
-    rim_pieces: list[RimPiece] = field(default_factory=list)
+    rim_pieces: list[tuple[SheetEdge, int, int]] = field(default_factory=list)
     grids: dict[int, SheetGrid] = field(default_factory=dict)
+
+    @classmethod
+    def of(cls, shell: OffsetShell) -> EdgeGraph:
+        """A graph without edges of the sheets of a shell."""
+        sheets = shell.sheets
+        boxes, senses = [sheet.box() for sheet in sheets], [sheet.sense for sheet in sheets]
+        return cls(shell, tabulate_carriers([sheet.carrier for sheet in sheets], boxes, senses))
 
     @property
     def limit(self) -> float:
@@ -85,6 +87,11 @@ class EdgeGraph:
         extent = np.ptp(self.shell.sheets[sheet].box(), axis=0)
         return bool((np.abs(one - other) <= 1e-3 * extent).all())
 
+    def contain(self, pair: tuple[int, int], y: Array) -> BoolArray:
+        """Which parameters (n, 4) lie in the domains of both sheets: (n,)."""
+        one, other = (self.shell.sheets[s] for s in pair)
+        return one.contains(y[:, :2]) & other.contains(y[:, 2:])
+
     def are_deep(self, points: Array) -> BoolArray:
         """Which points (n, 3) are deep enough: (n,)."""
         return self.shell.sites.are_deeper(points, self.limit)
@@ -109,9 +116,7 @@ class EdgeGraph:
             axes = (np.linspace(a, b, GRID + 2)[1:-1] for a, b in zip(low, high, strict=True))
             uv = np.stack(np.meshgrid(*axes, indexing="ij"), axis=2)
             inside = sheet.contains(uv.reshape(-1, 2)).reshape(uv.shape[:2])
-            points = np.full((*inside.shape, 3), np.nan)
-            points[inside] = sheet.carrier(*uv[inside].T)
             deep = inside.copy()
-            deep[inside] = self.are_deep(points[inside])
-            self.grids[number] = SheetGrid(uv, points, inside, deep)
+            deep[inside] = self.are_deep(sheet.carrier(*uv[inside].T))
+            self.grids[number] = SheetGrid(uv, inside, deep)
         return self.grids[number]

@@ -13,8 +13,8 @@ from tpmscad.brep.carriers import EdgeCurve, Plane
 from tpmscad.brep.free_form_surface import FreeFormSurface
 from tpmscad.brep.loops import LoopError, chain_faces, points_in_polygons
 from tpmscad.brep.restricted_surfaces import restrict_carriers
-from tpmscad.erosion.edge_fits import fit_edge
-from tpmscad.erosion.edge_graph import EdgeGraph
+from tpmscad.erosion.edge_fits import fit_edges
+from tpmscad.erosion.edge_graph import MERGE_REL_TOL, EdgeGraph
 from tpmscad.erosion.offset_shell import OffsetShell, build_offset_shell
 from tpmscad.erosion.rim_cuts import cut_rim
 from tpmscad.erosion.seeds import find_seeds
@@ -36,6 +36,9 @@ FRACTIONS = np.linspace(0.0, 1.0, 33)
 CARRIER_MARGIN = 0.3
 """In body sizes: how far fitted carriers may go on beyond the vertices. A lattice that the eroded body trims is followed beyond
 its edges; with 0.001 the trim of an elliptic prism fails, and the kernel's split takes twice as long."""
+
+MAX_PLACES = 1000
+"""Places of a vertex on one sheet, more than there are."""
 
 CHECK_BORDER = 0.01
 """Of the extent of a sheet's domain: nodes nearer to the border of a face are not compared with the depth."""
@@ -79,8 +82,8 @@ def trace_edges(shell: OffsetShell) -> EdgeGraph:
     A point of the shell bounds the eroded body if no site is nearer than the skin. First the rims are cut where they get shallow,
     and edges are traced from all vertices. Then edges that no vertex leads to are sought on all sheets.
     """
-    graph = EdgeGraph(shell)
-    for rim in range(len(shell.rims)):
+    graph = EdgeGraph.of(shell)
+    for rim in shell.rims:
         cut_rim(graph, rim)
     leave_vertices(graph)
     for seed in find_seeds(graph):
@@ -102,37 +105,21 @@ class _Builder:
 
     def build(self) -> Brep:
         """The boundary representation; TrimmingError if its faces do not close or contradict the depth."""
-        for piece in self.graph.rim_pieces:
-            rim = self.shell.rims[piece.rim]
-            edge = self._add_edge(rim.curve, piece.span, (piece.start, piece.end))
-            for sheet, pcurve, sense in zip(rim.sheets, rim.pcurves, rim.senses, strict=True):
-                self._add_use(sheet, edge, sense, pcurve)
-        for traced in self.graph.edges:
-            one, other = (self.shell.sheets[s] for s in traced.sheets)
-            fitted = fit_edge(one, other, traced, self.shell.size)
-            edge = self._add_edge(fitted.curve, fitted.span, (traced.start, traced.end))
-            middle = len(traced.points) // 2
-            uvs = traced.parameters[middle, :2], traced.parameters[middle, 2:]
-            tangent = traced.points[middle] - traced.points[middle - 1]
-            normals = [sheet.outward(uv[None])[0] for sheet, uv in zip((one, other), uvs, strict=True)]
-            for k, sheet in enumerate(traced.sheets):
-                into = np.cross(normals[k], tangent)  # to the left of the edge, seen from outside
-                left = 1 if into @ normals[1 - k] < 0 else -1
-                self._add_use(sheet, edge, left * self.shell.sheets[sheet].sense, fitted.pcurves[k])
+        traced = ((edge.start, edge.end) for edge in self.graph.edges)
+        for edge, start, end in (
+            *self.graph.rim_pieces,
+            *((edge, *ends) for edge, ends in zip(fit_edges(self.graph), traced, strict=True)),
+        ):
+            self.curves.append(edge.curve)
+            self.spans.append(edge.span)
+            self.ends.append((start, end))
+            for sheet, pcurve, sense in zip(edge.sheets, edge.pcurves, edge.senses, strict=True):
+                number = -1
+                if pcurve is not None:
+                    number = len(self.pcurves)
+                    self.pcurves.append(pcurve)
+                self.uses.setdefault(sheet, []).append((len(self.curves) - 1, sense, number))
         return self._assemble()
-
-    def _add_edge(self, curve: EdgeCurve, span: tuple[float, float], ends: tuple[int, int]) -> int:
-        self.curves.append(curve)
-        self.spans.append(span)
-        self.ends.append(ends)
-        return len(self.curves) - 1
-
-    def _add_use(self, sheet: int, edge: int, sense: int, pcurve: BSplineCurve | None) -> None:
-        number = -1
-        if pcurve is not None:
-            number = len(self.pcurves)
-            self.pcurves.append(pcurve)
-        self.uses.setdefault(sheet, []).append((edge, sense, number))
 
     def _path(self, sheet: int, use: tuple[int, int, int]) -> Array:
         """(u, v) along an edge use, in its direction."""
@@ -203,12 +190,25 @@ class _Builder:
         edge, sense = np.array([use[0] for use in own]), np.array([use[1] for use in own])
         start, end = ends[edge, 0], ends[edge, 1]
         start, end = np.where(sense > 0, start, end), np.where(sense > 0, end, start)
-
+        start, end = (
+            np.array(
+                [v * MAX_PLACES + self._find_place(sheet, v, path[at]) for v, path in zip(own_ends, paths, strict=True)]
+            )
+            for own_ends, at in ((start.tolist(), 0), (end.tolist(), -1))
+        )
         try:
             return chain_faces(start, end, paths)
         except LoopError as error:
             at = format_point(paths[0][0])
             raise TrimmingError(f"the faces of an offset surface do not close about (u, v) = {at}: {error}") from error
+
+    def _find_place(self, sheet: int, vertex: int, uv: Array) -> int:
+        """Which of the places of a vertex on a sheet, which has more than one where it crosses itself, is next to (u, v) (2,)."""
+        u, v = uv
+        if np.linalg.norm(self.shell.sheets[sheet].carrier(u, v, 1, 0)) <= MERGE_REL_TOL * self.shell.size:
+            return 0  # a pole, through which loops run from one u to another
+        apart = [np.abs(place - uv).max() if s == sheet else np.inf for s, place in self.graph.incident[vertex]]
+        return int(np.argmin(apart))
 
     def _check_depth(self, sheet: int, polygons: list[Array]) -> None:
         """TrimmingError if a node of the sheet is deep enough but outside its faces (n, 2), or inside and too shallow."""

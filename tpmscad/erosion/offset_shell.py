@@ -64,8 +64,11 @@ ARC_SAMPLES = 65
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Rim:
-    """A smooth joint of two sheets: its curve, their pcurves (None on a plane), and how their loops run along it (+1, -1)."""
+class SheetEdge:
+    """An edge of two sheets: its curve, their pcurves (None on a plane), and how their loops run along it (+1, -1).
+
+    A rim is one along which the sheets join smoothly.
+    """
 
     curve: EdgeCurve
     span: tuple[float, float]
@@ -79,11 +82,19 @@ class OffsetShell:
     """All sheets of a body at a skin, their rims, its sites, and the sheet of each site, or -1 (S,)."""
 
     sheets: tuple[Sheet, ...]
-    rims: tuple[Rim, ...]
+    rims: tuple[SheetEdge, ...]
     sites: BodySites
     sheet_of_site: IntArray
     skin: float
     size: float
+
+    def rim_parameters(self, rim: SheetEdge, t: Array) -> list[Array]:
+        """(u, v) (n, 2) on both sheets of a rim at its parameters t (n,)."""
+        found = []
+        for s, pcurve in zip(rim.sheets, rim.pcurves, strict=True):
+            carrier = self.sheets[s].carrier
+            found.append(carrier.parameters(rim.curve(t)) if pcurve is None else pcurve(t))  # type: ignore[union-attr]
+        return found
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -148,7 +159,7 @@ class _Assembly:
         self.is_open = is_open
         self.brep, self.carriers, self.curves, self.skin, self.size = brep, carriers, curves, skin, size
         self.sheets: list[Sheet] = []
-        self.rims: list[Rim] = []
+        self.rims: list[SheetEdge] = []
         self.sites: list[Site] = []
         self.site_sheets: list[int] = []
         self.tubes: list[tuple[int, Tube]] = []
@@ -260,7 +271,7 @@ class _Assembly:
                 if wide != span:
                     curve, pcurves, span = _extend(curve, pcurves, span, wide)
                 self.rims.append(
-                    Rim(curve, span, (sheets[0], sheets[1]), (pcurves[0], pcurves[1]), (senses[0], senses[1]))
+                    SheetEdge(curve, span, (sheets[0], sheets[1]), (pcurves[0], pcurves[1]), (senses[0], senses[1]))
                 )
             return
         if (joint.rise <= SMOOTH_SINE).any():
@@ -307,7 +318,7 @@ class _Assembly:
             reach = span
             if wide != span:
                 side, pcurves, reach = _extend(side, pcurves, span, wide)
-            self.rims.append(Rim(side, reach, (sheet, number), (pcurves[0], pcurves[1]), (sense, along_tube)))
+            self.rims.append(SheetEdge(side, reach, (sheet, number), (pcurves[0], pcurves[1]), (sense, along_tube)))
 
     def add_open_joint(self, joint: _Joint) -> None:
         """What an edge of an open face needs: a rim in a concave edge of two of them, a tube where the skin ends in a round."""
@@ -319,7 +330,7 @@ class _Assembly:
             if concave:
                 sheets = [int(self.sheet_of_face[f]) for f in joint.faces]
                 senses = [int(s) for s in brep.uses.sense[list(joint.uses)]]
-                self.rims.append(Rim(curve, span, (sheets[0], sheets[1]), (None, None), (senses[0], senses[1])))
+                self.rims.append(SheetEdge(curve, span, (sheets[0], sheets[1]), (None, None), (senses[0], senses[1])))
             return
         if convex and joint.cosine <= OPEN_RIM_COSINE:
             return
@@ -377,7 +388,7 @@ class _Assembly:
         parameters = first.parameters, second.parameters[::-1] if swap else second.parameters
         pcurves = [line_segment(p[0], p[1], (0.0, angle)) for p in parameters]
         senses = [_left_sense(self.sheets[s], p) for s, p in zip((one, two), parameters, strict=True)]
-        self.rims.append(Rim(arc, (0.0, angle), (one, two), (pcurves[0], pcurves[1]), (senses[0], senses[1])))
+        self.rims.append(SheetEdge(arc, (0.0, angle), (one, two), (pcurves[0], pcurves[1]), (senses[0], senses[1])))
 
     def _add_ball(self, vertex: int, center: Array, own: list[tuple[int, TubeEnd]]) -> None:
         """The sphere of a corner, if the arcs of its tubes close, with its rims."""
@@ -412,7 +423,7 @@ class _Assembly:
             sheet, end = own[i]
             own_line = line_segment(end.parameters[0], end.parameters[1], (0.0, angle))
             senses = _left_sense(self.sheets[sheet], end.parameters), turn if forward else -turn
-            self.rims.append(Rim(arc, (0.0, angle), (sheet, number), (own_line, pcurve), senses))
+            self.rims.append(SheetEdge(arc, (0.0, angle), (sheet, number), (own_line, pcurve), senses))
 
 
 def _arc(center: Array, normals: Array, radius: float) -> tuple[Circle, float]:

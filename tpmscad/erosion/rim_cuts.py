@@ -2,35 +2,37 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
 from tpmscad._typing import Array, BoolArray
-from tpmscad.erosion.edge_graph import EdgeGraph, RimPiece
-from tpmscad.erosion.intersections import meet_rim
+from tpmscad.erosion.edge_graph import EdgeGraph
+from tpmscad.erosion.offset_shell import SheetEdge
 from tpmscad.erosion.sheets import ring_radius
 from tpmscad.errors import TrimmingError, format_point
+from tpmscad.trimming.intersect.network_hits import evaluate_faces
 
 RIM_SAMPLES = 65
 """Points along a rim at which its depth is tested."""
 
+NEWTON_STEPS = 16
+"""Steps to the point where a rim pierces a sheet."""
 
-def cut_rim(graph: EdgeGraph, number: int) -> None:
+RESIDUAL_REL_TOL = 1e-13
+"""In sizes of the coordinates: distance of the points on rim and sheet that counts as zero."""
+
+
+def cut_rim(graph: EdgeGraph, rim: SheetEdge) -> None:
     """The pieces of a rim that are deep enough, with their vertices."""
-    shell, rim = graph.shell, graph.shell.rims[number]
-
-    def own_parameters(t: Array) -> list[Array]:
-        found = []
-        for s, pcurve in zip(rim.sheets, rim.pcurves, strict=True):
-            carrier = shell.sheets[s].carrier
-            found.append(carrier.parameters(rim.curve(t)) if pcurve is None else pcurve(t))  # type: ignore[union-attr]
-        return found
+    shell = graph.shell
 
     def reaches(t: Array) -> BoolArray:
         """Whether the sheets have not ended in a pole."""
         return np.all(
             [
                 ring_radius(shell.sheets[s].carrier, uv[:, 1]) > 0
-                for s, uv in zip(rim.sheets, own_parameters(t), strict=True)
+                for s, uv in zip(rim.sheets, shell.rim_parameters(rim, t), strict=True)
             ],
             axis=0,
         )
@@ -39,14 +41,14 @@ def cut_rim(graph: EdgeGraph, number: int) -> None:
         return reaches(t) & graph.are_deep(rim.curve(t))
 
     def vertex(t: float, *more: tuple[int, Array]) -> int:
-        uvs = own_parameters(np.array([t]))
+        uvs = shell.rim_parameters(rim, np.array([t]))
         entries = [(s, uv[0]) for s, uv in zip(rim.sheets, uvs, strict=True)]
         return graph.vertex_at(rim.curve(t), [*entries, *more])
 
     def end(good: float, bad: float) -> tuple[float, int]:
         for _ in range(60):
             if reaches(np.array([bad]))[0]:
-                found = _pierce(graph, number, good, bad)
+                found = _pierce(graph, rim, good, bad)
                 if found is not None:
                     return found[0], vertex(found[0], found[1])
             middle = 0.5 * (good + bad)
@@ -69,21 +71,26 @@ def cut_rim(graph: EdgeGraph, number: int) -> None:
         ends.append((float(samples[-1]), vertex(float(samples[-1]))))
     for (low, start), (high, stop) in zip(ends[::2], ends[1::2], strict=True):
         if start != stop or high - low > 0.5 * (rim.span[1] - rim.span[0]):
-            graph.rim_pieces.append(RimPiece(number, (low, high), start, stop))
+            graph.rim_pieces.append((replace(rim, span=(low, high)), start, stop))
 
 
-def _pierce(graph: EdgeGraph, number: int, good: float, bad: float) -> tuple[float, tuple[int, Array]] | None:
+def _pierce(graph: EdgeGraph, rim: SheetEdge, good: float, bad: float) -> tuple[float, tuple[int, Array]] | None:
     """Where a rim pierces the sheet of the site that is too near at its parameter `bad`; None if not between both parameters."""
-    shell, rim = graph.shell, graph.shell.rims[number]
     at = rim.curve(bad)
     nearest = graph.nearest_sheet(at)
     if nearest is None:
         return None
     sheet, uv = nearest
-    found = meet_rim(rim, shell.sheets[sheet], bad, uv)
-    if found is None:
+    t, size = bad, 1.0 + float(np.abs(at).max())
+    for _ in range(NEWTON_STEPS):
+        jet, point = evaluate_faces(graph.patches, np.array([sheet]), uv[None])[0], rim.curve(t)
+        gap = point - jet[0]
+        if np.abs(gap).max() <= RESIDUAL_REL_TOL * size:
+            break
+        step = np.linalg.lstsq(np.column_stack([rim.curve(t, 1), *-jet[1:]]), -gap, rcond=None)[0]
+        t, uv = float(np.clip(t + step[0], *rim.span)), uv + step[1:]
+    if np.abs(gap).max() > 1000 * RESIDUAL_REL_TOL * size:
         return None
-    t, uv, point = found
     slack = 1e-9 * (rim.span[1] - rim.span[0])
     if not min(good, bad) - slack <= t <= max(good, bad) + slack or not graph.are_deep(point[None])[0]:
         return None

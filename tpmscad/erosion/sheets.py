@@ -78,16 +78,6 @@ class Sheet:
             inside |= points_in_polygons(segments[:, 0], segments[:, 1], uv)
         return inside & (ring_radius(self.carrier, uv[:, 1]) > 0)
 
-    def jet(self, uv: Array) -> tuple[Array, Array, Array]:
-        """Points and first derivatives (n, 3) at parameters (n, 2)."""
-        return self.carrier.jet(uv[:, 0], uv[:, 1])
-
-    def outward(self, uv: Array) -> Array:
-        """Unit outward normals (n, 3) of the eroded body at parameters (n, 2)."""
-        _, along_u, along_v = self.jet(uv)
-        normal = np.cross(along_u, along_v)
-        return self.sense * normal / np.linalg.norm(normal, axis=1, keepdims=True)
-
     def parameters_near(self, point: Array) -> Array:
         """(u, v) of a point (3,) on the sheet, or of the nearest sample if it is fitted: (2,)."""
         box = self.box()

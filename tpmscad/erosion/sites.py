@@ -61,7 +61,7 @@ class FaceSite:
         """Distances (n,) of points (n, 3), infinite without a foot in the face or from `limit` on, and (u, v) (n, 2)."""
         carrier, all_uv, all_distances = self.region.carrier, np.zeros((len(points), 2)), np.full(len(points), np.inf)
         if isinstance(carrier, FreeFormSurface):
-            found = carrier.foot_points(points, 1)
+            found = carrier.feet(points)
             distance, uv = np.abs(found.distance), found.parameters
         else:
             distance, uv = np.abs(carrier.distance(points)), None

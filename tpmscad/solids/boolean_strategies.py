@@ -27,7 +27,7 @@ from tpmscad.kernel.body_import.body_brep import (
     read_free_form_body,
 )
 from tpmscad.kernel.body_import.cad_body import CadBody
-from tpmscad.kernel.boolean.boolean_operations import OcctSolids, estimate_volume, intersect_solids, subtract_solid
+from tpmscad.kernel.boolean.boolean_operations import OcctSolids, estimate_volume, intersect_solids
 from tpmscad.kernel.build.solids import BrepSolids, build_solids
 from tpmscad.kernel.measure.shape_report import is_valid
 from tpmscad.kernel.measure.shape_sampling import sample_solid
@@ -106,18 +106,8 @@ def certify_cut_solids(
 
 
 def intersect_body_with_lattice(block: LatticeBlock, body: CadBody) -> BooleanResult:
-    """The solids that lattice and body have in common; none if they do not meet."""
-    return _combine_by_first_method(block, body, "intersection")
-
-
-def subtract_lattice_from_body(block: LatticeBlock, body: CadBody) -> BooleanResult:
-    """The solids of the body without the lattice."""
-    return _combine_by_first_method(block, body, "difference")
-
-
-def _combine_by_first_method(block: LatticeBlock, body: CadBody, operation: Operation) -> BooleanResult:
-    """The intersection of body and lattice, or the body without it, by the first method that succeeds."""
-    outcome = BOOLEAN_METHODS.run(block, body, operation)
+    """The solids that lattice and body have in common, by the first method that succeeds; none if they do not meet."""
+    outcome = BOOLEAN_METHODS.run(block, body)
     result = outcome.value
     if not outcome.failures:
         return result
@@ -206,39 +196,36 @@ MAX_KERNEL_FACES = 20_000
 """Patches that the kernel's boolean is given; with 35,000 it took 14 GiB, and had not ended after four minutes."""
 
 
-def combine_in_kernel(block: LatticeBlock, body: CadBody, operation: Operation) -> BooleanResult:
+def intersect_in_kernel(block: LatticeBlock, body: CadBody) -> BooleanResult:
     """The kernel's boolean of the two solids; KernelError if that fails, or makes what the kernel's own check rejects."""
     if len(block.patches.faces) > MAX_KERNEL_FACES:
         raise KernelError(
             "trim",
             f"the lattice has {len(block.patches.faces)} patches, more than the {MAX_KERNEL_FACES} that its boolean is given",
         )
-    is_common = operation == "intersection"
-    built = OcctSolids(
-        intersect_solids(block.shape, body.shape) if is_common else subtract_solid(body.shape, block.shape)
-    )
+    built = OcctSolids(intersect_solids(block.shape, body.shape))
     if built.solids and not is_valid(make_compound(built.solids)):
         raise KernelError("trim", "the kernel's check rejects what its own boolean made")
-    _check_volume_by_sampling(sum(map(estimate_volume, built.solids)), _orient(block.patches, operation), body)
+    _check_volume_by_sampling(sum(map(estimate_volume, built.solids)), block.patches, body)
     return BooleanResult(built, None, KERNEL_BOOLEAN, ("trimmed by the kernel's boolean",))
 
 
-BOOLEAN_METHODS: Fallbacks[[LatticeBlock, CadBody, Operation], BooleanResult] = Fallbacks(
+BOOLEAN_METHODS: Fallbacks[[LatticeBlock, CadBody], BooleanResult] = Fallbacks(
     (
         Fallback(
             "trimming on the patches' parameters",
-            lambda block, body, operation: trim_on_parameters(block, body, operation),
+            lambda block, body: trim_on_parameters(block, body),
             "a second for a few cells; several with free-form faces, which must meet within 1e-10",
         ),
         Fallback(
             "the kernel's boolean",
-            lambda block, body, operation: combine_in_kernel(block, body, operation),
+            lambda block, body: intersect_in_kernel(block, body),
             "ten times as long for a few cells, and more than in proportion for many",
         ),
     ),
     remedy=CUT_REMEDY,
 )
-"""How the part of a lattice inside a body is made, or the part of the body outside the lattice."""
+"""How the part of a lattice inside a body is made."""
 
 
 def _check_volume_by_sampling(volume: float, patches: Brep, body: CadBody) -> None:

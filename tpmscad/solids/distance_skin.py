@@ -29,7 +29,7 @@ from tpmscad.solids.boolean_strategies import (
 from tpmscad.solids.field_bodies import MESH_ANGLE, join_meshes
 from tpmscad.solids.field_body_infill import cut_voids
 from tpmscad.solids.field_skin import ErosionSource, erode_by_distance
-from tpmscad.solids.hollowing import HOLLOWING_METHODS, VoidsInBody
+from tpmscad.solids.hollowing import subtract_trimmed_voids
 from tpmscad.solids.lattice_block import LatticeBlock
 from tpmscad.solids.skin import describe_closed_voids, fill_within_skin
 
@@ -44,7 +44,7 @@ def fill_by_distance(block: LatticeBlock, body: CadBody, skin: float, open_faces
         raise KernelError("skin by the distance", str(error)) from error
     voids = cut_voids(block, cavity)
     void = BooleanResult(voids.built, voids.brep, TRIMMED_PATCHES, ())
-    hollowed = HOLLOWING_METHODS.run(VoidsInBody(body, (), (void,), ())).value
+    hollowed = subtract_trimmed_voids(body, (), (void,), ())
     filled = sum(map(estimate_volume, hollowed.built.solids)) / body.volume
     points = sample_body(body)
     solid = (signed_distances_to_nodes(block.patches, points) < 0) | (cavity.field(points) >= 0)
@@ -72,11 +72,11 @@ def _describe_source(body: CadBody) -> ErosionSource:
 
 SKIN_METHODS = Fallbacks(
     (
-        Fallback("offset faces", fill_within_skin, "one to three seconds, up to a minute by the kernel"),
+        Fallback("offset faces", fill_within_skin, "one to three seconds"),
         Fallback("the distance from the body's triangles", fill_by_distance, "one to five minutes"),
     ),
     retry_on=(KernelError, TrimmingError, LevelSetError),
     final=(InvalidRequest,),
-    remedy="change `skin` a little, shift the lattice by `phase`, or give a larger `tol`",
+    remedy="shift the lattice by `phase`, or give a larger `tol`",
 )
 """How a body is filled behind a skin."""

@@ -1,10 +1,9 @@
 """A body filled with a lattice behind a solid skin.
 
 The body is eroded by the skin, the lattice is subtracted from what is left, and the voids that remain are subtracted from the
-body. A body without poles and gaps is eroded by an arrangement of offset faces in arrays (`tpmscad.erosion`); the skin then has
-the thickness asked for everywhere, round concave edges too. Where offset faces touch without crossing, the skin is made thicker
-by 1e-4. What this refuses is offset by the kernel in a process of its own with a time limit. Whatever the method, the thickness
-is measured, on the offset body and on the result.
+body. It is eroded by an arrangement of offset faces in arrays (`tpmscad.erosion`); the skin has the thickness asked for
+everywhere, round concave edges too. Where offset faces touch without crossing, the skin is made thicker
+by 1e-4. The thickness is measured, on the offset body and on the result.
 """
 
 from __future__ import annotations
@@ -18,7 +17,6 @@ import numpy as np
 from scipy.optimize import minimize
 
 from tpmscad._typing import Array
-from tpmscad.brep.boundary_representation import Brep
 from tpmscad.brep.winding_numbers import winding_numbers
 from tpmscad.erosion.eroded_body import erode_body as erode_body_in_arrays
 from tpmscad.errors import InvalidRequest, KernelError, format_point
@@ -26,20 +24,19 @@ from tpmscad.fallbacks import Fallback, Fallbacks
 from tpmscad.kernel.body_import.body_brep import read_free_form_body
 from tpmscad.kernel.body_import.cad_body import CadBody, read_body
 from tpmscad.kernel.boolean.hollow_body import count_closed_cavities, find_skin_faces
-from tpmscad.kernel.boolean.inward_offset import offset_by_occt
-from tpmscad.kernel.build.solids import build_solids, select_solids
+from tpmscad.kernel.build.solids import build_solids
 from tpmscad.kernel.export.solid_mesh import mesh_solids
 from tpmscad.kernel.measure.skin_depth import SkinDepth, SkinThickness, measure_skin_thickness, sample_depths
 from tpmscad.kernel.occt.bounding_boxes import enclosing_box
 from tpmscad.kernel.occt.exploration import faces_of
 from tpmscad.results.certificate import Check
-from tpmscad.solids.boolean_strategies import BooleanResult, subtract_lattice_from_body
-from tpmscad.solids.hollowing import HOLLOWING_METHODS, VoidsInBody
+from tpmscad.solids.boolean_strategies import BooleanResult, trim_on_parameters
+from tpmscad.solids.hollowing import subtract_trimmed_voids
 from tpmscad.solids.lattice_block import LatticeBlock
 
 MIN_THICKNESS_RATIO = 0.98
 MAX_THICKNESS_RATIO = 1.45
-"""In skins: limits of the thickness; the mitre at a concave right angle is 1.42 skins thick."""
+"""In skins: limits of the thickness; the mitre at an open face that another one leans over is up to 1.45 skins thick."""
 
 EXACT_RATIO = 1.001
 """In skins: thickness up to which a point counts as exact in the note."""
@@ -72,15 +69,10 @@ MESH_DEVIATION, MESH_ANGLE = 0.004, 0.5
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ErodedBody:
-    """The parts of a body deeper than the skin, largest first, the depth they were measured by, and the method.
-
-    breps: the boundary representation of each part, None if the kernel made them.
-    """
+    """The parts of a body deeper than the skin, largest first, and the depth they were measured by."""
 
     parts: tuple[CadBody, ...]
     depth: SkinDepth
-    method: str
-    breps: tuple[Brep, ...] | None = None
 
 
 def fill_within_skin(block: LatticeBlock, body: CadBody, skin: float, open_faces: Sequence[Any] = ()) -> BooleanResult:
@@ -90,10 +82,10 @@ def fill_within_skin(block: LatticeBlock, body: CadBody, skin: float, open_faces
     measured thickness of the skin.
     """
     eroded = erode_body(body, skin, open_faces)
-    results = [subtract_lattice_from_body(block, part) for part in eroded.parts]
+    results = [trim_on_parameters(block, part, "difference") for part in eroded.parts]
     if not any(result.built.n_solids for result in results):
         raise InvalidRequest(f"the lattice leaves no void within a skin of {skin:g}: the body would stay as it is")
-    hollowed = HOLLOWING_METHODS.run(VoidsInBody(body, eroded.parts, results, open_faces)).value
+    hollowed = subtract_trimmed_voids(body, eroded.parts, results, open_faces)
     measured = measure_skin_thickness(hollowed.skin_faces, eroded.depth)
     own = count_closed_cavities(body, open_faces)
     closed = describe_closed_voids(hollowed.closed_cavities, own, bool(open_faces))
@@ -102,7 +94,7 @@ def fill_within_skin(block: LatticeBlock, body: CadBody, skin: float, open_faces
         hollowed.built,
         hollowed.brep,
         results[0].method,
-        (*notes, _describe_thickness(measured, skin, eroded.method), *closed),
+        (*notes, _describe_thickness(measured, skin), *closed),
         check_skin_thickness(measured, skin),
         tuple(dict.fromkeys(shift for result in results for shift in result.shifts)),
     )
@@ -111,7 +103,8 @@ def fill_within_skin(block: LatticeBlock, body: CadBody, skin: float, open_faces
 def erode_body(body: CadBody, skin: float, open_faces: Sequence[Any] = ()) -> ErodedBody:
     """The parts of the body deeper than `skin` (model units) below its faces; open faces get no skin.
 
-    Raises InvalidRequest if nothing is that deep, and KernelError if every method fails or misses the thickness.
+    Raises InvalidRequest if nothing is that deep, TrimmingError if the offset faces do not close, and KernelError if they miss
+    the thickness.
     """
     closed = [face for face in faces_of(body.shape) if not any(face.IsSame(o) for o in open_faces)]
     depth = SkinDepth(body.shape, closed)
@@ -126,9 +119,7 @@ def erode_body(body: CadBody, skin: float, open_faces: Sequence[Any] = ()) -> Er
         points, depths = np.concatenate([points, deepest[None]]), np.append(depths, most)
 
     request = ErosionRequest(body, skin, open_faces, depth, points[depths > DEEP_RATIO * skin])
-    eroded = EROSION_METHODS.run(request)
-    parts, breps = eroded.value
-    return ErodedBody(parts, depth, eroded.name, breps)
+    return ErodedBody(EROSION_METHODS.run(request).value, depth)
 
 
 def find_deepest(depth: SkinDepth, points: Array, depths: Array) -> tuple[Array, float]:
@@ -171,11 +162,7 @@ class ErosionRequest:
         return parts
 
 
-ErodedParts = tuple[tuple[CadBody, ...], tuple[Brep, ...] | None]
-"""The parts of an eroded body, and their boundary representations if they were made in arrays."""
-
-
-def erode_in_arrays(request: ErosionRequest, excess: float = 0.0) -> ErodedParts:
+def erode_in_arrays(request: ErosionRequest, excess: float = 0.0) -> tuple[CadBody, ...]:
     """The parts of a body deeper than (1 + excess) skins, by an arrangement of offset faces."""
     own = faces_of(request.body.shape)
     body = read_free_form_body(request.body.shape, [str(i) for i in range(len(own))])
@@ -183,21 +170,15 @@ def erode_in_arrays(request: ErosionRequest, excess: float = 0.0) -> ErodedParts
     eroded = erode_body_in_arrays(body.brep, body.free_form, (1 + excess) * request.skin, opened[body.brep.faces.tag])
     if not len(eroded.faces):
         raise KernelError("offset by the skin", "the offset is empty")
-    built = build_solids(eroded)
-    return request.check(built.solids), tuple(select_solids(eroded, built, [k])[0] for k in range(built.n_solids))
-
-
-def _offset_in_kernel(request: ErosionRequest, join: str) -> ErodedParts:
-    return request.check(offset_by_occt(request.body.shape, request.skin, request.open_faces, join)), None
+    return request.check(build_solids(eroded).solids)
 
 
 EROSION_METHODS = Fallbacks(
     (
         Fallback("an arrangement of offset faces", erode_in_arrays, "one to three seconds"),
         Fallback("an arrangement of offset faces", partial(erode_in_arrays, excess=SKIN_EXCESS), "as much again"),
-        Fallback("the kernel's offset with arcs", partial(_offset_in_kernel, join="arc"), "up to 20 s of CPU"),
-        Fallback("the kernel's offset with mitres", partial(_offset_in_kernel, join="mitre"), "up to 20 s of CPU"),
-    )
+    ),
+    remedy="change `skin` a little",
 )
 """How a body is eroded by its skin."""
 
@@ -245,19 +226,15 @@ def check_skin_thickness(measured: SkinThickness, skin: float) -> tuple[Check, .
     )
 
 
-def _describe_thickness(measured: SkinThickness, skin: float, method: str) -> str:
+def _describe_thickness(measured: SkinThickness, skin: float) -> str:
     """The note on the measured thickness of the skin."""
     n = len(measured.thickness)
     if not n:
-        return f"skin of {skin:g} by {method}"
+        return f"skin of {skin:g} by an arrangement of offset faces"
     exact = float((measured.thickness <= EXACT_RATIO * skin).mean())
-    mitres = (
-        ""
-        if exact == 1
-        else f", {1 - exact:.1%} of the points thicker than asked, in mitres along concave edges and open faces"
-    )
+    mitres = "" if exact == 1 else f", {1 - exact:.1%} of the points thicker than asked, in mitres along open faces"
     return (
-        f"skin of {skin:g} by {method}: {measured.least:.4g} to {measured.greatest:.4g} thick, "
+        f"skin of {skin:g} by an arrangement of offset faces: {measured.least:.4g} to {measured.greatest:.4g} thick, "
         f"measured at {n} points of its inner faces{mitres}"
     )
 

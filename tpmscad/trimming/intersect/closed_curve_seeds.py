@@ -4,9 +4,9 @@ A closed curve surrounds, on each of two faces, a point with a normal that is pa
 of faces have none. A closed curve also has a point at which its tangent, the product of both normals, is perpendicular to any
 direction that is given. For two faces the direction is that of the known curves, or of the tangent where they meet on average,
 so that few cells remain. Two cells, one of each face, are dropped if the tangent is nowhere perpendicular to it, or if they are
-apart along a normal of one of them, or along the curve. Where the derivatives vary so little in them that a curve passes once at most,
-the point on it is found by Newton's method; it lies on a curve that is known, or is the seed of a closed one. Else both cells are
-divided.
+apart along a normal of one of them, or along the curve. Where the derivatives vary so little in them that a curve passes once at
+most, the point on it is found by Newton's method; it lies on a curve that is known, or is the seed of a closed one. Else both
+cells are divided.
 """
 
 from __future__ import annotations

@@ -115,6 +115,9 @@ def trace_common_curves(first: Network, second: Network, ends: CurveEnds, n_vert
         curve_of += range(first_path, first_path + len(pieces))
         start += numbers[:-1]
         end += numbers[1:]
+    of_path = np.array(fitted_faces, np.int64).reshape(-1, 2)
+    splines, deviation = _fit_paths(joined.patches, of_path + np.array([0, len(first.faces.low)]), paths, 0.5 * tol)
+    face, curve_number = np.array(faces, np.int64).reshape(-1, 2), np.array(curve_of, np.int64)
     return CommonCurves(
         faces=face,
         start=np.array(start, np.int64),
@@ -308,6 +311,13 @@ def _grade_sites(patches: PatchPolynomials, paths: _Paths) -> _Paths:
             return paths
 
 
+def grade_sites(patches: PatchPolynomials, face: IntArray, paths: list[Array]) -> list[Array]:
+    """Paths (n, 10) on the faces (P, 2) with points between theirs, as splines of `DEGREE` through them need."""
+    start = np.concatenate([[0], np.cumsum([len(p) for p in paths])])
+    graded = _grade_sites(patches, _Paths(np.concatenate(paths), start, face))
+    return np.split(graded.points, graded.start[1:-1])
+
+
 def _insert_sites(patches: PatchPolynomials, paths: _Paths, parts: IntArray) -> _Paths:
     """Steps divided into `parts` (N - 1,), by cubic Hermite interpolation of the points and tangents."""
     row, step = repeat_rows(parts - 1)
@@ -357,7 +367,7 @@ def _measure_deviations(patches: PatchPolynomials, face: IntArray, splines: Alik
 
 def _correct(patches: PatchPolynomials, face: IntArray, guess: Array, normal: Array) -> Array:
     """Rows (n, 10) as of a path, in the planes through points (n, 7) near the curve; UntracedCurve if one is not found."""
-    found, good = _correct_all(
+    found, good = correct_points(
         patches, *(np.ascontiguousarray(column) for column in (face, guess, normal)), make_work()
     )
     if not good.all():
@@ -367,9 +377,10 @@ def _correct(patches: PatchPolynomials, face: IntArray, guess: Array, normal: Ar
 
 
 @njit_cached
-def _correct_all(
+def correct_points(
     patches: PatchPolynomials, face: IntArray, guess: Array, normal: Array, work: Work
 ) -> tuple[Array, BoolArray]:  # pragma: no cover - compiled
+    """Rows (n, 10) as of a path, in the planes through points (n, 7) normal to directions (n, 3), and which converged (n,)."""
     result, good = np.empty((len(guess), 10)), np.empty(len(guess), np.bool_)
     at = np.empty(4)
     for i in range(len(guess)):

@@ -208,6 +208,18 @@ def _trace_closed_curves(
     return closed
 
 
+def trace_from(patches: PatchPolynomials, f: int, g: int, start: Array, match_tol: float) -> tuple[Array, bool]:
+    """The points (n, 10) of a common curve from `start` (4,) on, and whether it returns there.
+
+    It ends beyond the domain of a face, or where it cannot be followed.
+    """
+    work, path, places = make_work(), np.empty((MAX_STEPS + 2, 10)), np.empty((1, 3))
+    evaluate_face(patches, f, start[0], start[1], work.jet_f)
+    places[0] = work.jet_f[0]
+    outcome, _, count = _trace(patches, f, g, start, -1, places, 1, path, match_tol, work)
+    return path[:count].copy(), outcome == ARRIVED
+
+
 def _check_outcome(outcome: int, place: Array) -> None:
     """TrimmingError, with the place, unless the outcome is that a curve has arrived."""
     if outcome != ARRIVED:

@@ -9,6 +9,7 @@ for the polynomials, round-off apart.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from functools import lru_cache
 from math import comb
 from typing import NamedTuple
@@ -222,6 +223,20 @@ def tabulate_faces(brep: Brep, near: IntArray | None = None, cell_size: float = 
     )
 
 
+def tabulate_carriers(carriers: Sequence[Carrier], uv: Sequence[Array], sense: ArrayLike) -> PatchPolynomials:
+    """The polynomials of carriers, planes and quadrics about points uv (n, 2) of theirs; sense: +1 if S_u x S_v leads out."""
+    cells = _divide_patches([_as_spline(carrier, own) for carrier, own in zip(carriers, uv, strict=True)], np.inf)
+    breaks, coefficients = [b for own in cells for b in own.breaks], [own.coefficients for own in cells]
+    shapes = np.array([c.shape[:4] for c in coefficients], np.int64)
+    starts = (
+        find_starts([len(b) for b in breaks])[:-1].reshape(-1, 2),
+        find_starts([c.size for c in coefficients])[:-1, None],
+    )
+    planar = np.array([[isinstance(carrier, Plane)] for carrier in carriers], np.int64).reshape(-1, 1)
+    layout = np.concatenate([shapes[:, 2:] - 1, shapes[:, :2], *starts, np.reshape(sense, (-1, 1)), planar], axis=1)
+    return PatchPolynomials(layout, _stack(breaks), _stack([c.ravel() for c in coefficients]))
+
+
 def bound_faces(brep: Brep) -> tuple[Array, Array]:
     """Corners (F, 3) of boxes that contain the faces, by the poles of their surfaces."""
     faces = brep.faces
@@ -251,9 +266,15 @@ def _list_surfaces(brep: Brep, rows: IntArray, polygons: list[Array]) -> tuple[l
                 surfaces.append(carrier)
             continue
         own[i] = len(surfaces)
-        bound = _bound_plane if isinstance(carrier, Plane) else approximate_quadric
-        surfaces.append(bound(carrier, polygons[i].reshape(-1, 2)))
+        surfaces.append(_as_spline(carrier, polygons[i].reshape(-1, 2)))
     return surfaces, own
+
+
+def _as_spline(carrier: Carrier, uv: Array) -> BSplineSurface:
+    """A carrier as a spline in its own parameters, a plane or quadric about points uv (n, 2)."""
+    if isinstance(carrier, BSplineSurface):
+        return carrier
+    return _bound_plane(carrier, uv) if isinstance(carrier, Plane) else approximate_quadric(carrier, uv)
 
 
 _NO_SEGMENTS = np.zeros((0, 2, 2))
