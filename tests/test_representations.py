@@ -107,7 +107,6 @@ MAKERS: dict[str, Callable[[], Any]] = {
     "metrics": lambda: tpmscad.measure(bd.Box(1, 2, 3)),
     "print check": lambda: tpmscad.check_print(bd.Box(1, 2, 3)),
     "model": lattice,
-    "derivatives": lambda: tpmscad.design_derivatives("P", thickness=0.05, elastic=False),
 }
 
 
