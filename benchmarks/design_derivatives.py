@@ -4,9 +4,9 @@
 
 Volume and area per cell follow from Steiner's formula on the exact surface. Stiffness and conductivity are differentiated on
 hexahedra whose nodes move as the two offset surfaces do. The fluctuations minimise the energy, so only the explicit change
-counts: with the gradient of the velocity V, div V of the energy density and -grad(u) grad(V) of the gradients. It is the exact derivative
-of what the mesh gives. Source: Sokolowski and Zolesio, Introduction to Shape Optimization (1992), 2.10 and 3. What depends on
-ratios of lengths alone is homogeneous in them, so the derivative with respect to the cell follows from the others.
+counts: with the gradient of the velocity V, div V of the energy density and -grad(u) grad(V) of the gradients. It is the exact
+derivative of what the mesh gives. Source: Sokolowski and Zolesio, Introduction to Shape Optimization (1992), 2.10 and 3. What
+depends on ratios of lengths alone is homogeneous in them, so the derivative with respect to the cell follows from the others.
 """
 
 from __future__ import annotations
