@@ -2,10 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
-from numpy.typing import ArrayLike
 from scipy import ndimage
 
 from tpmscad._typing import Array, BoolArray, IntArray
@@ -47,75 +44,6 @@ def find_deepest_samples(field: Array, labels: Labels, count: int, sign: int) ->
     return found[1:]
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class LabelledComponents:
-    """Components or cavities of a sampled solid, numbered from 1.
-
-    - `labels` (nx, ny, nz): number of the component of each voxel, 0 elsewhere.
-    - `sizes` (n,): numbers of voxels; component k has sizes[k - 1].
-    - `deepest` (n,): flat index (C order) of the voxel where f is farthest from the level, lowest in a component and highest in a
-      cavity.
-    """
-
-    labels: Labels
-    sizes: IntArray
-    deepest: IntArray
-
-    def __len__(self) -> int:
-        return len(self.sizes)
-
-    def deepest_voxels(self) -> IntArray:
-        """Return the deepest voxels as integer indices (i, j, k), shape (n, 3)."""
-        return np.stack(np.unravel_index(self.deepest, self.labels.shape), axis=-1).astype(np.int64)
-
-
-@validate_call()
-def label_components(
-    values: Samples, level: Level = 0.0, convention: SampleConnectivity = "strict"
-) -> LabelledComponents:
-    """Label the connected components of the solid {f <= level}.
-
-    Returns
-    -------
-    LabelledComponents
-        The components, numbered in the order of their first voxels.
-
-    Examples
-    --------
-    >>> import numpy as np
-    >>> from tpmscad import topology
-    >>> values = np.ones((5, 5, 5))
-    >>> values[1, 1, 1] = values[3, 3, 3] = -1.0
-    >>> topology.label_components(values).deepest_voxels()
-    array([[1, 1, 1],
-           [3, 3, 3]])
-    """
-    return _label_and_measure(values, level, convention, solid=True)
-
-
-@validate_call()
-def label_cavities(
-    values: Samples, level: Level = 0.0, convention: SampleConnectivity = "strict"
-) -> LabelledComponents:
-    """Label the cavities of the solid {f <= level}: void components not connected to the border of the array.
-
-    Returns
-    -------
-    LabelledComponents
-        The cavities, numbered in the order of their first voxels.
-
-    Examples
-    --------
-    >>> import numpy as np
-    >>> from tpmscad import topology
-    >>> values = -np.ones((5, 5, 5))
-    >>> values[2, 2, 2] = 1.0
-    >>> len(topology.label_cavities(values))
-    1
-    """
-    return _label_and_measure(values, level, convention, solid=False)
-
-
 @validate_call()
 def count_components_and_cavities(
     values: Samples, level: Level = 0.0, convention: SampleConnectivity = "strict"
@@ -148,12 +76,3 @@ def label_phase(field: Array, level: float, convention: str, solid: bool) -> tup
     """`label_samples` of the solid, or of the void with the exterior, by the neighbours of a convention."""
     inside = field <= level if solid else field > level
     return label_samples(inside, CONNECTIVITY[convention][0 if solid else 1], exterior=not solid)
-
-
-def _label_and_measure(values: ArrayLike, level: float, convention: str, solid: bool) -> LabelledComponents:
-    field = as_sample_array(values)
-    labels, count = label_phase(field, level, convention, solid)
-    if not solid:
-        labels, count = np.maximum(labels - np.int32(EXTERIOR), 0), count - 1
-    sizes = np.bincount(labels.reshape(-1), minlength=count + 1)[1:]
-    return LabelledComponents(labels, sizes, find_deepest_samples(field, labels, count, 1 if solid else -1))
