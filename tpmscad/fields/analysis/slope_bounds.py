@@ -16,7 +16,7 @@ import numpy as np
 from tpmscad._typing import Array
 from tpmscad.fields.field import ConstantField, Field, MinMaxField, PowerField, ProductField, ScaledField, SumField
 from tpmscad.fields.kinds.coordinate_transforms import AffineTransformedField
-from tpmscad.fields.kinds.expressions import CoordinateField, ExpressionField, FunctionOfField
+from tpmscad.fields.kinds.expressions import ExpressionField, FunctionOfField
 from tpmscad.fields.kinds.nodal_field import FORMULAS, NodalField
 from tpmscad.fields.kinds.primitive_regions import BoxRegion, CylinderRegion, HalfSpaceRegion, SphereRegion
 from tpmscad.fields.kinds.ramps import AffineFunction, ClippedField, RampField
@@ -63,11 +63,6 @@ def _(field: Field) -> FieldBounds:
 @bound_field.register
 def _(field: ConstantField) -> FieldBounds:
     return FieldBounds(abs(field.value), 0.0, np.zeros(3))
-
-
-@bound_field.register
-def _(field: CoordinateField) -> FieldBounds:
-    return FieldBounds(math.inf, abs(field.rate), abs(field.rate) * np.eye(3)[field.axis])
 
 
 @bound_field.register
