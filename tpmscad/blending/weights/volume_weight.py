@@ -9,20 +9,19 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import ArrayLike
 from scipy.interpolate import BSpline, NdBSpline
 from scipy.sparse import csr_array
 
 from tpmscad._typing import Array, BoolArray
+from tpmscad.fields.field import Field
 from tpmscad.fields.tape.tape_nodes import Node, clamp, tensor_spline
-from tpmscad.splines.tensor_product import evaluate_tensor_product
 
 IntTriple = tuple[int, int, int]
 Knots = tuple[Array, Array, Array]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class VolumeWeight:
+class VolumeWeight(Field):
     """A tensor-product B-spline weight: coefficients (nu, nv, nw), knots and degree of each axis, free mask (nu, nv, nw).
 
     `lower_bounds` and `upper_bounds` of the free coefficients lie within [0, 1]. The weight of points (..., 3) is (...), in
@@ -35,24 +34,6 @@ class VolumeWeight:
     is_free: BoolArray
     lower_bounds: float | Array = 0.0
     upper_bounds: float | Array = 1.0
-
-    def __call__(self, points: ArrayLike) -> Array:
-        """Weights (...) at points (..., 3)."""
-        points = np.asarray(points, float)
-        spline = NdBSpline(self.knots, self.coefficients, self.degree)
-        return np.clip(spline(self._clamp(points).reshape(-1, 3)).reshape(points.shape[:-1]), 0.0, 1.0)
-
-    def gradient(self, points: ArrayLike) -> Array:
-        """Exact gradients (..., 3) at points (..., 3)."""
-        return self.value_and_gradient(points)[1]
-
-    def value_and_gradient(self, points: ArrayLike) -> tuple[Array, Array]:
-        """Values (...) and gradients (..., 3) at points (..., 3), in a third of the time of two calls."""
-        points = np.asarray(points, float)
-        clamped = self._clamp(points)
-        value, slope = evaluate_tensor_product(self.coefficients, self.knots, self.degree, clamped.reshape(-1, 3))
-        value = np.clip(value, 0.0, 1.0).reshape(points.shape[:-1])
-        return value, np.where(points == clamped, slope.reshape(points.shape), 0.0)
 
     def trace(self, x: Node, y: Node, z: Node) -> Node:
         """The weight on the nodes of a tape."""
