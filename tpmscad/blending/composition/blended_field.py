@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from tpmscad._typing import Array, BoolArray, IntArray
-from tpmscad.blending.weights.weight_protocol import WeightFunction, trace_weight
+from tpmscad.blending.weights.weight_protocol import WeightFunction, trace_function
 from tpmscad.fields import Field
 from tpmscad.fields.data.sample_grid import BoxBounds
 from tpmscad.fields.field import CompositeField, ConstantField
@@ -62,10 +62,10 @@ class BlendedField(CompositeField):
             with recorder.where(needed & (is_later[stage] | is_mixed[stage])):
                 next_value = self.structures[stage + 1].trace(x, y, z)
             with recorder.where(needed & is_mixed[stage]):
-                w = trace_weight(weight, clamped)
+                w = trace_function(weight, clamped)
                 mixed_value = (1.0 - w) * value + w * next_value
                 if (level_shift := self._level_shift(stage)) is not None:
-                    mixed_value = mixed_value + trace_weight(level_shift, clamped)
+                    mixed_value = mixed_value + trace_function(level_shift, clamped)
             value = select(is_mixed[stage], mixed_value, select(is_later[stage], next_value, value))
         return value
 
