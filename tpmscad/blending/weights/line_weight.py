@@ -13,6 +13,7 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
+from numpy.typing import ArrayLike
 from scipy.interpolate import BSpline
 from scipy.sparse import csr_array
 
@@ -77,13 +78,13 @@ class LineWeight(Field):
         value = piecewise_polynomial(knots, pieces[:, inside], clamp(t, float(low), float(high)))
         return x.recorder.with_gradient(clamp(value, 0.0, 1.0), (value,), lambda: (1.0,))
 
-    def on_grid(self, x: Array, y: Array, z: Array) -> Array:
+    def on_grid(self, x: ArrayLike, y: ArrayLike, z: ArrayLike) -> Array:
         """Values on the tensor-product grid of three axes; a read-only broadcast if the coordinate is one of them."""
-        axes = (x, y, z)
+        axes = np.asarray(x, float), np.asarray(y, float), np.asarray(z, float)
         if (axis := self.axis) is not None:
             shape = [1, 1, 1]
             shape[axis] = -1
-            return np.broadcast_to(self.evaluate(axes[axis]).reshape(shape), (len(x), len(y), len(z)))
+            return np.broadcast_to(self.evaluate(axes[axis]).reshape(shape), tuple(map(len, axes)))
         return self(grid_points(axes))
 
     @property

@@ -9,6 +9,7 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
+from numpy.typing import ArrayLike
 from scipy.interpolate import BSpline, NdBSpline
 from scipy.sparse import csr_array
 
@@ -42,9 +43,9 @@ class VolumeWeight(Field):
         value = tensor_spline(self.knots, self.degree, self.coefficients, (u, v, w))
         return x.recorder.with_gradient(clamp(value, 0.0, 1.0), (value,), lambda: (1.0,))
 
-    def on_grid(self, x: Array, y: Array, z: Array) -> Array:
+    def on_grid(self, x: ArrayLike, y: ArrayLike, z: ArrayLike) -> Array:
         """Values on the tensor-product grid of three axes: (nx, ny, nz)."""
-        rows = [self._basis_rows(axis, t) for axis, t in enumerate((x, y, z))]
+        rows = [self._basis_rows(axis, np.asarray(t, float)) for axis, t in enumerate((x, y, z))]
         return np.clip(apply_along_axes(self.coefficients, rows), 0.0, 1.0)
 
     def apply_transpose(self, x: Array, y: Array, z: Array, values: Array) -> Array:
