@@ -31,7 +31,7 @@ from OCP.TopoDS import TopoDS_Edge, TopoDS_Face
 from tpmscad._compiled_loops import njit_cached
 from tpmscad._typing import Array, IntArray
 from tpmscad.kernel.occt import convert
-from tpmscad.kernel.occt.exploration import evaluate_pointwise
+from tpmscad.kernel.occt.exploration import evaluate_pointwise, orientation_sign
 from tpmscad.splines.bspline import BSplineCurve, BSplineSurface
 
 SurfaceEvaluator = Callable[[Array], tuple[Array, ...]]
@@ -92,6 +92,25 @@ def edge_evaluator(edge: TopoDS_Edge) -> CurveEvaluator:
         x, y = (np.array(each.Coord()) for each in (frame.XDirection(), frame.YDirection()))
         return ConicEvaluator(np.array(frame.Location().Coord()), radii[0] * x, radii[1] * y)
     return partial(evaluate_pointwise, adaptor)
+
+
+class OutwardNormals:
+    """Points and outward unit normals of a face's surface."""
+
+    def __init__(self, face: TopoDS_Face) -> None:
+        self.evaluate = face_evaluator(face)
+        self.sign = orientation_sign(face)
+
+    def __call__(self, uv: Array) -> tuple[Array, Array]:
+        """Points and normals, (n, 3) each, at parameters (n, 2)."""
+        points, along_u, along_v = self.evaluate(uv)
+        return points, self.unit(along_u, along_v)
+
+    def unit(self, along_u: Array, along_v: Array) -> Array:
+        """Normals (..., 3) from tangents (..., 3); zero where the surface is singular."""
+        normals = np.cross(along_u, along_v)
+        length = np.linalg.norm(normals, axis=-1, keepdims=True)
+        return self.sign * np.divide(normals, length, out=np.zeros_like(normals), where=length > 0)
 
 
 def _frame_of(surface: Any) -> Array:
