@@ -147,14 +147,6 @@ class SplineSurfaceEvaluator(PackedSurface):
         s = self.spline
         return (s.degree_u, s.degree_v), s.poles.shape[1], (s.knots_u, s.knots_v), s.poles.reshape(-1, 3)
 
-    def evaluate_grids(self, u: Array, v: Array) -> Array:
-        """Points (n, k, l, 3) on grids of parameters u (n, k) with v (n, l), which ascend."""
-        s = self.spline
-        points = np.empty((*u.shape, v.shape[1], 3))
-        knots_u, knots_v, poles = (np.ascontiguousarray(a) for a in (s.knots_u, s.knots_v, s.poles))
-        _evaluate_grids(knots_u, s.degree_u, knots_v, s.degree_v, poles, u, v, points)
-        return points
-
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PlaneEvaluator(PackedSurface):
@@ -453,33 +445,6 @@ def _evaluate_curves(
                     x += basis[a] * poles[start + a, axis]
                     along += slope[a] * poles[start + a, axis]
                 found[0, i, axis], found[1, i, axis] = x, along
-
-
-@njit_cached
-def _evaluate_grids(
-    knots_u: Array, degree_u: int, knots_v: Array, degree_v: int, poles: Array, u: Array, v: Array, points: Array
-) -> None:  # pragma: no cover - compiled
-    """Points on grids of parameters u (n, k) with v (n, l), into points (n, k, l, 3)."""
-    n, k, l = u.shape[0], u.shape[1], v.shape[1]  # noqa: E741
-    basis_u, basis_v, slope = np.empty(degree_u + 1), np.empty((l, degree_v + 1)), np.empty(max(degree_u, degree_v) + 1)
-    first_v = np.empty(l, np.int64)
-    row = np.empty((poles.shape[1], 3))
-    for i in range(n):
-        for b in range(l):
-            first_v[b] = evaluate_basis(knots_v, degree_v, v[i, b], basis_v[b], slope)
-        for a in range(k):
-            first_u = evaluate_basis(knots_u, degree_u, u[i, a], basis_u, slope)
-            for j in range(first_v[0], first_v[l - 1] + degree_v + 1):
-                for axis in range(3):
-                    row[j, axis] = 0.0
-                    for m in range(degree_u + 1):
-                        row[j, axis] += basis_u[m] * poles[first_u + m, j, axis]
-            for b in range(l):
-                for axis in range(3):
-                    x = 0.0
-                    for m in range(degree_v + 1):
-                        x += basis_v[b, m] * row[first_v[b] + m, axis]
-                    points[i, a, b, axis] = x
 
 
 @njit_cached
