@@ -40,7 +40,6 @@ from tpmscad.kernel.occt.exploration import (
     solids_of,
 )
 from tpmscad.kernel.occt.geometry_evaluators import OutwardNormals, SplineSurfaceEvaluator
-from tpmscad.splines.bspline import BSplineSurface
 
 CREASE_COSINE = np.cos(np.radians(15.0))
 """Cosine of the angle between face normals beyond which an edge is sharp; smooth joints of solids made here differ by 0.01."""
@@ -188,11 +187,13 @@ def _sample_face(face: TopoDS_Face, spacing: float, exact: bool) -> tuple[Array,
     surface = OutwardNormals(face)
     loops = _trimming_segments(face)
     low, high = loops.reshape(-1, 2).min(axis=0), loops.reshape(-1, 2).max(axis=0)
-    spline = surface.evaluate.spline if isinstance(surface.evaluate, SplineSurfaceEvaluator) else None
-    if spline is not None:  # poles may lie outside the domain although the curve does not
-        low, high = np.maximum(low, np.array(spline.domain)[:, 0]), np.minimum(high, np.array(spline.domain)[:, 1])
+    if isinstance(
+        surface.evaluate, SplineSurfaceEvaluator
+    ):  # poles may lie outside the domain although the curve does not
+        first, last = np.array(surface.evaluate.spline.domain).T
+        low, high = np.maximum(low, first), np.minimum(high, last)
     us, vs = (np.linspace(a, b, EXTENT_SAMPLES) for a, b in zip(low, high, strict=True))
-    net = _sample_grid(surface, spline, us, vs)
+    net = np.stack(surface(_grid_parameters(us, vs))).reshape(2, EXTENT_SAMPLES, EXTENT_SAMPLES, 3)
     counts = []
     for axis in (0, 1):
         length, turn = np.linalg.norm(np.diff(net, axis=1 + axis), axis=-1).sum(axis=1 + axis).max(axis=-1)
@@ -204,17 +205,7 @@ def _sample_face(face: TopoDS_Face, spacing: float, exact: bool) -> tuple[Array,
         at = np.argwhere(inside)
         states = [classifier.Perform(gp_Pnt2d(*uv)) for uv in np.stack([u[at[:, 0]], v[at[:, 1]]], axis=1).tolist()]
         inside[tuple(at.T)] = [state != TopAbs_OUT for state in states]
-    if spline is None:
-        return surface(_grid_parameters(u, v)[inside.ravel()])
-    points, normals = _sample_grid(surface, spline, u, v)
-    return points[inside], normals[inside]
-
-
-def _sample_grid(surface: OutwardNormals, spline: BSplineSurface | None, u: Array, v: Array) -> Array:
-    """Points and normals on the grid of all u with all v: (2, len(u), len(v), 3)."""
-    if spline is None:
-        return np.stack(surface(_grid_parameters(u, v))).reshape(2, len(u), len(v), 3)
-    return np.stack([spline.grid(u, v), surface.unit(spline.grid(u, v, 1, 0), spline.grid(u, v, 0, 1))])
+    return surface(_grid_parameters(u, v)[inside.ravel()])
 
 
 def _grid_parameters(u: Array, v: Array) -> Array:

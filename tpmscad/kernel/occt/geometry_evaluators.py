@@ -102,15 +102,11 @@ class OutwardNormals:
         self.sign = orientation_sign(face)
 
     def __call__(self, uv: Array) -> tuple[Array, Array]:
-        """Points and normals, (n, 3) each, at parameters (n, 2)."""
+        """Points and normals, (n, 3) each, at parameters (n, 2); normals are zero where the surface is singular."""
         points, along_u, along_v = self.evaluate(uv)
-        return points, self.unit(along_u, along_v)
-
-    def unit(self, along_u: Array, along_v: Array) -> Array:
-        """Normals (..., 3) from tangents (..., 3); zero where the surface is singular."""
         normals = np.cross(along_u, along_v)
-        length = np.linalg.norm(normals, axis=-1, keepdims=True)
-        return self.sign * np.divide(normals, length, out=np.zeros_like(normals), where=length > 0)
+        length = np.linalg.norm(normals, axis=1, keepdims=True)
+        return points, self.sign * np.divide(normals, length, out=np.zeros_like(normals), where=length > 0)
 
 
 def _frame_of(surface: Any) -> Array:
