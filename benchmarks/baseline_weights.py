@@ -22,7 +22,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import ArrayLike
 
-from tpmscad._typing import Array
+from tpmscad._typing import Array, IntArray
 from tpmscad.blending._blend import sample_problem
 from tpmscad.blending.composition.blended_field import BlendedField
 from tpmscad.blending.initial_weights import WeightSpec, make_initial_weight
@@ -225,15 +225,23 @@ def make_stage_regions(field: BlendedField, stage: int) -> tuple[FieldFunction, 
     """The regions of a stage as functions: that of the field so far, that of structure stage + 1, and where the stage mixes."""
 
     def first(points: Array) -> Array:
-        return np.where(field.region_index(points) <= stage, -1.0, 1.0)
+        return np.where(_region_index(field, points) <= stage, -1.0, 1.0)
 
     def second(points: Array) -> Array:
-        return np.where(field.region_index(points) == stage + 1, -1.0, 1.0)
+        return np.where(_region_index(field, points) == stage + 1, -1.0, 1.0)
 
     def mixing(points: Array) -> Array:
-        return np.where(field.region_index(points) > stage + 1, -1.0, np.asarray(field.blending_regions[stage](points)))
+        return np.where(
+            _region_index(field, points) > stage + 1, -1.0, np.asarray(field.blending_regions[stage](points))
+        )
 
     return first, second, mixing
+
+
+def _region_index(field: BlendedField, points: Array) -> IntArray:
+    """Index of the region with the least value at points (..., 3) of the domain: (...)."""
+    clamped = points if field.domain is None else np.clip(points, *field.domain)
+    return np.argmin(np.stack([region(clamped) for region in field.regions]), axis=0)
 
 
 def make_cell_weight(first: FieldFunction, domain: BoxBounds, cell: float) -> CellWeight:

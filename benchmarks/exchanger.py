@@ -33,7 +33,7 @@ import tpmscad
 from tpmscad._typing import Array
 from tpmscad.meshing.facet_search import interior_facets
 from tpmscad.meshing.library_meshes import skfem_order
-from tpmscad.meshing.openfoam_dictionaries import PASCAL_PER_UNIT, WATER_VISCOSITY
+from tpmscad.meshing.openfoam_case import PASCAL_PER_UNIT, WATER_VISCOSITY
 from tpmscad.meshing.volume_mesh import VolumeMesh
 from tpmscad.simulation.permeability import permeability
 

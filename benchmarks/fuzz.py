@@ -69,8 +69,6 @@ CHEAP: Mapping[str, Mapping[str, Any]] = {
             "compute_persistence",
             "count_components_and_cavities",
             "euler_characteristic",
-            "label_cavities",
-            "label_components",
         )
     },
     "persistence_diagram": {"field_or_values": np.arange(64.0).reshape(4, 4, 4) - 30},

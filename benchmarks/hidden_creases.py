@@ -18,9 +18,9 @@ import numpy as np
 
 from benchmarks.crossing_fields import draw_leaf
 from tpmscad import fields
-from tpmscad._typing import Array
+from tpmscad._typing import Array, BoolArray
 from tpmscad.fields.analysis.crease_network import CreaseNetwork, trace_creases
-from tpmscad.fields.analysis.outermost_extremes import expose_extremes, find_active, list_leaves
+from tpmscad.fields.analysis.outermost_extremes import combine_solids, expose_extremes, list_leaves
 from tpmscad.levelset.boundary_level_sets import sample_level_set
 
 SIZE = 10.0
@@ -78,6 +78,19 @@ def _choose_place(rng: np.random.Generator, field: fields.Field) -> tuple[Array,
         good &= ((points > margin) & (points < SIZE - margin)).all(axis=1)
         places += [(p, g / np.linalg.norm(g)) for p, g in zip(points[good], slopes[k][good], strict=True)]
     return places[int(rng.integers(len(places)))] if places else None
+
+
+def find_active(field: fields.Field, values: Array, leaf: int) -> BoolArray:
+    """Where the level set of a leaf bounds the solid of the tree, from the values (leaves, n) of all leaves there: (n,).
+
+    The leaf decides: with it solid the tree is solid, with it void it is void. No tolerance takes part.
+    """
+    is_solid = list(values < 0)
+    count = len(values[0])
+    is_solid[leaf] = np.ones(count, bool)
+    with_leaf = combine_solids(field, is_solid)
+    is_solid[leaf] = np.zeros(count, bool)
+    return np.asarray(with_leaf & ~combine_solids(field, is_solid))
 
 
 def measure_hidden(case: HiddenBall, network: CreaseNetwork) -> tuple[int, float]:

@@ -31,7 +31,6 @@ RESULTS = (
     "tpmscad.simulation.properties.HomogenizedProperties",
     "tpmscad.studies._permeability.ChannelPermeability",
     "tpmscad.studies.flow_results.FlowEstimate",
-    "tpmscad.studies._design_derivatives.DesignDerivatives",
     "tpmscad.Metrics",
     "tpmscad.PrintReport",
     "tpmscad.kernel.body_import.cad_body.BodyFile",
@@ -103,7 +102,7 @@ JOBS: dict[str, tuple[str, ...]] = {
     ),
     "Files": ("export_step", "export_infill", "export_instances", "export_slabs", "check_step", "Model.export"),
     "Meshes": ("Model.mesh", "Model.hexahedra", "Model.export_splines", "infill_triangles"),
-    "Simulate": ("homogenize", "permeability", "estimate_flow", "design_derivatives"),
+    "Simulate": ("homogenize", "permeability", "estimate_flow"),
     "Measure and check before printing": (
         "measure",
         "check_print",

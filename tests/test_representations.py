@@ -107,7 +107,6 @@ MAKERS: dict[str, Callable[[], Any]] = {
     "metrics": lambda: tpmscad.measure(bd.Box(1, 2, 3)),
     "print check": lambda: tpmscad.check_print(bd.Box(1, 2, 3)),
     "model": lattice,
-    "derivatives": lambda: tpmscad.design_derivatives("P", thickness=0.05, elastic=False),
 }
 
 
@@ -174,7 +173,6 @@ TABLES = {
     "slabs": (MANY + 1, "s7.step", "0, 0, 7"),
     "stiffness": (12, "xy", "0"),
     "permeability": (3, "y", "0"),
-    "derivatives": (5, "value", "0.116"),
     "flow": (7, "Darcy 1856", ""),
 }
 """Rows of the table of a result in notebooks, and the first two cells of one."""

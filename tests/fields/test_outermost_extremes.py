@@ -14,7 +14,6 @@ from tpmscad.fields.analysis.exact_leaves import StrutLeaf, find_exact, find_qua
 from tpmscad.fields.analysis.outermost_extremes import (
     combine_solids,
     expose_extremes,
-    find_active,
     list_leaves,
     replace_leaves,
 )
@@ -67,16 +66,6 @@ def test_it_is_the_same_solid_and_its_leaves_decide(field: Field) -> None:
     assert np.array_equal(combine_solids(exposed, values < 0)[clear], (expected < 0)[clear])
     np.testing.assert_allclose(expose_extremes(field, True)(POINTS), expected, atol=1e-12)
     assert list_leaves(replace_leaves(exposed, leaves)) == leaves
-
-
-def test_a_leaf_is_active_where_its_sign_decides() -> None:
-    ball, plane = fields.sphere((0, 0, 0), 1.0), fields.halfspace((0, 0, 0), "z")
-    tree = expose_extremes(~(ball | ~plane))
-    assert tree.sign == +1  # type: ignore[attr-defined]
-    points = np.array([[0, 0, 1.0], [0, 0, -1.0], [2, 0, -0.5], [0.5, 0, 0.1]])
-    values = np.array([leaf(points) for leaf in list_leaves(tree)])
-    assert find_active(tree, values, 0).tolist() == [False, True, True, False]
-    assert find_active(tree, values, 1).tolist() == [False, False, True, False]
 
 
 @pytest.mark.parametrize(

@@ -7,12 +7,13 @@ import numpy as np
 import pytest
 from OCP.BRepAdaptor import BRepAdaptor_Surface
 
-from tpmscad.kernel.occt.evaluator_tables import pack_curves, pack_surfaces
 from tpmscad.kernel.occt.geometry_evaluators import (
     RevolutionEvaluator,
     SplineSurfaceEvaluator,
     edge_evaluator,
     face_evaluator,
+    pack_curves,
+    pack_surfaces,
 )
 from tpmscad.splines.bspline import BSplineSurface
 

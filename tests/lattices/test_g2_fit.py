@@ -7,6 +7,7 @@ import pytest
 
 from tpmscad.brep.edge_continuity import evaluate_curvature
 from tpmscad.lattices import g2_fit
+from tpmscad.splines.knots import bezier_surface
 
 EDGE = 2 / np.sqrt(3)  # of the Klein square; half of it is c, and 1/c - c is again EDGE
 
@@ -39,7 +40,7 @@ def samples() -> np.ndarray:
 
 @pytest.mark.parametrize("degree", [9, 10, 13, 16])
 def test_neighbouring_charts_join_to_second_order(samples: np.ndarray, degree: int) -> None:
-    here, there = (g2_fit.bezier_surface(p) for p in g2_fit.fit_g2_patches(samples, degree)[0])
+    here, there = (bezier_surface(p) for p in g2_fit.fit_g2_patches(samples, degree)[0])
     s = np.linspace(0, 1, 31)
     (x, n, k), (y, m, q) = evaluate_curvature(here, np.ones(31), s), evaluate_curvature(there, np.ones(31), 1 - s)
     assert np.abs(x - y).max() < 1e-9
@@ -50,7 +51,7 @@ def test_neighbouring_charts_join_to_second_order(samples: np.ndarray, degree: i
 def test_the_fit_approaches_the_surface_with_the_degree(samples: np.ndarray) -> None:
     u, v = np.meshgrid(np.linspace(0, 1, 21), np.linspace(0, 1, 21), indexing="ij")
     errors = [
-        np.abs(g2_fit.bezier_surface(g2_fit.fit_g2_patches(samples, d)[0][1])(u, v) - surface(*neighbour(u, v))).max()
+        np.abs(bezier_surface(g2_fit.fit_g2_patches(samples, d)[0][1])(u, v) - surface(*neighbour(u, v))).max()
         for d in (9, 12, 16)
     ]
     assert errors[0] > 10 * errors[1] > 100 * errors[2]
@@ -64,7 +65,7 @@ def test_polynomials_within_the_degree_are_reproduced() -> None:
     def polynomial(u: np.ndarray, v: np.ndarray) -> np.ndarray:
         return np.stack([u + v**3, v - u**2 * v, u**4 * v**5 - u], axis=-1)
 
-    fitted = g2_fit.bezier_surface(g2_fit.fit_g2_patches(polynomial(u, v)[None], 9)[0][0])
+    fitted = bezier_surface(g2_fit.fit_g2_patches(polynomial(u, v)[None], 9)[0][0])
     s, r = np.meshgrid(np.linspace(0, 1, 9), np.linspace(0, 1, 9), indexing="ij")
     # 2e-10 of round-off was measured: fourth derivatives are taken of the samples.
     np.testing.assert_allclose(fitted(s, r), polynomial(s, r), rtol=0, atol=1e-9)

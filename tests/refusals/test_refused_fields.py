@@ -219,7 +219,7 @@ TOPOLOGY: dict[str, Row] = {
         r"the field gave shape \(3,\) for points of shape \(4, 5, 6\)",
     ),
     "convention of components": (
-        lambda: topology.label_cavities(np.zeros((3, 3, 3)), 0.0, "cubes"),
+        lambda: topology.count_components_and_cavities(np.zeros((3, 3, 3)), 0.0, "cubes"),
         "convention 'cubes'",
     ),  # type: ignore[arg-type]
     "diagram of text": (lambda: topology.persistence_diagram("x"), "no array of numbers"),

@@ -13,7 +13,7 @@ import pytest
 import tpmscad
 from tests.cli.test_cli import run
 
-pytest.importorskip("pyclipper")
+pytest.importorskip("manifold3d")
 pytestmark = pytest.mark.kernel
 
 CHORD_ERROR = 0.005

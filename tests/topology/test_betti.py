@@ -16,9 +16,8 @@ from tpmscad.topology import (
     bound_component_counts,
     count_components_and_cavities,
     euler_characteristic,
-    label_cavities,
-    label_components,
 )
+from tpmscad.topology.components import EXTERIOR, find_deepest_samples, label_phase
 
 AXES = np.linspace(-1.5, 1.5, 41), np.linspace(-1.4, 1.4, 37), np.linspace(-1.3, 1.3, 33)
 X, Y, Z = np.meshgrid(*AXES, indexing="ij")
@@ -88,23 +87,25 @@ def test_betti_numbers_of_noise_are_gudhis(convention: str, field: np.ndarray, l
 def test_pieces_are_those_of_a_labelling(convention: str, field: np.ndarray, level: float) -> None:
     solid, void = {"vertices": (1, 3), "top_cells": (3, 1), "strict": (1, 1)}[convention]
     labels, count = ndimage.label(field <= level, ndimage.generate_binary_structure(3, solid))
-    found = label_components(field, level, convention)
-    np.testing.assert_array_equal(found.labels, labels)
-    assert len(found) == count
-    np.testing.assert_array_equal(found.sizes, np.bincount(labels.ravel(), minlength=count + 1)[1:])
+    found, n_found = label_phase(field, level, convention, solid=True)
+    np.testing.assert_array_equal(found, labels)
+    assert n_found == count
     lowest = ndimage.minimum(field, labels, np.arange(1, count + 1)) if count else []
-    np.testing.assert_array_equal(field.ravel()[found.deepest], lowest)
+    np.testing.assert_array_equal(field.ravel()[find_deepest_samples(field, found, count, 1)], lowest)
 
     around = np.pad(field > level, 1, constant_values=True)
-    labels, _ = ndimage.label(around, ndimage.generate_binary_structure(3, void))
-    holes = labels[1:-1, 1:-1, 1:-1] * (labels != labels[0, 0, 0])[1:-1, 1:-1, 1:-1]
-    found = label_cavities(field, level, convention)
-    assert len(found) == len(np.unique(holes[holes > 0]))
-    np.testing.assert_array_equal(found.labels > 0, holes > 0)
-    assert len(set(zip(found.labels.ravel(), holes.ravel(), strict=True))) == len(found) + (holes == 0).any()
-    for label, voxel in enumerate(found.deepest_voxels(), start=1):
-        assert found.labels[tuple(voxel)] == label
-        assert field[tuple(voxel)] == field[found.labels == label].max()
+    labels, count = ndimage.label(around, ndimage.generate_binary_structure(3, void))
+    inner = labels[1:-1, 1:-1, 1:-1]
+    holes = inner * (inner != labels[0, 0, 0])
+    found, n_found = label_phase(field, level, convention, solid=False)
+    assert n_found == count
+    np.testing.assert_array_equal(found == EXTERIOR, inner == labels[0, 0, 0])
+    assert len(set(zip(found.ravel(), inner.ravel(), strict=True))) == len(np.unique(found))
+    deepest = find_deepest_samples(field, found, n_found, -1)
+    for label in range(EXTERIOR + 1, n_found + 1):
+        assert found.ravel()[deepest[label - 1]] == label
+        assert field.ravel()[deepest[label - 1]] == field[found == label].max()
+    assert n_found - 1 == len(np.unique(holes[holes > 0]))
 
 
 @given(seed=st.integers(0, 2**32 - 1))

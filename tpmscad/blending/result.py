@@ -7,7 +7,7 @@ from dataclasses import asdict, dataclass
 from typing import Any
 
 from tpmscad._typing import Array
-from tpmscad.blending.composition.blended_field import BlendedField, StageWeight
+from tpmscad.blending.composition.blended_field import BlendedField
 from tpmscad.blending.optimise.blend_state import GridDefects, OptimisationOutcome
 from tpmscad.blending.weights.weight_protocol import WeightFunction
 from tpmscad.fields import Field
@@ -162,7 +162,7 @@ def assemble_result(
     errors = DefectReport(tuple(grid.shape for grid in grids), n0, n2, outcome.n_subgrid_defects)
     return BlendResult(
         field=field,
-        weight=StageWeight(field, 0) if len(field.weights) == 1 else field.structure_weights,
+        weight=field.weight_of(1) if len(field.weights) == 1 else field.structure_weights,
         weights=field.weights,
         errors=errors,
         converged=errors.remaining == 0,

@@ -19,9 +19,9 @@ from tpmscad.brep.carriers import SphericalSurface, ToroidalSurface
 from tpmscad.brep.conics import TWO_PI, Circle, Ellipse
 from tpmscad.brep.loops import points_in_polygons
 from tpmscad.rigid_motion import Motion
-from tpmscad.splines.basis import bezier_interpolation, halving_matrix, knot_domain
+from tpmscad.splines.basis import bezier_interpolation, halving_matrix
 from tpmscad.splines.bspline import BSplineCurve, BSplineSurface
-from tpmscad.splines.knots import insert_knot
+from tpmscad.splines.knots import bezier_pieces
 
 EXTENT_RTOL = 1e-9
 """Greatest part of the size by which an extent may be too small."""
@@ -247,7 +247,9 @@ def extend_by_surface(surface: BSplineSurface, contains: Callable[[Array], bool]
 
 def _pieces_of_surface(surface: BSplineSurface, motion: Motion, axis: IntArray, face: IntArray) -> _Pieces:
     """The coordinates of a surface along directions (n,), placed by motions (n,), on its Bezier pieces."""
-    pieces, box = _bezier_pieces_of_surface(surface)
+    u, v, pieces = bezier_pieces(surface)
+    corners = [np.stack(np.meshgrid(*ends, indexing="ij"), axis=-1) for ends in ((u[:-1], v[:-1]), (u[1:], v[1:]))]
+    box, pieces = np.stack(corners, axis=2).reshape(-1, 2, 2), pieces.reshape(-1, *pieces.shape[2:])
     height = _reach_along_axes(motion[:, None, None, None].apply(pieces))
     net = np.take_along_axis(height, axis[:, None, None, None, None], axis=4)[..., 0]
     n = len(pieces)
@@ -273,23 +275,3 @@ def _extend_on_surfaces(pieces: _Pieces, contains: Callable[[int, Array], bool],
             break
         pieces = pieces.quarters()
     return reach
-
-
-def _bezier_pieces_of_surface(surface: BSplineSurface) -> tuple[Array, Array]:
-    """The poles (n, p + 1, q + 1, 3) of the Bezier pieces of a surface and their parameter boxes (n, 2, 2): low, high."""
-    poles, starts, spans = surface.poles, [], []
-    for direction, (knots, degree) in enumerate(
-        ((surface.knots_u, surface.degree_u), (surface.knots_v, surface.degree_v))
-    ):
-        low, high = knot_domain(knots, degree)
-        distinct = np.unique(knots[(knots >= low) & (knots <= high)])
-        rows = poles.swapaxes(0, direction)
-        for t in distinct[1:-1].tolist():
-            rows, knots = insert_knot(rows, knots, degree, t, degree - int(np.count_nonzero(knots == t)))
-        poles = rows.swapaxes(0, direction)
-        starts.append([int(np.searchsorted(knots, t, side="right")) - 1 - degree for t in distinct[:-1].tolist()])
-        spans.append(np.column_stack([distinct[:-1], distinct[1:]]))
-    p, q = surface.degree_u, surface.degree_v
-    pieces = [poles[i : i + p + 1, j : j + q + 1] for i in starts[0] for j in starts[1]]
-    boxes = [np.stack([u, v], axis=1) for u in spans[0] for v in spans[1]]
-    return np.stack(pieces), np.stack(boxes)

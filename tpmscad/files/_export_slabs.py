@@ -26,8 +26,7 @@ from tpmscad.api.shared_arguments import Schema
 from tpmscad.api.shared_kinds import CELL_COUNTS, EXECUTOR, PATH, TEXT
 from tpmscad.atomic_file import validate_output_path
 from tpmscad.errors import InvalidRequest, NotMet
-from tpmscad.files.slab_files import Cells, SlabFile, SlabOriginal, describe_request, make_originals, write_slab
-from tpmscad.files.slab_manifest import open_manifest
+from tpmscad.files.slab_files import Cells, Manifest, SlabFile, SlabOriginal, make_originals, write_slab
 from tpmscad.kernel.step.part21 import STEP_SUFFIXES, find_schema
 from tpmscad.parallel import run_as_completed
 from tpmscad.requests.lattice_options import LatticeOptions
@@ -180,10 +179,8 @@ def export_slabs(options: SlabOptions) -> SlabFiles:
     template = Path(options.path)
     names = name_files(template, len(slabs))
     folder = template.parent
-    manifest = open_manifest(
-        folder / f"{strip_field(template.stem)}.slabs.json",
-        describe_request(request, slab=slabs[0].cells, schema=schema),
-    )
+    described = asdict(request) | {"slab": slabs[0].cells, "schema": schema}
+    manifest = Manifest.open(folder / f"{strip_field(template.stem)}.slabs.json", described)
     kept = tuple(name for name in names if name in manifest.rows)
     if len(kept) < len(names):
         stages = StageTimer(options.progress)

@@ -1,21 +1,25 @@
-"""The work on one slab, as tasks that an executor runs: making the originals, writing a copy of one.
+"""The work on one slab, as tasks that an executor runs, and the manifest of what they have written.
 
-A task's arguments and results are small: originals travel in files, in a folder that all processes see.
+A task's arguments and results are small: originals travel in files, in a folder that all processes see. The manifest is a JSON
+file, written anew after every slab, so that an interrupted run loses no work: a later run with the same request keeps the files
+whose hash the manifest knows.
 """
 
 from __future__ import annotations
 
 import hashlib
+import json
 import pickle
 import time
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, field, replace
 from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from tpmscad.atomic_file import atomic_write
 from tpmscad.brep.boundary_representation import Brep, translate_brep
 from tpmscad.files.checked_write import write_checked_brep
 from tpmscad.kernel.build.solids import build_solids
@@ -81,7 +85,7 @@ def write_slab(
 ) -> SlabFile:
     """Write the original moved by `shift` (mm) and check what the file holds."""
     begun, certificate = time.perf_counter(), original.certificate
-    slab = translate_brep(_load(original.path, original.sha256), np.array(shift))
+    slab = translate_brep(_load(original.path), np.array(shift))
     write_checked_brep(build_solids(slab), path, schema=schema, name=name, time_stamp=time_stamp)
     return SlabFile(
         path.name,
@@ -98,11 +102,9 @@ def write_slab(
 
 
 @lru_cache(maxsize=1)
-def _load(path: Path, sha256: str) -> Brep:
+def _load(path: Path) -> Brep:
     """An original; the last one is kept."""
-    content = path.read_bytes()
-    assert hashlib.sha256(content).hexdigest() == sha256
-    brep = pickle.loads(content)
+    brep = pickle.loads(path.read_bytes())
     assert isinstance(brep, Brep)
     return brep
 
@@ -113,18 +115,52 @@ def hash_file(path: Path) -> str:
         return hashlib.file_digest(file, "sha256").hexdigest()
 
 
-def describe_request(request: LatticeRequest, **others: Any) -> dict[str, Any]:
-    """The request and further values as plain values, which tell whether files belong to it."""
-    return {
-        "surface": request.surface,
-        "cell": list(request.cell),
-        "cells": list(request.cells),
-        "offset": list(request.offset),
-        "levels": None if request.levels is None else list(request.levels),
-        "kind": request.kind,
-        "side": request.side,
-        "reference": request.reference,
-        "phase": list(request.phase),
-        "tol": request.tol,
-        **others,
-    }
+@dataclass(slots=True)
+class Manifest:
+    """The state of a run: the request as plain values, hashes of the originals, their certificates, and rows by file name."""
+
+    path: Path
+    request: dict[str, Any]
+    originals: list[str] = field(default_factory=list)
+    certificates: list[dict[str, Any]] = field(default_factory=list)
+    rows: dict[str, SlabFile] = field(default_factory=dict)
+
+    @classmethod
+    def open(cls, path: Path, request: dict[str, Any]) -> Manifest:
+        """The manifest of an earlier run of the request, with the rows of files that are there and whole; else an empty one."""
+        request = json.loads(json.dumps(request))
+        try:
+            known = json.loads(path.read_text(encoding="ascii"))
+        except (OSError, ValueError):
+            known = None
+        if not isinstance(known, dict) or known.get("request") != request:
+            return cls(path, request)
+        rows = [
+            SlabFile(**row | {"origin": tuple(row["origin"]), "cells": tuple(row["cells"])}) for row in known["slabs"]
+        ]
+        whole = {row.file: row for row in rows if _is_whole(path.parent / row.file, row)}
+        return cls(path, request, known["originals"], known["certificates"], whole)
+
+    def begin(self, originals: Sequence[SlabOriginal]) -> None:
+        """Take note of the originals; files that were copied from others are written again."""
+        hashes = [original.sha256 for original in originals]
+        if hashes != self.originals:
+            self.rows.clear()
+        self.originals = hashes
+        self.certificates = [original.certificate.to_dict() for original in originals]
+
+    def add(self, row: SlabFile) -> None:
+        """Note a finished file."""
+        self.rows[row.file] = row
+        content = {
+            "request": self.request,
+            "originals": self.originals,
+            "certificates": self.certificates,
+            "slabs": [asdict(row) for row in self.rows.values()],
+        }
+        with atomic_write(self.path) as aside:
+            aside.write_text(json.dumps(content, indent=1, allow_nan=False) + "\n", encoding="ascii")
+
+
+def _is_whole(file: Path, row: SlabFile) -> bool:
+    return file.is_file() and file.stat().st_size == row.size and hash_file(file) == row.sha256

@@ -31,9 +31,7 @@ from scipy.linalg import null_space, solve_triangular
 from tpmscad._typing import Array
 from tpmscad.splines.affine_subspace import unconstrained_subspace
 from tpmscad.splines.basis import bernstein_basis
-from tpmscad.splines.bspline import BSplineSurface
 from tpmscad.splines.cpia import NetConvergence, solve_cpia
-from tpmscad.splines.knots import bezier_knots
 
 MIN_DEGREE = 9
 """Ten poles along a side: five derivatives at each end."""
@@ -85,13 +83,6 @@ def fit_g2_patches(samples: Array, degree: int) -> tuple[Array, NetConvergence]:
     # points by at most the factor 1 / cos(pi p / 2 N) per direction (Ehlich, Zeller, Math. Z. 86 (1964)).
     at_sites = float((operators.inner_basis**2).sum(axis=1).max())
     return poles, solution.convergence(at_sites / float(np.cos(np.pi * degree / (2 * sites))) ** 2)
-
-
-def bezier_surface(poles: Array) -> BSplineSurface:
-    """The Bezier patch of poles (p + 1, p + 1, 3) on the unit square."""
-    degree = len(poles) - 1
-    knots = bezier_knots(degree)
-    return BSplineSurface(poles, knots, knots, degree, degree)
 
 
 @dataclass(frozen=True, slots=True, eq=False)

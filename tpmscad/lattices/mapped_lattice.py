@@ -29,6 +29,7 @@ from tpmscad.lattices.offset_surfaces import Layers, LayersFit, PlacedFaces, pla
 from tpmscad.rigid_motion import Motion, match_points
 from tpmscad.splines.bspline import BSplineSurface
 from tpmscad.splines.cpia import NetConvergence
+from tpmscad.splines.knots import bezier_surface
 from tpmscad.surfaces import PatchSymmetry, SurfacePatch
 
 BEZIER_DEGREES = (9, 10, 11, 12, 14, 16)
@@ -191,7 +192,7 @@ def fit_mapped_layers(
         if not last and max(estimates) > tol:
             continue
         layers = [
-            MappedLayer([g2_fit.bezier_surface(p) for p in poles], c.label, c.motion)
+            MappedLayer([bezier_surface(p) for p in poles], c.label, c.motion)
             for (poles, _), c in zip(fits, classes, strict=True)
         ]
         deviation = _measure_patches(mapped, given, layers, classes, np.inf if last else tol, progress)
@@ -293,7 +294,7 @@ def _estimate_least_deviation(poles: Array, samples: Array) -> float:
     """A lower estimate of the deviation from the differences at the inner samples: a degree that it rules out misses."""
     t = g2_fit.sample_parameters()
     inside = (t >= 0) & (t <= 1)
-    fitted = np.stack([g2_fit.bezier_surface(p).grid(t[inside], t[inside]) for p in poles])
+    fitted = np.stack([bezier_surface(p).grid(t[inside], t[inside]) for p in poles])
     return float(np.linalg.norm(fitted - samples[:, inside][:, :, inside], axis=-1).max() / MAX_PARAMETRIC_EXCESS)
 
 

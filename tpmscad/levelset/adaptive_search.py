@@ -61,9 +61,6 @@ MAX_DEEP_FRACTION = 0.02
 """Largest number of splits of a first leaf, and that of leaves which are at most this fraction of all: single places of high
 curvature take little, an edge too sharp for any patch would take without end."""
 
-MAX_TILED_CELLS = 2**27
-"""Most cells of the finest grid of a periodic field, whose octree is repeated through arrays of four bytes for each."""
-
 MAX_MESHES_BEFORE_FIT = 8
 MAX_FITS_PER_START = 12
 MAX_SPLITS_BEFORE_SIMPLIFYING = 20
@@ -210,14 +207,14 @@ def _refine_from(request: FitRequest, start: _MeshedTree, previous: LevelSetFit 
             fit = fit_simplified_mesh(request, start.tree, start.mesh)
             if not len(fit.bad_leaves):
                 return fit
-            leaves = _select_splittable(start.tree, request.field, fit.bad_leaves)
+            leaves = _select_splittable(start.tree, fit.bad_leaves)
             if not len(leaves):
                 break
             start = _mesh_tree(octree.split_leaves(start.tree, leaves), request.field, start.mesh)
     fit = fit_level_set(request, start.tree, start.mesh, previous)
     best, stalled, fewest = fit, 0, len(fit.bad_leaves)
     for _ in range(MAX_FITS_PER_START - 1):
-        deeper = _select_splittable(start.tree, request.field, fit.bad_leaves)
+        deeper = _select_splittable(start.tree, fit.bad_leaves)
         if not len(deeper) or best.bad_fraction > MAX_BAD_LEAF_FRACTION:
             break
         refined = _mesh_tree(octree.split_leaves(start.tree, deeper), request.field, start.mesh)
@@ -243,7 +240,7 @@ def _split_risky_leaves(request: FitRequest, start: _MeshedTree) -> _MeshedTree:
         fit = fit_risky_polygons(request, start.tree, start.mesh, fit)
         missed = find_missed_leaves(start.tree, start.mesh, request.surface_samples)
         bad = np.concatenate([start.splittable, missed, start.splittable if fit is None else fit.bad_leaves])
-        leaves = _select_splittable(start.tree, request.field, np.unique(bad))
+        leaves = _select_splittable(start.tree, np.unique(bad))
         if not len(leaves):
             break
         start = _mesh_tree(octree.split_leaves(start.tree, leaves), request.field, start.mesh)
@@ -253,7 +250,7 @@ def _split_risky_leaves(request: FitRequest, start: _MeshedTree) -> _MeshedTree:
 def _mesh_tree(tree: Octree, field: Field, coarser: QuadMesh | None = None) -> _MeshedTree:
     """An octree with its mesh, which reuses the vertices of the mesh of a coarser octree."""
     mesh, bad = mesh_level_set(tree, field, coarser)
-    return _MeshedTree(tree, mesh, _select_splittable(tree, field, bad))
+    return _MeshedTree(tree, mesh, _select_splittable(tree, bad))
 
 
 def _split_until_found(request: FitRequest, start: _MeshedTree) -> _MeshedTree | None:
@@ -265,7 +262,7 @@ def _split_until_found(request: FitRequest, start: _MeshedTree) -> _MeshedTree |
     while not len(start.mesh.corners):
         tree = start.tree
         within = ((samples >= tree.lo) & (samples <= tree.hi)).all(axis=1)
-        leaves = _select_splittable(tree, field, np.unique(locate_leaves(tree, samples[within])))
+        leaves = _select_splittable(tree, np.unique(locate_leaves(tree, samples[within])))
         if not len(leaves):
             return None
         start = _mesh_tree(octree.split_leaves(tree, leaves), field)
@@ -294,12 +291,9 @@ def _estimate_patches(sketch: _MeshedTree) -> int:
     return int(count_patches(sketch.mesh.corners).sum()) + PATCHES_PER_BAD_LEAF * len(sketch.splittable)
 
 
-def _select_splittable(tree: Octree, field: Field, leaves: IntArray) -> IntArray:
+def _select_splittable(tree: Octree, leaves: IntArray) -> IntArray:
     """Those of the leaves that may be split: above the greatest depth, and of deeper ones a few."""
     first = tree.size.max()
-    if field.periods() is not None:
-        within = np.prod(tree.shape / first) * 8**MAX_DEPTH <= MAX_TILED_CELLS
-        return leaves[tree.size[leaves] * 2 ** (MAX_DEPTH if within else MAX_DEPTH - 1) > first]
     shallow = tree.size[leaves] * 2**MAX_DEPTH > first
     few = np.count_nonzero(~shallow) <= MAX_DEEP_FRACTION * len(tree.size)
     return leaves[shallow | (few & (tree.size[leaves] * 2**MAX_DEPTH_OF_FEW > first))]

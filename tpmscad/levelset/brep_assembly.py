@@ -31,6 +31,7 @@ from tpmscad.levelset.quadmesh.patch_network import FIRST_HALF, SECOND_HALF, WHO
 from tpmscad.rigid_motion import Motion
 from tpmscad.splines.basis import bernstein_basis
 from tpmscad.splines.bspline import BSplineCurve, BSplineSurface, line_segment
+from tpmscad.splines.knots import bezier_curve, bezier_surface
 
 TAGS = ("surface", "cap")
 
@@ -170,8 +171,8 @@ def _tabulate_level_set(
     return _LevelSetTables(
         vertices=np.vstack([network.vertices, *midpoints]),
         on_box=np.vstack([fixed, np.zeros((len(midpoints), 3), bool)]),
-        curves=[_bezier_curve(fit.curves[c]) for c in np.flatnonzero(fit.copies.original_curves)],
-        carriers=[_bezier_surface(fit.patches[q]) for q in np.flatnonzero(original)],
+        curves=[bezier_curve(fit.curves[c]) for c in np.flatnonzero(fit.copies.original_curves)],
+        carriers=[bezier_surface(fit.patches[q]) for q in np.flatnonzero(original)],
         edges=edges,
         carrier=carrier[fit.copies.patch],
         shift=fit.copies.patch_shift,
@@ -293,23 +294,6 @@ def _starts(counts: IntArray) -> IntArray:
 def _basis_at_middle(degree: int) -> Array:
     """The Bernstein polynomials (1, degree + 1) at the middle of a curve."""
     return bernstein_basis(degree, np.array([0.5]))
-
-
-@cache
-def _bezier_knots(degree: int) -> Array:
-    """The knots of a Bezier curve, which all curves of the degree share."""
-    knots = np.repeat([0.0, 1.0], degree + 1)
-    knots.flags.writeable = False
-    return knots
-
-
-def _bezier_curve(poles: Array) -> BSplineCurve:
-    return BSplineCurve(poles, _bezier_knots(len(poles) - 1), len(poles) - 1)
-
-
-def _bezier_surface(poles: Array) -> BSplineSurface:
-    p, q = poles.shape[0] - 1, poles.shape[1] - 1
-    return BSplineSurface(poles, _bezier_knots(p), _bezier_knots(q), p, q)
 
 
 def _side_pcurve(side: int, sense: int, span: tuple[float, float], part: tuple[float, float]) -> BSplineCurve:

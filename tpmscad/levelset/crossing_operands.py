@@ -101,7 +101,7 @@ def has_meeting_quadrics(field: Field, lo: Array, hi: Array, tol: float) -> bool
     if any(find_struts(leaf) is not None for leaf in list_leaves(tree)):
         return True
     exact = [find_exact(leaf) is not None for leaf in list_leaves(tree)]
-    return any(exact) and has_slope_bounds(tree) and find_meeting_leaves(tree, lo, hi, tol, exact) is not None
+    return any(exact) and has_slope_bounds(tree, lo, hi) and find_meeting_leaves(tree, lo, hi, tol, exact) is not None
 
 
 def _split(field: Field, samples: _LeafSamples) -> Combination | Field:

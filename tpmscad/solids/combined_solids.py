@@ -257,7 +257,7 @@ def _make_quadric(request: _Request, q: QuadricLeaf, number: int) -> SolidSet:
         others = [
             field
             for k, field in enumerate(list_fields(request.tree))
-            if k != number and abs(float(field(q.point))) <= bound_slope(field) * q.radius
+            if k != number and abs(float(field(q.point))) <= bound_slope(field, request.lo, request.hi) * q.radius
         ]
 
         def measure_distances(points: Array) -> Array:
@@ -338,7 +338,7 @@ def _compare_with_field(
 ) -> PatchMeasures:
     """The measures with the field's volume, and a note if grids count other Betti numbers than the solid's."""
     notes = measures.notes
-    if has_slope_bounds(field):
+    if has_slope_bounds(field, lo, hi):
         volume, error, counted = measure_locally(field, lo, hi, own_betti.__eq__)
         notes = (
             *notes,

@@ -15,7 +15,7 @@ from tpmscad._typing import Array
 from tpmscad.rigid_motion import Motion
 from tpmscad.splines.basis import check_knot_counts, design_matrix, knot_domain, nonzero_basis
 from tpmscad.splines.bspline import BSplineSurface
-from tpmscad.splines.knots import bezier_knots, insert_knot
+from tpmscad.splines.knots import bezier_knots, bezier_rows
 from tpmscad.splines.quadrature import composite_gauss_legendre
 
 POINTS_AT_ONCE = 20_000
@@ -144,20 +144,9 @@ class BSplineVolume:
 
     def bezier_nets(self) -> Array:
         """Control nets of the polynomial spans: (spans, degree_u + 1, degree_v + 1, degree_w + 1, 3), u slowest."""
-        nets = self.poles
-        for axis, (knots, p) in enumerate(zip(self.knots, self.degrees, strict=True)):
-            rows = np.moveaxis(nets, axis, 0)
-            for t in np.unique(knots[p + 1 : -p - 1]):
-                rows, knots = insert_knot(rows, knots, p, float(t), p - int(np.count_nonzero(knots == t)))
-            nets = np.moveaxis(rows, 0, axis)
-        spans = [(nets.shape[axis] - 1) // p for axis, p in enumerate(self.degrees)]
-        p, q, r = self.degrees
-        return np.stack(
-            [
-                nets[i * p : (i + 1) * p + 1, j * q : (j + 1) * q + 1, k * r : (k + 1) * r + 1]
-                for i, j, k in np.ndindex(*spans)
-            ]
-        )
+        rows = [bezier_rows(knots, degree)[1] for knots, degree in zip(self.knots, self.degrees, strict=True)]
+        nets = np.einsum("aip,bjq,ckr,pqrd->abcijkd", *rows, self.poles, optimize=True)
+        return np.asarray(nets.reshape(-1, *nets.shape[3:]))
 
 
 def ruled_volume(lower: BSplineSurface, upper: BSplineSurface) -> BSplineVolume:

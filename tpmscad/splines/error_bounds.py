@@ -21,12 +21,13 @@ span. The bounds decay like h^2 for every degree. They are reported and may star
 
 from __future__ import annotations
 
+from math import perm
+
 import numpy as np
 
 from tpmscad._typing import Array
-from tpmscad.splines.basis import differentiate_poles
 from tpmscad.splines.bspline import BSplineSurface
-from tpmscad.splines.knots import insert_knot
+from tpmscad.splines.knots import bezier_pieces
 
 
 def filip_bound(m_uu: float, m_uv: float, m_vv: float, step_u: float, step_v: float) -> float:
@@ -145,16 +146,10 @@ def derivative_bounds(surface: BSplineSurface, du: int, dv: int, pieces: int = 1
     if du > surface.degree_u or dv > surface.degree_v:
         spans = [len(np.unique(knots)) - 1 for knots in (surface.knots_u, surface.knots_v)]
         return np.zeros((spans[0] * pieces, spans[1] * pieces))
-    poles, active = surface.poles, []
-    for knots, degree, order in ((surface.knots_u, surface.degree_u, du), (surface.knots_v, surface.degree_v, dv)):
-        poles, fine = _refine_spans(poles, knots, degree, pieces)
-        for _ in range(order):
-            poles, fine, degree = differentiate_poles(poles, fine, degree)
-        starts = np.flatnonzero(np.diff(fine) > 0)
-        active.append(starts[:, None] - degree + np.arange(degree + 1))
-        poles = poles.swapaxes(0, 1)
-    lengths = np.linalg.norm(poles, axis=-1)
-    return lengths[active[0][:, None, :, None], active[1][None, :, None, :]].max(axis=(2, 3))
+    u, v, nets = bezier_pieces(surface, pieces)
+    nets = np.diff(np.diff(nets, du, axis=2), dv, axis=3) * (perm(surface.degree_u, du) * perm(surface.degree_v, dv))
+    lengths = np.linalg.norm(nets, axis=-1).max(axis=(2, 3))
+    return np.asarray(lengths / np.outer(np.diff(u) ** du, np.diff(v) ** dv))
 
 
 def fit_error_bound(
@@ -206,12 +201,3 @@ def fit_error_bound(
         + filip_bound(*second, step_u, step_v)
         + filip_bound(*second_derivative_bounds(fitted, 2), step_u, step_v)
     )
-
-
-def _refine_spans(poles: Array, knots: Array, degree: int, pieces: int) -> tuple[Array, Array]:
-    """Poles and knots of the same B-spline along the first axis with every span cut into equal parts."""
-    breaks = np.unique(knots)
-    for start, end in zip(breaks[:-1], breaks[1:], strict=True):
-        for t in np.linspace(start, end, pieces + 1)[1:-1]:
-            poles, knots = insert_knot(poles, knots, degree, float(t), degree)
-    return poles, knots

@@ -9,11 +9,13 @@ The NURBS Book (1997), chapter 5.
 
 from __future__ import annotations
 
+from functools import cache
+
 import numpy as np
 
 from tpmscad._typing import Array
 from tpmscad.splines.basis import bernstein_elevation_matrix, design_matrix, knot_domain
-from tpmscad.splines.bspline import BSplineSurface
+from tpmscad.splines.bspline import BSplineCurve, BSplineSurface
 
 COMMON_KNOT_RTOL = 1e-12
 """Of the domain: knots of two surfaces that agree within it are one; they differ by round-off of their scaling."""
@@ -137,6 +139,44 @@ def insert_knot(poles: Array, knots: Array, degree: int, t: float, times: int = 
         poles = np.concatenate([poles[: k - degree + 1], mixed, poles[k - multiplicity :]])
         knots = np.insert(knots, k + 1, t)
     return poles, knots
+
+
+def bezier_rows(knots: Array, degree: int, parts: int = 1) -> tuple[Array, Array]:
+    """Ends (n + 1,) of the spans, each cut into equal parts, and matrices (n, degree + 1, N) to their Bezier poles."""
+    low, high = knot_domain(knots, degree)
+    breaks = np.unique(knots[(knots >= low) & (knots <= high)])
+    ends = np.append((breaks[:-1, None] + np.diff(breaks)[:, None] * np.arange(parts) / parts).ravel(), breaks[-1])
+    rows, fine = np.eye(len(knots) - degree - 1), knots
+    for t in ends[1:-1].tolist():
+        rows, fine = insert_knot(rows, fine, degree, t, degree - int(np.count_nonzero(fine == t)))
+    first = np.searchsorted(fine, ends[:-1], side="right") - 1 - degree
+    return ends, rows[first[:, None] + np.arange(degree + 1)]
+
+
+def bezier_pieces(surface: BSplineSurface, parts: int = 1) -> tuple[Array, Array, Array]:
+    """Ends of the spans along u and v, each cut into equal parts, and their Bezier poles (m, n, p + 1, q + 1, D)."""
+    u, rows = bezier_rows(surface.knots_u, surface.degree_u, parts)
+    v, columns = bezier_rows(surface.knots_v, surface.degree_v, parts)
+    return u, v, np.einsum("mij,nkl,jld->mnikd", rows, columns, surface.poles, optimize=True)
+
+
+def bezier_curve(poles: Array) -> BSplineCurve:
+    """The Bezier curve of poles (p + 1, D) over [0, 1]."""
+    return BSplineCurve(poles, _unit_knots(len(poles) - 1), len(poles) - 1)
+
+
+def bezier_surface(poles: Array) -> BSplineSurface:
+    """The Bezier patch of poles (p + 1, q + 1, D) over the unit square."""
+    p, q = poles.shape[0] - 1, poles.shape[1] - 1
+    return BSplineSurface(poles, _unit_knots(p), _unit_knots(q), p, q)
+
+
+@cache
+def _unit_knots(degree: int) -> Array:
+    """The knots of a Bezier curve, which all curves of the degree share."""
+    knots = bezier_knots(degree)
+    knots.flags.writeable = False
+    return knots
 
 
 def split_surface(surface: BSplineSurface, direction: int, t: float) -> tuple[BSplineSurface, BSplineSurface]:

@@ -15,13 +15,14 @@ from functools import cached_property
 
 import numpy as np
 
+from tpmscad._lazy_import import import_extra
 from tpmscad._typing import Array
 from tpmscad.api.public_calls import validate_options
 from tpmscad.brep.sections.periodic_section import PeriodicSection, find_periodic_section
 from tpmscad.brep.sections.polygon_regions import (
+    MANIFOLD_FOR_LAYERS,
     Region,
     combine_regions,
-    load_clipper,
     region_length,
     signed_areas,
 )
@@ -84,7 +85,7 @@ def infill_layers(options: InfillLayersOptions) -> Slices:
     >>> layers = tpmscad.infill_layers("stem.step", "gyroid", cell=1, thickness=0.12, height=0.03)  # doctest: +SKIP
     >>> layers.write("stem.cli")  # doctest: +SKIP
     """
-    load_clipper()
+    import_extra("manifold3d", *MANIFOLD_FOR_LAYERS)  # before minutes of work
     stages, skin, instead = StageTimer(options.progress), options.skin, "slice the solid, infill(...).slices(height)"
     turn = rotation_matrix(options.rotation)
     if turn[2, 2] != 1.0:

@@ -1,7 +1,4 @@
-from tpmscad.topology.components import LabelledComponents as LabelledComponents
 from tpmscad.topology.components import count_components_and_cavities as count_components_and_cavities
-from tpmscad.topology.components import label_cavities as label_cavities
-from tpmscad.topology.components import label_components as label_components
 from tpmscad.topology.cubical_betti import Betti as Betti
 from tpmscad.topology.cubical_betti import betti as betti
 from tpmscad.topology.cubical_betti import bound_component_counts as bound_component_counts

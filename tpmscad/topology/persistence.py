@@ -16,13 +16,12 @@ from typing import Annotated
 
 import numpy as np
 
-from tpmscad._compiled_loops import njit_cached
 from tpmscad._typing import Array, BoolArray, IntArray
 from tpmscad.api.public_calls import validate_call
 from tpmscad.api.shared_arguments import Level, SampleConnectivity, Samples
 from tpmscad.api.shared_kinds import WHOLE_NUMBER
 from tpmscad.errors import InvalidRequest
-from tpmscad.topology.components import Runs, find_extreme_voxels, label_phase
+from tpmscad.topology.components import EXTERIOR, find_deepest_samples, label_phase
 from tpmscad.topology.merge_tree import UNASSIGNED, compute_merges, pad_keys
 from tpmscad.topology.voxels import CONNECTIVITY, Labels, as_sample_array
 
@@ -167,46 +166,29 @@ def compute_pairs_at_level(
     field, level = as_sample_array(values), float(level)
     check_dimension(dimension)
     solid = dimension == 0
-    runs = label_phase(field, level, convention, solid)
-    if runs.count <= (1 if solid else 0):
+    labels, count = label_phase(field, level, convention, solid)
+    if count <= 1:  # the void has its exterior
         minima = saddles = np.empty(0, np.int64)
     else:
-        minima, saddles = _merges_beyond_level(
-            field, runs, level, dimension, CONNECTIVITY[convention][0 if solid else 1]
-        )
+        minima, saddles = _merges_beyond_level(field, labels, count, level, dimension, convention)
     pairs = assemble_pairs(field, dimension, minima, saddles)
-    return pairs if runs.count else pairs.alive_at(level)
+    return pairs if count > (0 if solid else 1) else pairs.alive_at(level)
 
 
 def _merges_beyond_level(
-    field: Array, runs: Runs, level: float, dimension: int, neighbours: int
+    field: Array, labels: Labels, count: int, level: float, dimension: int, convention: str
 ) -> tuple[IntArray, IntArray]:
     """Minima of the labelled components and the saddles beyond the level at which they end, padded indices."""
     solid = dimension == 0
     keys, basins = initialise_sweep(field, dimension)
     # the void is -f < -level: a voxel at the level is solid
     recorded_below = level if solid else np.nextafter(-level, -np.inf)
-    deepest = find_extreme_voxels(field, runs, 1 if solid else -1)
-    shape = keys.shape
+    deepest = find_deepest_samples(field, labels, count, 1 if solid else -1)
     parts = np.unravel_index(np.maximum(deepest, 0), field.shape)
-    roots = np.ravel_multi_index(tuple(part + 1 for part in parts), shape).astype(np.int32)
+    roots = np.empty(count + 1, np.int32)
+    roots[1:] = np.ravel_multi_index(tuple(part + 1 for part in parts), keys.shape)
+    roots[0] = UNASSIGNED
     if not solid:
-        roots[0] = 0
-    _seed_basins(runs.start, runs.stop, runs.row, runs.label, roots, basins.reshape(-1), *shape)
-    return compute_merges(keys, basins, neighbours, recorded_below, runs.count + (0 if solid else 1))
-
-
-@njit_cached
-def _seed_basins(
-    start: Labels, stop: Labels, row: Labels, label: Labels, roots: Labels, basin: Labels, nx: int, ny: int, nz: int
-) -> None:
-    """Assign the voxels of each run to the deepest voxel of their component, all other inner voxels to -1; padded indices."""
-    for i in range(nx - 2):
-        for j in range(ny - 2):
-            r = i * (ny - 2) + j
-            shift = ((i + 1) * ny + j + 1) * nz + 1 - r * (nz - 2)
-            for v in range(r * (nz - 2), (r + 1) * (nz - 2)):
-                basin[v + shift] = -1
-            for a in range(row[r], row[r + 1]):
-                for v in range(start[a], stop[a]):
-                    basin[v + shift] = roots[label[a]]
+        roots[EXTERIOR] = 0
+    basins[1:-1, 1:-1, 1:-1] = roots[labels]
+    return compute_merges(keys, basins, CONNECTIVITY[convention][0 if solid else 1], recorded_below, count)

@@ -10,6 +10,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from scipy import ndimage
 
 from tpmscad._typing import Array, BoolArray
 from tpmscad.blending.composition.blended_field import BlendedField
@@ -83,14 +84,14 @@ def tighten_weight_range(
 
 def find_bounding_window(mask: BoolArray, margin: int = 0) -> GridWindow:
     """The slices of the smallest block that holds the mask, extended by `margin` samples; empty for an empty mask."""
-    slices = []
-    for axis in range(3):
-        occupied = np.flatnonzero(mask.any(axis=tuple(k for k in range(3) if k != axis)))
-        if len(occupied) == 0:
-            return slice(0, 0), slice(0, 0), slice(0, 0)
-        first, last = int(occupied[0]), int(occupied[-1])
-        slices.append(slice(max(first - margin, 0), min(last + 1 + margin, mask.shape[axis])))
-    return slices[0], slices[1], slices[2]
+    found = ndimage.find_objects(mask.astype(np.int8))
+    if not found:
+        return slice(0, 0), slice(0, 0), slice(0, 0)
+    x, y, z = (
+        slice(max(part.start - margin, 0), min(part.stop + margin, n))
+        for part, n in zip(found[0], mask.shape, strict=True)
+    )
+    return x, y, z
 
 
 def evaluate_affine_form(field: BlendedField, stage: int, points: Array) -> tuple[Array, Array]:

@@ -16,8 +16,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import ArrayLike
 
-from tpmscad._typing import Array, BoolArray, IntArray
-from tpmscad.blending.weights.weight_protocol import WeightFunction, trace_weight
+from tpmscad._typing import Array
+from tpmscad.blending.weights.weight_protocol import WeightFunction, trace_function
 from tpmscad.fields import Field
 from tpmscad.fields.data.sample_grid import BoxBounds
 from tpmscad.fields.field import CompositeField, ConstantField
@@ -62,28 +62,21 @@ class BlendedField(CompositeField):
             with recorder.where(needed & (is_later[stage] | is_mixed[stage])):
                 next_value = self.structures[stage + 1].trace(x, y, z)
             with recorder.where(needed & is_mixed[stage]):
-                w = trace_weight(weight, clamped)
+                w = trace_function(weight, clamped)
                 mixed_value = (1.0 - w) * value + w * next_value
                 if (level_shift := self._level_shift(stage)) is not None:
-                    mixed_value = mixed_value + trace_weight(level_shift, clamped)
+                    mixed_value = mixed_value + trace_function(level_shift, clamped)
             value = select(is_mixed[stage], mixed_value, select(is_later[stage], next_value, value))
         return value
 
-    def region_index(self, points: Array) -> IntArray:
-        """Index of the region that holds each point (..., 3), or else of that with the least value: (...)."""
-        return self._region_index(self.clamp_to_domain(points))
-
-    def clamp_to_domain(self, points: Array) -> Array:
-        """The points (..., 3) at which regions and weights are evaluated: the nearest ones of the domain."""
-        return points if self.domain is None else np.clip(points, *self.domain)
+    def weight_of(self, structure: int) -> BlendedField:
+        """The weight that a structure has in f, as a field: exactly 0 or 1 where the structures are not mixed."""
+        shares = (ConstantField(float(k == structure)) for k in range(len(self.structures)))
+        return replace(self, structures=tuple(shares), level_shifts=())
 
     def structure_weights(self, points: ArrayLike) -> Array:
         """The weight that each of the n structures has in f at points (..., 3): (..., n), with sum 1."""
-        unit = np.eye(len(self.structures))
-        shares = [
-            replace(self, structures=tuple(map(ConstantField, column)), level_shifts=()) for column in unit.tolist()
-        ]
-        return np.stack([share(points) for share in shares], axis=-1)
+        return np.stack([self.weight_of(k)(points) for k in range(len(self.structures))], axis=-1)
 
     def with_weights(self, weights: Sequence[WeightFunction]) -> BlendedField:
         """The field with other weights, one for each stage."""
@@ -93,44 +86,8 @@ class BlendedField(CompositeField):
         """The field with other level shifts, one or None for each stage."""
         return replace(self, level_shifts=tuple(level_shifts))
 
-    def _region_index(self, clamped: Array) -> IntArray:
-        return np.argmin(np.stack([np.asarray(region(clamped), float) for region in self.regions]), axis=0)
-
     def _level_shift(self, stage: int) -> WeightFunction | None:
         return self.level_shifts[stage] if self.level_shifts else None
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class StageWeight:
-    """The weight of one stage at any point: its spline where the stage mixes, exactly 0 or 1 elsewhere."""
-
-    field: BlendedField
-    stage: int
-
-    def __call__(self, points: ArrayLike) -> Array:
-        """Weights (...) at points (..., 3)."""
-        clamped, region, mixed = self._locate(points)
-        value = (region > self.stage).astype(float)
-        value[mixed] = self.field.weights[self.stage](clamped[mixed])
-        return value
-
-    def gradient(self, points: ArrayLike) -> Array:
-        """The exact gradient (..., 3) at points (..., 3); zero outside the blending region and beyond the domain."""
-        clamped, _, mixed = self._locate(points)
-        slope = np.zeros(clamped.shape)
-        slope[mixed] = self.field.weights[self.stage].gradient(clamped[mixed])
-        return np.where(clamped == np.asarray(points, float), slope, 0.0)
-
-    def _locate(self, points: ArrayLike) -> tuple[Array, IntArray, BoolArray]:
-        """The points clamped to the domain, the indices of their regions, and the mask of those that the stage mixes."""
-        clamped = self.field.clamp_to_domain(np.asarray(points, float))
-        region = self.field.region_index(clamped)
-        return clamped, region, is_inside(self.field.blending_regions[self.stage], clamped) | (region > self.stage + 1)
-
-
-def is_inside(region: Field, points: Array) -> BoolArray:
-    """Mask (...) of the points (..., 3) in a region, that is with values of at most 0."""
-    return np.asarray(region(points), float) <= 0
 
 
 def _trace_region_index(regions: Sequence[Field], point: Sequence[Node]) -> Node:

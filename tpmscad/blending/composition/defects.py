@@ -10,13 +10,12 @@ edges and corners. Such a count can miss cavities that the interpolant has.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
-from functools import cached_property
+from dataclasses import dataclass
 
 import numpy as np
 
 from tpmscad._typing import Array, BoolArray, IntArray
-from tpmscad.topology.components import Runs, count_voxels, label_runs, paint_labels
+from tpmscad.topology.components import EXTERIOR, label_samples
 from tpmscad.topology.voxels import Labels
 
 FACE_CONNECTIVITY = 6
@@ -25,33 +24,23 @@ FACE_CONNECTIVITY = 6
 
 @dataclass(frozen=True, eq=False)
 class PhaseComponents:
-    """The components of one phase, labelled from 1 (0 is the other phase); `sign` is +1 for solid and -1 for void.
+    """The components of one phase: `sign` is +1 for solid and -1 for void.
 
-    `main_labels` are the components that belong: the largest solid one, or the void that reaches the border. `defects` are the
-    labels of all others.
+    `labels` (nx, ny, nz) are from 1 on and less than `n_labels`; 0 is the other phase. `main_labels` are the components that
+    belong: the largest solid one, or the void that reaches the border. `defects` are the labels of all others.
     """
 
     sign: int
-    runs: Runs
-    shape: tuple[int, int, int]
+    labels: Labels
+    n_labels: int
     main_labels: IntArray
     defects: IntArray
-
-    @cached_property
-    def labels(self) -> Labels:
-        """The label of each sample: (nx, ny, nz)."""
-        return paint_labels(self.runs, self.shape)
-
-    @property
-    def n_labels(self) -> int:
-        """Number of labels with that of the other phase, 0."""
-        return self.runs.count + 1
 
     def mask_of(self, labels: IntArray) -> BoolArray:
         """Mask (nx, ny, nz) of the samples with any of the labels."""
         chosen = np.zeros(self.n_labels, bool)
         chosen[labels] = True
-        return chosen[self.labels] if len(labels) else np.zeros(self.shape, bool)
+        return chosen[self.labels] if len(labels) else np.zeros(self.labels.shape, bool)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -80,16 +69,13 @@ def count_defects(values: Array) -> DefectCensus:
 
 def label_solid(values: Array) -> PhaseComponents:
     """The components of {f <= 0}; all but the largest are defects."""
-    runs = label_runs(values, 0.0, True, FACE_CONNECTIVITY, exterior=False)
-    labels = np.arange(1, runs.count + 1)
-    main = 1 + int(np.argmax(count_voxels(runs)[1:])) if runs.count else 0
-    nx, ny, nz = values.shape
-    return PhaseComponents(1, runs, (nx, ny, nz), labels[labels == main], labels[labels != main])
+    labels, count = label_samples(values <= 0.0, FACE_CONNECTIVITY)
+    numbers = np.arange(1, count + 1)
+    main = 1 + int(np.argmax(np.bincount(labels.reshape(-1))[1:])) if count else 0
+    return PhaseComponents(1, labels, count + 1, numbers[numbers == main], numbers[numbers != main])
 
 
 def label_void(values: Array) -> PhaseComponents:
-    """The components of {f > 0}; those that reach the border of the array count as one, with label 1, and are no defect."""
-    runs = label_runs(values, 0.0, False, FACE_CONNECTIVITY, exterior=True)
-    runs = replace(runs, label=runs.label + np.int32(1), count=runs.count + 1)
-    nx, ny, nz = values.shape
-    return PhaseComponents(-1, runs, (nx, ny, nz), np.array([1]), np.arange(2, runs.count + 1))
+    """The components of {f > 0}; those that reach the border of the array count as one, and are no defect."""
+    labels, count = label_samples(values > 0.0, FACE_CONNECTIVITY, exterior=True)
+    return PhaseComponents(-1, labels, count + 1, np.array([EXTERIOR]), np.arange(EXTERIOR + 1, count + 1))

@@ -14,6 +14,7 @@ from tpmscad._typing import Array
 from tpmscad.api.argument_kinds import POINT
 from tpmscad.api.public_calls import validate_constructor
 from tpmscad.errors import InvalidRequest
+from tpmscad.fields.field import Field
 from tpmscad.fields.tape.tape_nodes import Node, norm, sum_nodes
 
 Vector = tuple[float, float, float]
@@ -33,7 +34,7 @@ class Coordinate(Protocol):
 
 @validate_constructor
 @dataclass(frozen=True, slots=True)
-class LinearCoordinate:
+class LinearCoordinate(Field):
     """The coordinate along a direction, measured from the origin (eq. 7).
 
     Raises
@@ -54,14 +55,6 @@ class LinearCoordinate:
     def __post_init__(self) -> None:
         _check_direction(self.direction)
 
-    def __call__(self, points: Array) -> Array:
-        """Coordinates (...) of points (..., 3)."""
-        return np.asarray(points, float) @ _normalised_direction(self.direction)
-
-    def gradient(self, points: Array) -> Array:
-        """The unit direction at every point: (..., 3)."""
-        return np.broadcast_to(_normalised_direction(self.direction), np.shape(points))
-
     def trace(self, x: Node, y: Node, z: Node) -> Node:
         """The coordinate on the nodes of a tape."""
         unit = _normalised_direction(self.direction).tolist()
@@ -76,7 +69,7 @@ class LinearCoordinate:
 
 @validate_constructor
 @dataclass(frozen=True, slots=True)
-class CylinderRadius:
+class CylinderRadius(Field):
     """The distance from an axis (eq. 10).
 
     Raises
@@ -98,15 +91,6 @@ class CylinderRadius:
     def __post_init__(self) -> None:
         _check_direction(self.direction)
 
-    def __call__(self, points: Array) -> Array:
-        """Coordinates (...) of points (..., 3)."""
-        return np.sqrt(np.sum(self._radial_vector(points) ** 2, axis=-1))
-
-    def gradient(self, points: Array) -> Array:
-        """The radial unit vector (..., 3); zero on the axis."""
-        radial = self._radial_vector(points)
-        return radial / np.maximum(np.sqrt(np.sum(radial**2, axis=-1, keepdims=True)), np.finfo(float).tiny)
-
     def trace(self, x: Node, y: Node, z: Node) -> Node:
         """The coordinate on the nodes of a tape."""
         unit = _normalised_direction(self.direction).tolist()
@@ -114,15 +98,10 @@ class CylinderRadius:
         along = sum_nodes([d * n for d, n in zip(offset, unit, strict=True)])
         return norm(*(d - n * along for d, n in zip(offset, unit, strict=True)))
 
-    def _radial_vector(self, points: Array) -> Array:
-        offset = np.asarray(points, float) - np.array(self.origin)
-        unit = _normalised_direction(self.direction)
-        return offset - (offset @ unit)[..., None] * unit
-
 
 @validate_constructor
 @dataclass(frozen=True, slots=True)
-class SphereRadius:
+class SphereRadius(Field):
     """The distance from a point (eq. 12).
 
     Examples
@@ -134,15 +113,6 @@ class SphereRadius:
     """
 
     centre: Annotated[Vector, POINT, "The point, in model units."] = (0.0, 0.0, 0.0)
-
-    def __call__(self, points: Array) -> Array:
-        """Coordinates (...) of points (..., 3)."""
-        return np.sqrt(np.sum((np.asarray(points, float) - np.array(self.centre)) ** 2, axis=-1))
-
-    def gradient(self, points: Array) -> Array:
-        """The radial unit vector (..., 3); zero at the centre."""
-        offset = np.asarray(points, float) - np.array(self.centre)
-        return offset / np.maximum(np.sqrt(np.sum(offset**2, axis=-1, keepdims=True)), np.finfo(float).tiny)
 
     def trace(self, x: Node, y: Node, z: Node) -> Node:
         """The coordinate on the nodes of a tape."""

@@ -19,8 +19,10 @@ from scipy.sparse import csr_array
 
 from tpmscad._typing import Array, BoolArray
 from tpmscad.blending.weights.coordinates import Coordinate, LinearCoordinate
+from tpmscad.blending.weights.weight_protocol import trace_function
 from tpmscad.errors import InvalidRequest
 from tpmscad.fields.data.sample_grid import grid_points
+from tpmscad.fields.field import Field
 from tpmscad.fields.tape.tape_nodes import Node, clamp, piecewise_polynomial
 from tpmscad.splines.basis import power_coefficients
 from tpmscad.splines.knots import uniform_knots
@@ -33,7 +35,7 @@ SUPPORT_TOL_SPANS = 1e-9
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class LineWeight:
+class LineWeight(Field):
     """A B-spline weight of one coordinate: coefficients (n,), knots (n + degree + 1,), layer [start, end], free mask (n,).
 
     `lower_bounds` and `upper_bounds` of the free coefficients lie within [0, 1]. The weight of points (..., 3) is (...), in
@@ -50,30 +52,17 @@ class LineWeight:
     lower_bounds: float | Array = 0.0
     upper_bounds: float | Array = 1.0
 
-    def __call__(self, points: ArrayLike) -> Array:
-        """Weights (...) at points (..., 3)."""
-        return self.evaluate(self.coordinate(np.asarray(points, float)))
-
-    def evaluate(self, t: Array, order: int = 0) -> Array:
-        """The weight, or its derivative of some order by t, at coordinates t; constant outside the spline's domain.
+    def evaluate(self, t: Array) -> Array:
+        """The weight at coordinates t; constant outside the spline's domain.
 
         Values are clipped to [0, 1], which round-off may leave by an ulp or two.
         """
-        low, high = self._domain
         spline = BSpline(self.knots, self.coefficients, self.degree)
-        values = np.asarray(spline(np.clip(t, low, high), order))
-        return np.clip(values, 0.0, 1.0) if order == 0 else np.where((t < low) | (t > high), 0.0, values)
+        return np.clip(spline(np.clip(t, *self._domain)), 0.0, 1.0)
 
-    def gradient(self, points: ArrayLike) -> Array:
-        """Exact gradients (..., 3) at points (..., 3)."""
-        points = np.asarray(points, float)
-        return self.evaluate(self.coordinate(points), 1)[..., None] * self.coordinate.gradient(points)
-
-    def trace(self, x: Node, y: Node, z: Node) -> Node | None:
-        """The weight on the nodes of a tape; None for a foreign coordinate."""
-        formula = getattr(self.coordinate, "trace", None)
-        if formula is None:
-            return None
+    def trace(self, x: Node, y: Node, z: Node) -> Node:
+        """The weight on the nodes of a tape."""
+        t = trace_function(self.coordinate, (x, y, z))
         degree, coefficients = self.degree, self.coefficients
         spans = np.flatnonzero(np.diff(self.knots) > 0)
         _, pieces = power_coefficients(self.knots, coefficients, degree)
@@ -86,16 +75,16 @@ class LineWeight:
         low, high = self._domain
         inside = (self.knots[spans] >= low) & (self.knots[spans] < high)
         knots = np.append(self.knots[spans[inside]], high)
-        value = piecewise_polynomial(knots, pieces[:, inside], clamp(formula(x, y, z), float(low), float(high)))
+        value = piecewise_polynomial(knots, pieces[:, inside], clamp(t, float(low), float(high)))
         return x.recorder.with_gradient(clamp(value, 0.0, 1.0), (value,), lambda: (1.0,))
 
-    def on_grid(self, x: Array, y: Array, z: Array) -> Array:
+    def on_grid(self, x: ArrayLike, y: ArrayLike, z: ArrayLike) -> Array:
         """Values on the tensor-product grid of three axes; a read-only broadcast if the coordinate is one of them."""
-        axes = (x, y, z)
+        axes = np.asarray(x, float), np.asarray(y, float), np.asarray(z, float)
         if (axis := self.axis) is not None:
             shape = [1, 1, 1]
             shape[axis] = -1
-            return np.broadcast_to(self.evaluate(axes[axis]).reshape(shape), (len(x), len(y), len(z)))
+            return np.broadcast_to(self.evaluate(axes[axis]).reshape(shape), tuple(map(len, axes)))
         return self(grid_points(axes))
 
     @property

@@ -14,15 +14,15 @@ from scipy.interpolate import BSpline, NdBSpline
 from scipy.sparse import csr_array
 
 from tpmscad._typing import Array, BoolArray
+from tpmscad.fields.field import Field
 from tpmscad.fields.tape.tape_nodes import Node, clamp, tensor_spline
-from tpmscad.splines.tensor_product import evaluate_tensor_product
 
 IntTriple = tuple[int, int, int]
 Knots = tuple[Array, Array, Array]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class VolumeWeight:
+class VolumeWeight(Field):
     """A tensor-product B-spline weight: coefficients (nu, nv, nw), knots and degree of each axis, free mask (nu, nv, nw).
 
     `lower_bounds` and `upper_bounds` of the free coefficients lie within [0, 1]. The weight of points (..., 3) is (...), in
@@ -36,24 +36,6 @@ class VolumeWeight:
     lower_bounds: float | Array = 0.0
     upper_bounds: float | Array = 1.0
 
-    def __call__(self, points: ArrayLike) -> Array:
-        """Weights (...) at points (..., 3)."""
-        points = np.asarray(points, float)
-        spline = NdBSpline(self.knots, self.coefficients, self.degree)
-        return np.clip(spline(self._clamp(points).reshape(-1, 3)).reshape(points.shape[:-1]), 0.0, 1.0)
-
-    def gradient(self, points: ArrayLike) -> Array:
-        """Exact gradients (..., 3) at points (..., 3)."""
-        return self.value_and_gradient(points)[1]
-
-    def value_and_gradient(self, points: ArrayLike) -> tuple[Array, Array]:
-        """Values (...) and gradients (..., 3) at points (..., 3), in a third of the time of two calls."""
-        points = np.asarray(points, float)
-        clamped = self._clamp(points)
-        value, slope = evaluate_tensor_product(self.coefficients, self.knots, self.degree, clamped.reshape(-1, 3))
-        value = np.clip(value, 0.0, 1.0).reshape(points.shape[:-1])
-        return value, np.where(points == clamped, slope.reshape(points.shape), 0.0)
-
     def trace(self, x: Node, y: Node, z: Node) -> Node:
         """The weight on the nodes of a tape."""
         ends = [(float(t[p]), float(t[-p - 1])) for t, p in zip(self.knots, self.degree, strict=True)]
@@ -61,9 +43,9 @@ class VolumeWeight:
         value = tensor_spline(self.knots, self.degree, self.coefficients, (u, v, w))
         return x.recorder.with_gradient(clamp(value, 0.0, 1.0), (value,), lambda: (1.0,))
 
-    def on_grid(self, x: Array, y: Array, z: Array) -> Array:
+    def on_grid(self, x: ArrayLike, y: ArrayLike, z: ArrayLike) -> Array:
         """Values on the tensor-product grid of three axes: (nx, ny, nz)."""
-        rows = [self._basis_rows(axis, t) for axis, t in enumerate((x, y, z))]
+        rows = [self._basis_rows(axis, np.asarray(t, float)) for axis, t in enumerate((x, y, z))]
         return np.clip(apply_along_axes(self.coefficients, rows), 0.0, 1.0)
 
     def apply_transpose(self, x: Array, y: Array, z: Array, values: Array) -> Array:

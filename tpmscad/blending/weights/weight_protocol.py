@@ -10,6 +10,7 @@ from numpy.typing import ArrayLike
 from scipy.sparse import csr_array
 
 from tpmscad._typing import Array, BoolArray
+from tpmscad.blending.weights.coordinates import Coordinate
 from tpmscad.fields.tape.evaluation import FieldJet, stack_points
 from tpmscad.fields.tape.tape_nodes import Node
 
@@ -67,26 +68,25 @@ class SplineWeight(WeightFunction, Protocol):
 
 
 @dataclass(frozen=True, slots=True)
-class _WeightInput:
-    """A weight without a formula of nodes, as an input of the tapes that use it."""
+class _ForeignInput:
+    """A weight or a coordinate without a formula of nodes, as an input of the tapes that use it."""
 
-    weight: WeightFunction
+    function: Coordinate
 
     def at(self, x: Array, y: Array, z: Array) -> Array:
-        """Weights at coordinates that broadcast."""
+        """Values at coordinates that broadcast."""
         points, shape = stack_points(x, y, z)
-        return self.weight(points).reshape(shape)
+        return self.function(points).reshape(shape)
 
     def jet(self, x: Array, y: Array, z: Array) -> FieldJet:
-        """Weights and partial derivatives at coordinates that broadcast."""
+        """Values and partial derivatives at coordinates that broadcast."""
         points, shape = stack_points(x, y, z)
-        gx, gy, gz = (column.reshape(shape) for column in self.weight.gradient(points).T)
-        return self.weight(points).reshape(shape), gx, gy, gz
+        gx, gy, gz = (column.reshape(shape) for column in self.function.gradient(points).T)
+        return self.function(points).reshape(shape), gx, gy, gz
 
 
-def trace_weight(weight: WeightFunction, point: Sequence[Node]) -> Node:
-    """A weight on the nodes of a tape: by its method `trace` if it has one that applies, otherwise as an input."""
+def trace_function(function: Coordinate, point: Sequence[Node]) -> Node:
+    """A weight or a coordinate on the nodes of a tape: by its method `trace` if it has one, otherwise as an input."""
     x, y, z = point
-    formula = getattr(weight, "trace", None)
-    traced = None if formula is None else formula(x, y, z)
-    return x.recorder.external(_WeightInput(weight), (x, y, z)) if traced is None else traced
+    formula = getattr(function, "trace", None)
+    return x.recorder.external(_ForeignInput(function), (x, y, z)) if formula is None else formula(x, y, z)

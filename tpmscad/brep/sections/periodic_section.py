@@ -15,7 +15,6 @@ import numpy as np
 
 from tpmscad._typing import Array, IntArray
 from tpmscad.brep.loops import follow_paths
-from tpmscad.brep.sections.clipped_curves import clip_curves, winding_number
 from tpmscad.brep.sections.polygon_regions import Region, combine_regions, signed_areas, thin_curve, thin_polygon
 from tpmscad.errors import TrimmingError
 from tpmscad.memory_limit import require_memory
@@ -107,17 +106,7 @@ class PeriodicSection:
             return []
         points = np.concatenate(outline)
         low, high = points.min(axis=0), points.max(axis=0)
-        loops = [piece for loop in self.loops for piece in _place_loop(loop, self.cell, low, high)]
-        margin = MARGIN_CELLS * self.cell
-        through = [piece for s in self.strands for piece in _clip_strand(s, self.cell, low - margin, high + margin)]
-        try:
-            return clip_curves(loops, through, outline, self.holds)
-        except TrimmingError:  # curves that touch the outline
-            return combine_regions(self.cover(low, high), outline, "intersection")
-
-    def holds(self, point: Array) -> bool:
-        """Whether a point (2,) lies in the solid."""
-        return bool(winding_number(point[None], self.cover(point, point))[0] > 0)
+        return combine_regions(self.cover(low, high), outline, "intersection")
 
     def thin(self, error: float) -> PeriodicSection:
         """The section with fewer points, all others within `error` of its chords."""

@@ -1,60 +1,41 @@
-"""Regions bounded by closed polygons: boolean operations by Clipper (A. Johnson, through pyclipper), and fewer points.
+"""Regions bounded by closed polygons: boolean operations by Clipper2 (A. Johnson, in the library Manifold), and fewer points.
 
 Polygons are arrays (n, 2) without a repeated point. A region is where their winding number is positive: outer ones run
-counter-clockwise, holes clockwise. Clipper computes with integers, nanometres here, so that its results are closed and do not
-intersect themselves.
+counter-clockwise, holes clockwise. Clipper2 computes with integers, hundred-millionths of a model unit here, so that its results
+are closed and do not intersect themselves.
 """
 
 from __future__ import annotations
 
-import importlib
 from collections.abc import Sequence
-from typing import Any, Literal
+from typing import Literal
 
 import numpy as np
 
+from tpmscad._lazy_import import import_extra
 from tpmscad._typing import Array
 from tpmscad.brep.loops import signed_area
-from tpmscad.errors import InvalidRequest
-
-UNITS_PER_MM = 1e6
-"""Integers of Clipper per model unit."""
 
 Region = list[Array]
 """Closed polygons."""
 
+MANIFOLD_FOR_LAYERS = "layers without a solid", "layers"
+"""What needs Manifold, and the extra that installs it."""
+
 Operation = Literal["intersection", "union", "difference"]
-
-
-def load_clipper() -> Any:
-    """The module pyclipper; InvalidRequest says how to install it."""
-    try:
-        return importlib.import_module("pyclipper")
-    except ImportError:
-        raise InvalidRequest("layers without a solid need pyclipper: pip install 'tpmscad[layers]'") from None
 
 
 def combine_regions(first: Region, second: Region, operation: Operation) -> Region:
     """The intersection, union or difference of two regions."""
-    clipper = load_clipper()
-    kinds = {
-        "intersection": clipper.CT_INTERSECTION,
-        "union": clipper.CT_UNION,
-        "difference": clipper.CT_DIFFERENCE,
-    }
-    if not first or (not second and operation == "intersection"):
-        return list(second) if operation == "union" else []
-    if not second:
-        return list(first)
-    machine = clipper.Pyclipper()
-    machine.AddPaths(_to_integers(first), clipper.PT_SUBJECT, True)
-    machine.AddPaths(_to_integers(second), clipper.PT_CLIP, True)
-    found = machine.Execute(kinds[operation], clipper.PFT_POSITIVE, clipper.PFT_POSITIVE)
-    return [np.array(path, float) / UNITS_PER_MM for path in found]
-
-
-def _to_integers(region: Region) -> list[list[list[int]]]:
-    return [np.rint(polygon * UNITS_PER_MM).astype(np.int64).tolist() for polygon in region]
+    manifold = import_extra("manifold3d", *MANIFOLD_FOR_LAYERS)
+    one, other = (
+        manifold.CrossSection([np.ascontiguousarray(polygon) for polygon in region], manifold.FillRule.Positive)
+        if region
+        else manifold.CrossSection()
+        for region in (first, second)
+    )
+    found = {"intersection": one.__xor__, "union": one.__add__, "difference": one.__sub__}[operation](other)
+    return [np.array(polygon) for polygon in found.to_polygons()]
 
 
 def thin_curve(points: Array, error: float) -> Array:

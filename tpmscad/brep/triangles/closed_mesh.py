@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import importlib
 from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Any
@@ -12,9 +11,10 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
+from tpmscad._lazy_import import import_extra
 from tpmscad._typing import Array, BoolArray, IntArray, UIntArray
 from tpmscad.brep.linked_items import label_linked
-from tpmscad.errors import InvalidRequest, TrimmingError
+from tpmscad.errors import TrimmingError
 
 BATCH = 1_000_000
 """Triangles that are worked on at a time, which limits the memory."""
@@ -140,10 +140,7 @@ def is_closed(triangles: IntArray) -> bool:
 
 def load_manifold() -> Any:
     """The module manifold3d; InvalidRequest says how to install it."""
-    try:
-        return importlib.import_module("manifold3d")
-    except ImportError:
-        raise InvalidRequest("triangles without a solid need manifold3d: pip install 'tpmscad[triangles]'") from None
+    return import_extra("manifold3d", "triangles without a solid", "triangles")
 
 
 def combine_meshes(first: SolidMesh, second: SolidMesh, operation: str) -> SolidMesh:

@@ -10,7 +10,7 @@ of leaves that are near each other, not with that of all.
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import product
 
 import numpy as np
@@ -38,13 +38,15 @@ OCTANTS = np.array(list(product((0, 1), repeat=3)))
 class LocalLeaves:
     """The cells of a grid in which a tree is undecided, and the leaves that matter there.
 
-    lo, size (3,): corner of the grid, edges of a cell; counts (3,): of cells along the axes. cells (n, 3): positions of the
-    undecided ones. members: of each leaf, in the order of `list_leaves`, the rows of `cells` in which it matters, ascending.
-    solid: boxes that are solid all over, as positions (m, 3) in a grid whose cells are that many times larger.
+    slopes: bounds on the slopes of the leaves in the grid's box. lo, size (3,): corner of the grid, edges of a cell; counts
+    (3,): of cells along the axes. cells (n, 3): positions of the undecided ones. members: of each leaf, in the order of
+    `list_leaves`, the rows of `cells` in which it matters, ascending. solid: boxes that are solid all over, as positions (m, 3)
+    in a grid whose cells are that many times larger.
     """
 
     tree: Field
     leaves: tuple[Field, ...]
+    slopes: tuple[float, ...]
     lo: Array
     size: Array
     counts: IntArray
@@ -78,9 +80,9 @@ class LocalLeaves:
         return found
 
 
-def has_slope_bounds(field: Field) -> bool:
-    """Whether the slopes of all leaves are bounded."""
-    return all(np.isfinite(bound_slope(leaf)) for leaf in list_leaves(expose_extremes(field)))
+def has_slope_bounds(field: Field, lo: Array, hi: Array) -> bool:
+    """Whether the slopes of all leaves are bounded in a box."""
+    return all(np.isfinite(bound_slope(leaf, lo, hi)) for leaf in list_leaves(expose_extremes(field)))
 
 
 def count_first_cells(lo: Array, hi: Array) -> IntArray:
@@ -94,7 +96,8 @@ def locate_leaves(field: Field, lo: Array, hi: Array, counts: IntArray) -> Local
     leaves = list_leaves(tree)
     cells = np.stack(np.meshgrid(*map(np.arange, counts), indexing="ij"), axis=-1).reshape(-1, 3)
     everywhere = np.arange(len(cells))
-    return _decide(LocalLeaves(tree, leaves, lo, (hi - lo) / counts, counts, cells, (everywhere,) * len(leaves), ()))
+    slopes, members = tuple(bound_slope(leaf, lo, hi) for leaf in leaves), (everywhere,) * len(leaves)
+    return _decide(LocalLeaves(tree, leaves, slopes, lo, (hi - lo) / counts, counts, cells, members, ()))
 
 
 def halve_cells(local: LocalLeaves, selected: IntArray | None = None) -> LocalLeaves:
@@ -105,15 +108,13 @@ def halve_cells(local: LocalLeaves, selected: IntArray | None = None) -> LocalLe
     row_of[selected] = np.arange(len(selected))
     members = [row_of[rows] for rows in local.members]
     eight = np.arange(8)
-    finer = LocalLeaves(
-        local.tree,
-        local.leaves,
-        local.lo,
-        local.size / 2,
-        2 * local.counts,
-        (2 * local.cells[selected, None] + OCTANTS).reshape(-1, 3),
-        tuple((8 * rows[rows >= 0, None] + eight).ravel() for rows in members),
-        tuple((boxes, 2 * edge) for boxes, edge in local.solid),
+    finer = replace(
+        local,
+        size=local.size / 2,
+        counts=2 * local.counts,
+        cells=(2 * local.cells[selected, None] + OCTANTS).reshape(-1, 3),
+        members=tuple((8 * rows[rows >= 0, None] + eight).ravel() for rows in members),
+        solid=tuple((boxes, 2 * edge) for boxes, edge in local.solid),
     )
     return _decide(finer)
 
@@ -154,8 +155,7 @@ def _decide(local: LocalLeaves) -> LocalLeaves:
     """The cells that stay undecided, with the leaves that matter in them."""
     half_diagonal = 0.5 * float(np.linalg.norm(local.size)) * (1 + ROUND_OFF)
     signs = []
-    for leaf, rows in zip(local.leaves, local.members, strict=True):
-        slope = bound_slope(leaf)
+    for leaf, slope, rows in zip(local.leaves, local.slopes, local.members, strict=True):
         if np.isinf(slope):
             found = np.zeros(len(rows), np.int8)
         else:
@@ -169,10 +169,8 @@ def _decide(local: LocalLeaves) -> LocalLeaves:
     row_of = np.full(len(local.cells), -1)
     row_of[kept] = np.arange(len(kept))
     members = tuple(row_of[rows] for rows in _list_mattering(root, state == 0))
-    solid = (local.cells[state < 0], 1)
-    return LocalLeaves(
-        local.tree, local.leaves, local.lo, local.size, local.counts, local.cells[kept], members, (*local.solid, solid)
-    )
+    solid = (*local.solid, (local.cells[state < 0], 1))
+    return replace(local, cells=local.cells[kept], members=members, solid=solid)
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -18,7 +18,7 @@ from typing import TypeVar
 
 import numpy as np
 
-from tpmscad._typing import Array, BoolArray
+from tpmscad._typing import BoolArray
 from tpmscad.fields.field import Field, MinMaxField, ScaledField, SumField, multiply_fields
 from tpmscad.fields.kinds.booleans import RoundedMinMaxField, join_extremes
 from tpmscad.fields.kinds.coordinate_transforms import AffineTransformedField
@@ -92,19 +92,6 @@ def combine_complements(
     if not solid:
         return unite(taken), True
     return subtract(intersect(solid), taken), False
-
-
-def find_active(field: Field, values: Array, leaf: int) -> BoolArray:
-    """Where the level set of a leaf bounds the solid of the tree, from the values (leaves, n) of all leaves there: (n,).
-
-    The leaf decides: with it solid the tree is solid, with it void it is void. No tolerance takes part.
-    """
-    is_solid = list(values < 0)
-    count = len(values[0])
-    is_solid[leaf] = np.ones(count, bool)
-    with_leaf = combine_solids(field, is_solid)
-    is_solid[leaf] = np.zeros(count, bool)
-    return np.asarray(with_leaf & ~combine_solids(field, is_solid))
 
 
 def _map_leaves(field: Field, function: Callable[[Field], Field], increasing: bool = True) -> Field:

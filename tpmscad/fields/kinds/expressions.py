@@ -32,6 +32,7 @@ from tpmscad.fields.field import (
     as_field,
     multiply_fields,
 )
+from tpmscad.fields.kinds.ramps import AffineFunction
 from tpmscad.fields.tape.evaluation import Triple
 from tpmscad.fields.tape.tape_nodes import (
     ELEMENTARY_FUNCTIONS,
@@ -62,18 +63,6 @@ FUNCTIONS: Mapping[str, Callable[[Node], Node]] = MappingProxyType(
     | {name: partial(apply_function, name) for name in sorted(ELEMENTARY_FUNCTIONS)}
 )
 """Functions of one argument. `min`, `max`, `hypot` and `atan2` take several."""
-
-
-@dataclass(frozen=True, slots=True)
-class CoordinateField(Field):
-    """One coordinate times a rate."""
-
-    axis: int
-    rate: float
-
-    def trace(self, x: Node, y: Node, z: Node) -> Node:
-        """The formula on the nodes of a tape."""
-        return self.rate * (x, y, z)[self.axis]
 
 
 @dataclass(frozen=True, slots=True)
@@ -189,7 +178,8 @@ def expression(
 
 def coordinates_by_name(letters: str, rate: float) -> dict[str, Field]:
     """The coordinates times a rate, by their letters."""
-    return {name: CoordinateField(axis, rate) for axis, name in enumerate(letters)}
+    slopes = (rate, 0.0, 0.0), (0.0, rate, 0.0), (0.0, 0.0, rate)
+    return {name: AffineFunction(slope, 0.0) for name, slope in zip(letters, slopes, strict=True)}
 
 
 def read_formula(formula: str, names: Mapping[str, Field]) -> Field:
@@ -214,8 +204,8 @@ def linear_rates(field: Field) -> Triple | None:
     match field:
         case ConstantField():
             return 0.0, 0.0, 0.0
-        case CoordinateField(axis, rate):
-            return tuple(rate if axis == other else 0.0 for other in range(3))  # type: ignore[return-value]
+        case AffineFunction(slope):
+            return slope
         case ScaledField(inner, factor):
             rates = linear_rates(inner)
             return None if rates is None else (factor * rates[0], factor * rates[1], factor * rates[2])

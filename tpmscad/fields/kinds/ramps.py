@@ -27,7 +27,9 @@ class AffineFunction(Field):
     def trace(self, x: Node, y: Node, z: Node) -> Node:
         """The formula on the nodes of a tape."""
         terms = [factor * t for factor, t in zip(self.slope, (x, y, z), strict=True) if factor != 0]
-        return sum_nodes([x.recorder.constant(self.offset), *terms])
+        if self.offset or not terms:
+            terms.insert(0, x.recorder.constant(self.offset))
+        return sum_nodes(terms)
 
 
 @dataclass(frozen=True, slots=True)

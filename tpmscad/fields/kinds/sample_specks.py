@@ -13,7 +13,7 @@ from scipy.ndimage import distance_transform_edt
 
 from tpmscad._typing import Array
 from tpmscad.fields.kinds.sampled_data import SampledField, interpolate_samples
-from tpmscad.topology.components import count_voxels, label_runs, paint_labels
+from tpmscad.topology.components import label_samples
 
 SPECK_SHARE = 0.5
 """Of the volume below which a piece is loose: what the count of samples takes for larger is measured on the solid."""
@@ -36,13 +36,14 @@ def remove_specks(
     part = np.ascontiguousarray(values[window])
     if not part.size or part.min() >= 0:
         return field, ()
-    runs = label_runs(part, -np.finfo(float).tiny, True, 26, False)
-    sizes = count_voxels(runs)
+    labels, _ = label_samples(part < 0.0, 26)
+    sizes = np.bincount(labels.reshape(-1))
+    sizes[0] = 0  # the void
     is_speck = sizes < SPECK_SHARE * loose_fraction * sizes.max()
-    is_speck[0] = False  # the void
+    is_speck[0] = False
     if not is_speck.any():
         return field, ()
-    specks = is_speck[paint_labels(runs, part.shape)]
+    specks = is_speck[labels]
     nearest = distance_transform_edt(specks, field.spacing, return_distances=False, return_indices=True)
     values[window] = part[tuple(nearest)]
     cleaned = interpolate_samples(values, field.spacing, field.origin, centred=field.centred, notes=field.notes)

@@ -20,8 +20,8 @@ from tpmscad.brep.face_classes import group_congruent_faces
 from tpmscad.brep.linked_items import label_linked
 from tpmscad.brep.triangles.measured_deviation import bound_chords, divide_curves
 from tpmscad.kernel.build.solids import BrepSolids
-from tpmscad.kernel.occt.evaluator_tables import CurveTable
 from tpmscad.kernel.occt.exploration import ShapeKey, edges_of, first_vertex, last_vertex
+from tpmscad.kernel.occt.geometry_evaluators import CurveTable
 from tpmscad.rigid_motion import Motion
 
 EDGE_FRACTION = 0.97

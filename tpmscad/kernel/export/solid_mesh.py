@@ -41,7 +41,6 @@ from tpmscad.kernel.export.edge_division import (
 )
 from tpmscad.kernel.export.face_triangulation import FaceMesh, mesh_on_nodes
 from tpmscad.kernel.occt import convert
-from tpmscad.kernel.occt.evaluator_tables import pack_curves, pack_surfaces
 from tpmscad.kernel.occt.exploration import (
     ShapeKey,
     faces_of,
@@ -51,7 +50,7 @@ from tpmscad.kernel.occt.exploration import (
     solids_of,
     unwrap,
 )
-from tpmscad.kernel.occt.geometry_evaluators import edge_evaluator, face_evaluator
+from tpmscad.kernel.occt.geometry_evaluators import edge_evaluator, face_evaluator, pack_curves, pack_surfaces
 from tpmscad.memory_limit import require_memory
 
 MAX_REFINEMENTS = 3

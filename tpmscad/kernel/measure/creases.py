@@ -7,7 +7,6 @@ from typing import Any
 
 import numpy as np
 from OCP.BRepAdaptor import BRepAdaptor_Curve, BRepAdaptor_Curve2d
-from OCP.BRepGProp import BRepGProp_Face
 from OCP.GCPnts import GCPnts_AbscissaPoint
 from OCP.gp import gp_Pnt, gp_Vec
 from OCP.TopoDS import TopoDS_Edge, TopoDS_Face
@@ -16,6 +15,7 @@ from scipy.optimize import minimize_scalar
 from tpmscad._typing import Array
 from tpmscad.fields.analysis.crease_network import count_curves
 from tpmscad.kernel.occt.exploration import ShapeKey, edges_of, faces_of, first_vertex, last_vertex, orientation_sign
+from tpmscad.kernel.occt.geometry_evaluators import OutwardNormals
 
 MIN_CREASE_DEG = 0.1
 """Angle between the normals of two faces from which their edge is a crease."""
@@ -105,13 +105,13 @@ class _Wedge:
     def __init__(self, first: tuple[TopoDS_Edge, TopoDS_Face], second: tuple[TopoDS_Edge, TopoDS_Face]) -> None:
         self.curve = BRepAdaptor_Curve(first[0])
         self._sign = orientation_sign(first[0])
-        self._sides = [(BRepAdaptor_Curve2d(edge, face), BRepGProp_Face(face, False)) for edge, face in (first, second)]
+        self._sides = [(BRepAdaptor_Curve2d(edge, face), OutwardNormals(face)) for edge, face in (first, second)]
 
     def measure(self, fractions: Array) -> Array:
         """The angles (n,) in degrees, to 360, at fractions (n,) of the parameters of the edge."""
         start, end = self.curve.FirstParameter(), self.curve.LastParameter()
         at = (start + fractions * (end - start)).tolist()
-        n, m = (_find_normals(curve, face, at) for curve, face in self._sides)
+        n, m = (normals(np.array([curve.Value(t).Coord() for t in at]))[1] for curve, normals in self._sides)
         across = np.cross(n, m)
         turn = np.degrees(np.arctan2(np.linalg.norm(across, axis=1), (n * m).sum(axis=1)))
         tangent, point = gp_Vec(), gp_Pnt()
@@ -122,14 +122,3 @@ class _Wedge:
         # the first face lies on the left of its edge, seen from outside: at a convex edge the second normal turns to the right
         convex = (across * np.array(tangents)).sum(axis=1) * self._sign > 0
         return np.where(convex, 180.0 - turn, 180.0 + turn)
-
-
-def _find_normals(curve: BRepAdaptor_Curve2d, face: BRepGProp_Face, parameters: list[float]) -> Array:
-    """The outward unit normals (n, 3) of a face at parameters of one of its edges."""
-    point, normal = gp_Pnt(), gp_Vec()
-    found = np.empty((len(parameters), 3))
-    for k, parameter in enumerate(parameters):
-        at = curve.Value(parameter)
-        face.Normal(at.X(), at.Y(), point, normal)
-        found[k] = normal.Coord()
-    return found / np.maximum(np.linalg.norm(found, axis=1, keepdims=True), 1e-300)

@@ -39,8 +39,7 @@ from tpmscad.kernel.occt.exploration import (
     orientation_sign,
     solids_of,
 )
-from tpmscad.kernel.occt.geometry_evaluators import SplineSurfaceEvaluator, face_evaluator
-from tpmscad.splines.bspline import BSplineSurface
+from tpmscad.kernel.occt.geometry_evaluators import OutwardNormals, SplineSurfaceEvaluator
 
 CREASE_COSINE = np.cos(np.radians(15.0))
 """Cosine of the angle between face normals beyond which an edge is sharp; smooth joints of solids made here differ by 0.01."""
@@ -126,7 +125,7 @@ def find_creases(faces: Sequence[TopoDS_Face], spacing: float) -> Creases:
         for edge in edges_of(face):
             if not BRep_Tool.Degenerated_s(edge):
                 uses.setdefault(ShapeKey(edge), []).append((edge, i))
-    surfaces = [_FaceSurface(face) for face in faces]
+    surfaces = [OutwardNormals(face) for face in faces]
     smooth, sharp = [(0, 0)], [(np.zeros((0, 3)), np.zeros((0, 2, 3)), 0, 0)]
     for users in uses.values():
         if len(users) != 2:
@@ -183,38 +182,18 @@ def have_touching_solids(shape: Any, samples: FaceSamples, near: float, spacing:
     return False
 
 
-class _FaceSurface:
-    """Points and outward normals of a face's surface at given parameters."""
-
-    def __init__(self, face: TopoDS_Face) -> None:
-        self.evaluate = face_evaluator(face)
-        self.sign = orientation_sign(face)
-
-    def spline(self) -> BSplineSurface | None:
-        """The surface as arrays if it is a polynomial, non-periodic B-spline, else None."""
-        return self.evaluate.spline if isinstance(self.evaluate, SplineSurfaceEvaluator) else None
-
-    def __call__(self, uv: Array) -> tuple[Array, Array]:
-        points, along_u, along_v = self.evaluate(uv)
-        return points, self.unit(along_u, along_v)
-
-    def unit(self, du: Array, dv: Array) -> Array:
-        """Outward unit normals from tangents; zero where the surface is singular."""
-        normals = np.cross(du, dv)
-        length = np.linalg.norm(normals, axis=-1, keepdims=True)
-        return self.sign * np.divide(normals, length, out=np.zeros_like(normals), where=length > 0)
-
-
 def _sample_face(face: TopoDS_Face, spacing: float, exact: bool) -> tuple[Array, Array]:
     """Grid points and normals inside the trimming loops of a face: (n, 3) each."""
-    surface = _FaceSurface(face)
+    surface = OutwardNormals(face)
     loops = _trimming_segments(face)
     low, high = loops.reshape(-1, 2).min(axis=0), loops.reshape(-1, 2).max(axis=0)
-    spline = surface.spline()
-    if spline is not None:  # poles may lie outside the domain although the curve does not
-        low, high = np.maximum(low, np.array(spline.domain)[:, 0]), np.minimum(high, np.array(spline.domain)[:, 1])
+    if isinstance(
+        surface.evaluate, SplineSurfaceEvaluator
+    ):  # poles may lie outside the domain although the curve does not
+        first, last = np.array(surface.evaluate.spline.domain).T
+        low, high = np.maximum(low, first), np.minimum(high, last)
     us, vs = (np.linspace(a, b, EXTENT_SAMPLES) for a, b in zip(low, high, strict=True))
-    net = _sample_grid(surface, spline, us, vs)
+    net = np.stack(surface(_grid_parameters(us, vs))).reshape(2, EXTENT_SAMPLES, EXTENT_SAMPLES, 3)
     counts = []
     for axis in (0, 1):
         length, turn = np.linalg.norm(np.diff(net, axis=1 + axis), axis=-1).sum(axis=1 + axis).max(axis=-1)
@@ -226,17 +205,7 @@ def _sample_face(face: TopoDS_Face, spacing: float, exact: bool) -> tuple[Array,
         at = np.argwhere(inside)
         states = [classifier.Perform(gp_Pnt2d(*uv)) for uv in np.stack([u[at[:, 0]], v[at[:, 1]]], axis=1).tolist()]
         inside[tuple(at.T)] = [state != TopAbs_OUT for state in states]
-    if spline is None:
-        return surface(_grid_parameters(u, v)[inside.ravel()])
-    points, normals = _sample_grid(surface, spline, u, v)
-    return points[inside], normals[inside]
-
-
-def _sample_grid(surface: _FaceSurface, spline: BSplineSurface | None, u: Array, v: Array) -> Array:
-    """Points and normals on the grid of all u with all v: (2, len(u), len(v), 3)."""
-    if spline is None:
-        return np.stack(surface(_grid_parameters(u, v))).reshape(2, len(u), len(v), 3)
-    return np.stack([spline.grid(u, v), surface.unit(spline.grid(u, v, 1, 0), spline.grid(u, v, 0, 1))])
+    return surface(_grid_parameters(u, v)[inside.ravel()])
 
 
 def _grid_parameters(u: Array, v: Array) -> Array:
@@ -281,7 +250,7 @@ def _inside_even_odd(loops: Array, u: Array, v: Array) -> Array:
 
 
 def _sample_edge_normals(
-    edge: TopoDS_Edge, face: TopoDS_Face, surface: _FaceSurface, spacing: float, count: int | None = None
+    edge: TopoDS_Edge, face: TopoDS_Face, surface: OutwardNormals, spacing: float, count: int | None = None
 ) -> tuple[Array, Array]:
     """Points along an edge at equal parameter steps, and the face's normals there: (n, 3) each."""
     curve = BRepAdaptor_Curve2d(edge, face)

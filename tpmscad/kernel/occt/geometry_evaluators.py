@@ -1,12 +1,13 @@
-"""Points and first derivatives of OCCT faces and edges at many parameters at once.
+"""Points and first derivatives of OCCT faces and edges at many parameters at once, and of many faces or edges, each at its own.
 
-B-splines, planes, quadrics, lines and conics are evaluated in arrays, and other processes can have these evaluators; other kinds
-are evaluated by OCCT, point by point.
+B-splines, planes, quadrics, lines and conics lie side by side in flat arrays, and one compiled loop serves them all: a call for
+each face would cost more than the evaluation. Other processes can have these evaluators. Other kinds of surfaces and curves are
+evaluated by OCCT, point by point.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import partial
 from typing import Any
@@ -28,10 +29,9 @@ from OCP.GeomAbs import (
 from OCP.TopoDS import TopoDS_Edge, TopoDS_Face
 
 from tpmscad._compiled_loops import njit_cached
-from tpmscad._typing import Array
+from tpmscad._typing import Array, IntArray
 from tpmscad.kernel.occt import convert
-from tpmscad.kernel.occt.exploration import evaluate_pointwise
-from tpmscad.splines.basis import design_matrices
+from tpmscad.kernel.occt.exploration import evaluate_pointwise, orientation_sign
 from tpmscad.splines.bspline import BSplineCurve, BSplineSurface
 
 SurfaceEvaluator = Callable[[Array], tuple[Array, ...]]
@@ -39,6 +39,17 @@ SurfaceEvaluator = Callable[[Array], tuple[Array, ...]]
 
 CurveEvaluator = Callable[[Array], tuple[Array, ...]]
 """Parameters (n,) to points and first derivatives, each (n, 3)."""
+
+
+LINEAR, FOREIGN, INCLINED, ROUND = 0, -1, -2, -3
+"""Degrees that stand for planes and lines, of which the table holds origin and directions; for what OCCT evaluates; and for
+surfaces of revolution with a straight and a circular profile, of which it holds the frame and a row with two lengths or angles.
+Conics are ROUND curves: the table holds the centre and both half axes."""
+
+NO_KNOTS = np.zeros(0)
+
+TableRow = tuple[tuple[int, ...], int, tuple[Array, ...], Array]
+"""Of one surface or curve in a table: degrees, columns of poles (of a curve 0), knots and poles."""
 
 
 def face_evaluator(face: TopoDS_Face) -> SurfaceEvaluator:
@@ -83,6 +94,21 @@ def edge_evaluator(edge: TopoDS_Edge) -> CurveEvaluator:
     return partial(evaluate_pointwise, adaptor)
 
 
+class OutwardNormals:
+    """Points and outward unit normals of a face's surface."""
+
+    def __init__(self, face: TopoDS_Face) -> None:
+        self.evaluate = face_evaluator(face)
+        self.sign = orientation_sign(face)
+
+    def __call__(self, uv: Array) -> tuple[Array, Array]:
+        """Points and normals, (n, 3) each, at parameters (n, 2); normals are zero where the surface is singular."""
+        points, along_u, along_v = self.evaluate(uv)
+        normals = np.cross(along_u, along_v)
+        length = np.linalg.norm(normals, axis=1, keepdims=True)
+        return points, self.sign * np.divide(normals, length, out=np.zeros_like(normals), where=length > 0)
+
+
 def _frame_of(surface: Any) -> Array:
     """Location, directions of x and y, and axis of an elementary surface of OCCT, whose frame may be left-handed: (4, 3)."""
     frame = surface.Position()
@@ -90,48 +116,50 @@ def _frame_of(surface: Any) -> Array:
     return np.array([row.Coord() for row in rows])
 
 
+class PackedSurface:
+    """A surface that tables hold."""
+
+    __slots__ = ()
+
+    @property
+    def row(self) -> TableRow:
+        """Its row."""
+        raise NotImplementedError
+
+    def __call__(self, uv: Array) -> tuple[Array, Array, Array]:
+        """Points and both first derivatives, (n, 3) each, at parameters (n, 2)."""
+        return pack_surfaces([self])(np.zeros(len(uv), np.int64), uv)
+
+
 @dataclass(frozen=True, slots=True, eq=False)
-class SplineSurfaceEvaluator:
+class SplineSurfaceEvaluator(PackedSurface):
     """Evaluator of a B-spline surface."""
 
     spline: BSplineSurface
 
-    def __call__(self, uv: Array) -> tuple[Array, Array, Array]:
-        """Points and both first derivatives at parameters."""
+    @property
+    def row(self) -> TableRow:
+        """Degrees, number of poles along v, knots and poles."""
         s = self.spline
-        found = np.empty((3, len(uv), 3))
-        knots_u, knots_v, poles = (np.ascontiguousarray(a) for a in (s.knots_u, s.knots_v, s.poles))
-        _evaluate_surface(knots_u, s.degree_u, knots_v, s.degree_v, poles, np.ascontiguousarray(uv), found)
-        return found[0], found[1], found[2]
-
-    def evaluate_grids(self, u: Array, v: Array) -> Array:
-        """Points (n, k, l, 3) on grids of parameters u (n, k) with v (n, l), which ascend."""
-        s = self.spline
-        points = np.empty((*u.shape, v.shape[1], 3))
-        knots_u, knots_v, poles = (np.ascontiguousarray(a) for a in (s.knots_u, s.knots_v, s.poles))
-        _evaluate_grids(knots_u, s.degree_u, knots_v, s.degree_v, poles, u, v, points)
-        return points
+        return (s.degree_u, s.degree_v), s.poles.shape[1], (s.knots_u, s.knots_v), s.poles.reshape(-1, 3)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class PlaneEvaluator:
+class PlaneEvaluator(PackedSurface):
     """Evaluator of a plane by its origin and the directions of u and v, (3,) each."""
 
     origin: Array
     along_u: Array
     along_v: Array
 
-    def __call__(self, uv: Array) -> tuple[Array, Array, Array]:
-        """Points and both first derivatives at parameters."""
-        return (
-            self.origin + uv[:, :1] * self.along_u + uv[:, 1:] * self.along_v,
-            np.broadcast_to(self.along_u, (len(uv), 3)),
-            np.broadcast_to(self.along_v, (len(uv), 3)),
-        )
+    @property
+    def row(self) -> TableRow:
+        """Origin and both directions in place of poles."""
+        return (LINEAR, LINEAR), 0, (NO_KNOTS, NO_KNOTS), np.stack([self.origin, self.along_u, self.along_v])
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class RevolutionEvaluator:
+class RevolutionEvaluator(PackedSurface):
     """Evaluator of a cylinder, cone, sphere or torus with OCCT's parameters.
 
     frame: location, directions of x and y, and axis, (4, 3). If it is `round` (torus, sphere), the profile is a circle of the
@@ -144,18 +172,11 @@ class RevolutionEvaluator:
     second: float
     round: bool
 
-    def __call__(self, uv: Array) -> tuple[Array, Array, Array]:
-        """Points and both first derivatives at parameters."""
-        origin, x, y, axis = self.frame
-        u, v = uv[:, :1], uv[:, 1:]
-        away, around = np.cos(u) * x + np.sin(u) * y, np.cos(u) * y - np.sin(u) * x
-        if self.round:
-            r, z = self.first + self.second * np.cos(v), self.second * np.sin(v)
-            by_r, by_z = -z, self.second * np.cos(v)
-        else:
-            sine, cosine = np.sin(self.second), np.cos(self.second)
-            r, z, by_r, by_z = self.first + v * sine, v * cosine, np.full_like(v, sine), np.full_like(v, cosine)
-        return origin + r * away + z * axis, r * around, by_r * away + by_z * axis
+    @property
+    def row(self) -> TableRow:
+        """The frame, and a row with both lengths or angles, in place of poles."""
+        kind = ROUND if self.round else INCLINED
+        return (kind, kind), 0, (NO_KNOTS, NO_KNOTS), np.concatenate([self.frame, [[self.first, self.second, 0.0]]])
 
     def bound_heights(self, low: Array, high: Array) -> tuple[float, float]:
         """Heights between which the part over the parameters from low to high (2,) lies; not the narrowest ones."""
@@ -179,93 +200,247 @@ def _bound_cosine(angles: Array) -> Array:
     return np.array([-1.0 if (crests % 2 == 1).any() else low, 1.0 if (crests % 2 == 0).any() else high])
 
 
+class PackedCurve:
+    """A curve that tables hold."""
+
+    __slots__ = ()
+
+    @property
+    def row(self) -> TableRow:
+        """Its row."""
+        raise NotImplementedError
+
+    def __call__(self, t: Array) -> tuple[Array, Array]:
+        """Points and first derivatives, (n, 3) each, at parameters (n,)."""
+        return pack_curves([self])(np.zeros(len(t), np.int64), t)
+
+
 @dataclass(frozen=True, slots=True, eq=False)
-class ConicEvaluator:
+class ConicEvaluator(PackedCurve):
     """Evaluator of a circle or an ellipse by its centre and both half axes, (3,) each."""
 
     origin: Array
     major: Array
     minor: Array
 
-    def __call__(self, t: Array) -> tuple[Array, Array]:
-        """Points and first derivatives at parameters."""
-        cosine, sine = np.cos(t)[:, None], np.sin(t)[:, None]
-        return self.origin + cosine * self.major + sine * self.minor, cosine * self.minor - sine * self.major
+    @property
+    def row(self) -> TableRow:
+        """Centre and half axes in place of poles."""
+        return (ROUND,), 0, (NO_KNOTS,), np.stack([self.origin, self.major, self.minor])
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class SplineCurveEvaluator:
+class SplineCurveEvaluator(PackedCurve):
     """Evaluator of a B-spline curve."""
 
     spline: BSplineCurve
 
-    def __call__(self, t: Array) -> tuple[Array, Array]:
-        """Points and first derivatives at parameters."""
-        value, slope = design_matrices(self.spline.knots, self.spline.degree, t, (0, 1))
-        return value @ self.spline.poles, slope @ self.spline.poles
+    @property
+    def row(self) -> TableRow:
+        """Degree, knots and poles."""
+        return (self.spline.degree,), 0, (self.spline.knots,), self.spline.poles
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class LineEvaluator:
+class LineEvaluator(PackedCurve):
     """Evaluator of a straight line by its origin and direction, (3,) each."""
 
     origin: Array
     along: Array
 
-    def __call__(self, t: Array) -> tuple[Array, Array]:
-        """Points and first derivatives at parameters."""
-        return self.origin + t[:, None] * self.along, np.broadcast_to(self.along, (len(t), 3))
+    @property
+    def row(self) -> TableRow:
+        """Origin and direction in place of poles."""
+        return (LINEAR,), 0, (NO_KNOTS,), np.stack([self.origin, self.along])
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class SurfaceTable:
+    """Surfaces by number: degrees (F, 2), columns of poles (F,), and where their knots and poles begin in the flat arrays."""
+
+    evaluators: tuple[SurfaceEvaluator, ...]
+    degrees: IntArray
+    columns: IntArray
+    knots: Array
+    knots_from: IntArray
+    poles: Array
+    poles_from: IntArray
+
+    def __call__(self, which: IntArray, uv: Array) -> tuple[Array, Array, Array]:
+        """Points and both first derivatives, (n, 3) each, of surfaces (n,) at parameters (n, 2)."""
+        found = np.empty((3, len(uv), 3))
+        packed = (self.degrees, self.columns, self.knots, self.knots_from, self.poles, self.poles_from)
+        _evaluate_surfaces(*packed, which, np.ascontiguousarray(uv), found)
+        _ask_foreign(self.evaluators, self.degrees[:, 0], which, uv, found)
+        return found[0], found[1], found[2]
+
+    def select(self, chosen: IntArray) -> SurfaceTable:
+        """The table of some surfaces (k,)."""
+        return pack_surfaces([self.evaluators[i] for i in chosen.tolist()])
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class CurveTable:
+    """Curves by number: degrees (E,), and where their knots and poles begin in the flat arrays."""
+
+    evaluators: tuple[CurveEvaluator, ...]
+    degrees: IntArray
+    knots: Array
+    knots_from: IntArray
+    poles: Array
+    poles_from: IntArray
+
+    def __call__(self, which: IntArray, t: Array) -> tuple[Array, Array]:
+        """Points and first derivatives, (n, 3) each, of curves (n,) at parameters (n,)."""
+        found = np.empty((2, len(t), 3))
+        packed = (self.degrees, self.knots, self.knots_from, self.poles, self.poles_from)
+        _evaluate_curves(*packed, which, np.ascontiguousarray(t), found)
+        _ask_foreign(self.evaluators, self.degrees, which, t, found)
+        return found[0], found[1]
+
+    def select(self, chosen: IntArray) -> CurveTable:
+        """The table of some curves (k,)."""
+        return pack_curves([self.evaluators[i] for i in chosen.tolist()])
+
+
+def pack_surfaces(evaluators: Sequence[SurfaceEvaluator]) -> SurfaceTable:
+    """The table of surfaces."""
+    foreign = (FOREIGN, FOREIGN), 0, (NO_KNOTS, NO_KNOTS), np.zeros((0, 3))
+    rows = [each.row if isinstance(each, PackedSurface) else foreign for each in evaluators]
+    degrees = np.array([row[0] for row in rows], np.int64).reshape(-1, 2)
+    return SurfaceTable(tuple(evaluators), degrees, np.array([row[1] for row in rows], np.int64), *_lay_out(rows))
+
+
+def pack_curves(evaluators: Sequence[CurveEvaluator]) -> CurveTable:
+    """The table of curves."""
+    foreign = (FOREIGN,), 0, (NO_KNOTS,), np.zeros((0, 3))
+    rows = [each.row if isinstance(each, PackedCurve) else foreign for each in evaluators]
+    return CurveTable(tuple(evaluators), np.array([row[0][0] for row in rows], np.int64), *_lay_out(rows))
+
+
+def _lay_out(rows: Sequence[TableRow]) -> tuple[Array, IntArray, Array, IntArray]:
+    """Knots one after another and where each vector begins, with the end; poles likewise."""
+    knots, poles = [vector for row in rows for vector in row[2]], [row[3] for row in rows]
+    return (
+        np.concatenate([NO_KNOTS, *knots]),
+        np.cumsum([0, *map(len, knots)]),
+        np.concatenate([np.zeros((0, 3)), *poles]),
+        np.cumsum([0, *map(len, poles)]),
+    )
+
+
+def _ask_foreign(
+    evaluators: Sequence[Callable[[Any], tuple[Array, ...]]],
+    degrees: IntArray,
+    which: IntArray,
+    at: Array,
+    found: Array,
+) -> None:
+    """Fill the rows of `found` whose carriers OCCT evaluates."""
+    foreign = np.flatnonzero(degrees[which] == FOREIGN)
+    for number in np.unique(which[foreign]).tolist():
+        rows = foreign[which[foreign] == number]
+        for k, values in enumerate(evaluators[number](at[rows])):
+            found[k, rows] = values
 
 
 @njit_cached
-def _evaluate_surface(
-    knots_u: Array, degree_u: int, knots_v: Array, degree_v: int, poles: Array, uv: Array, found: Array
+def _evaluate_surfaces(
+    degrees: IntArray,
+    columns: IntArray,
+    knots: Array,
+    knots_from: IntArray,
+    poles: Array,
+    poles_from: IntArray,
+    which: IntArray,
+    uv: Array,
+    found: Array,
 ) -> None:  # pragma: no cover - compiled
-    """Points and derivatives by u and by v at parameters (n, 2), into found (3, n, 3); the last spans go on beyond the domain."""
-    basis_u, slope_u = np.empty(degree_u + 1), np.empty(degree_u + 1)
-    basis_v, slope_v = np.empty(degree_v + 1), np.empty(degree_v + 1)
-    for i in range(len(uv)):
-        first_u = evaluate_basis(knots_u, degree_u, uv[i, 0], basis_u, slope_u)
-        first_v = evaluate_basis(knots_v, degree_v, uv[i, 1], basis_v, slope_v)
-        for axis in range(3):
-            x, xu, xv = 0.0, 0.0, 0.0
-            for a in range(degree_u + 1):
-                along, across = 0.0, 0.0
-                for b in range(degree_v + 1):
-                    pole = poles[first_u + a, first_v + b, axis]
-                    along += pole * basis_v[b]
-                    across += pole * slope_v[b]
-                x += basis_u[a] * along
-                xu += slope_u[a] * along
-                xv += basis_u[a] * across
-            found[0, i, axis], found[1, i, axis], found[2, i, axis] = x, xu, xv
+    """Points and derivatives by u and by v into found (3, n, 3); the last spans go on beyond the domain."""
+    most = 1
+    for f in range(len(degrees)):
+        most = max(most, degrees[f, 0] + 1, degrees[f, 1] + 1)
+    basis_u, slope_u, basis_v, slope_v = np.empty(most), np.empty(most), np.empty(most), np.empty(most)
+    for i in range(len(which)):
+        f = which[i]
+        degree_u, degree_v, first = degrees[f, 0], degrees[f, 1], poles_from[f]
+        if degree_u == LINEAR:
+            for axis in range(3):
+                along_u, along_v = poles[first + 1, axis], poles[first + 2, axis]
+                found[0, i, axis] = poles[first, axis] + uv[i, 0] * along_u + uv[i, 1] * along_v
+                found[1, i, axis], found[2, i, axis] = along_u, along_v
+        elif degree_u in (INCLINED, ROUND):
+            p, q, v = poles[first + 4, 0], poles[first + 4, 1], uv[i, 1]
+            cosine, sine = np.cos(uv[i, 0]), np.sin(uv[i, 0])
+            if degree_u == ROUND:
+                r, z = p + q * np.cos(v), q * np.sin(v)
+                by_r, by_z = -z, q * np.cos(v)
+            else:
+                by_r, by_z = np.sin(q), np.cos(q)
+                r, z = p + v * by_r, v * by_z
+            for axis in range(3):
+                e_x, e_y, e_z = poles[first + 1, axis], poles[first + 2, axis], poles[first + 3, axis]
+                away = cosine * e_x + sine * e_y
+                found[0, i, axis] = poles[first, axis] + r * away + z * e_z
+                found[1, i, axis] = r * (cosine * e_y - sine * e_x)
+                found[2, i, axis] = by_r * away + by_z * e_z
+        elif degree_u > 0:
+            knots_u = knots[knots_from[2 * f] : knots_from[2 * f + 1]]
+            knots_v = knots[knots_from[2 * f + 1] : knots_from[2 * f + 2]]
+            first_u = evaluate_basis(knots_u, degree_u, uv[i, 0], basis_u, slope_u)
+            first_v = evaluate_basis(knots_v, degree_v, uv[i, 1], basis_v, slope_v)
+            for axis in range(3):
+                x, xu, xv = 0.0, 0.0, 0.0
+                for a in range(degree_u + 1):
+                    row = first + (first_u + a) * columns[f] + first_v
+                    along, across = 0.0, 0.0
+                    for b in range(degree_v + 1):
+                        along += poles[row + b, axis] * basis_v[b]
+                        across += poles[row + b, axis] * slope_v[b]
+                    x += basis_u[a] * along
+                    xu += slope_u[a] * along
+                    xv += basis_u[a] * across
+                found[0, i, axis], found[1, i, axis], found[2, i, axis] = x, xu, xv
 
 
 @njit_cached
-def _evaluate_grids(
-    knots_u: Array, degree_u: int, knots_v: Array, degree_v: int, poles: Array, u: Array, v: Array, points: Array
+def _evaluate_curves(
+    degrees: IntArray,
+    knots: Array,
+    knots_from: IntArray,
+    poles: Array,
+    poles_from: IntArray,
+    which: IntArray,
+    t: Array,
+    found: Array,
 ) -> None:  # pragma: no cover - compiled
-    """Points on grids of parameters u (n, k) with v (n, l), into points (n, k, l, 3)."""
-    n, k, l = u.shape[0], u.shape[1], v.shape[1]  # noqa: E741
-    basis_u, basis_v, slope = np.empty(degree_u + 1), np.empty((l, degree_v + 1)), np.empty(max(degree_u, degree_v) + 1)
-    first_v = np.empty(l, np.int64)
-    row = np.empty((poles.shape[1], 3))
-    for i in range(n):
-        for b in range(l):
-            first_v[b] = evaluate_basis(knots_v, degree_v, v[i, b], basis_v[b], slope)
-        for a in range(k):
-            first_u = evaluate_basis(knots_u, degree_u, u[i, a], basis_u, slope)
-            for j in range(first_v[0], first_v[l - 1] + degree_v + 1):
-                for axis in range(3):
-                    row[j, axis] = 0.0
-                    for m in range(degree_u + 1):
-                        row[j, axis] += basis_u[m] * poles[first_u + m, j, axis]
-            for b in range(l):
-                for axis in range(3):
-                    x = 0.0
-                    for m in range(degree_v + 1):
-                        x += basis_v[b, m] * row[first_v[b] + m, axis]
-                    points[i, a, b, axis] = x
+    """Points and derivatives into found (2, n, 3); the last spans go on beyond the domain."""
+    most = 1
+    for e in range(len(degrees)):
+        most = max(most, degrees[e] + 1)
+    basis, slope = np.empty(most), np.empty(most)
+    for i in range(len(which)):
+        e = which[i]
+        degree, first = degrees[e], poles_from[e]
+        if degree == LINEAR:
+            for axis in range(3):
+                found[0, i, axis] = poles[first, axis] + t[i] * poles[first + 1, axis]
+                found[1, i, axis] = poles[first + 1, axis]
+        elif degree == ROUND:
+            cosine, sine = np.cos(t[i]), np.sin(t[i])
+            for axis in range(3):
+                major, minor = poles[first + 1, axis], poles[first + 2, axis]
+                found[0, i, axis] = poles[first, axis] + cosine * major + sine * minor
+                found[1, i, axis] = cosine * minor - sine * major
+        elif degree > 0:
+            own = knots[knots_from[e] : knots_from[e + 1]]
+            start = first + evaluate_basis(own, degree, t[i], basis, slope)
+            for axis in range(3):
+                x, along = 0.0, 0.0
+                for a in range(degree + 1):
+                    x += basis[a] * poles[start + a, axis]
+                    along += slope[a] * poles[start + a, axis]
+                found[0, i, axis], found[1, i, axis] = x, along
 
 
 @njit_cached

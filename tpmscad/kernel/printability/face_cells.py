@@ -14,7 +14,7 @@ from tpmscad._typing import Array, IntArray
 from tpmscad.brep.surface_cells import DEGREE, CellFit, SurfaceCells, trim_cells
 from tpmscad.kernel.measure.shape_sampling import divide_pcurves
 from tpmscad.kernel.occt.exploration import orientation_sign
-from tpmscad.kernel.occt.geometry_evaluators import SplineSurfaceEvaluator, SurfaceEvaluator, face_evaluator
+from tpmscad.kernel.occt.geometry_evaluators import SurfaceTable, face_evaluator, pack_surfaces
 from tpmscad.splines.basis import bernstein_basis, bezier_interpolation
 
 CHECKED = np.array([0.125, 0.375, 0.625, 0.875])
@@ -61,16 +61,11 @@ def face_cells(faces: Sequence[TopoDS_Face], tol: float) -> SurfaceCells:
 
 def cell_fitter(faces: Sequence[TopoDS_Face]) -> CellFit:
     """The function that fits cells of these faces."""
-    surfaces = [face_evaluator(face) for face in faces]
+    surfaces = pack_surfaces([face_evaluator(face) for face in faces])
     between = bernstein_basis(DEGREE, CHECKED)
 
     def fit(face: IntArray, box: Array) -> tuple[Array, Array]:
-        (nodes, checks), lines = np.empty((2, len(face), 4, 4, 3)), [_grid_lines(box, t) for t in (_NODES, CHECKED)]
-        order = np.argsort(face, kind="stable")
-        numbers, first = np.unique(face[order], return_index=True)
-        for number, own in zip(numbers.tolist(), np.split(order, first[1:]), strict=True):
-            for points, (u, v) in zip((nodes, checks), lines, strict=True):
-                points[own] = _evaluate_grids(surfaces[number], u[own], v[own])
+        nodes, checks = (_evaluate_grids(surfaces, face, *_grid_lines(box, t)) for t in (_NODES, CHECKED))
         nets = np.ascontiguousarray(np.einsum("ia,jb,nabc->nijc", _TO_POLES, _TO_POLES, nodes, optimize=True))
         fitted = np.einsum("ka,lb,nabc->nklc", between, between, nets, optimize=True)
         return nets, PAD_FACTOR * np.linalg.norm(fitted - checks, axis=3).max(axis=(1, 2))
@@ -84,12 +79,11 @@ def _grid_lines(boxes: Array, t: Array) -> tuple[Array, Array]:
     return low[:, 0] + t * size[:, 0], low[:, 1] + t * size[:, 1]
 
 
-def _evaluate_grids(surface: SurfaceEvaluator, u: Array, v: Array) -> Array:
-    """Points (n, k, k, 3) on the grids of parameters u (n, k) with v (n, k)."""
-    if isinstance(surface, SplineSurfaceEvaluator):
-        return surface.evaluate_grids(u, v)
+def _evaluate_grids(surfaces: SurfaceTable, face: IntArray, u: Array, v: Array) -> Array:
+    """Points (n, k, k, 3) of faces (n,) on the grids of parameters u (n, k) with v (n, k)."""
     uv = np.stack(np.broadcast_arrays(u[:, :, None], v[:, None]), axis=-1)
-    return surface(uv.reshape(-1, 2))[0].reshape(*uv.shape[:3], 3)
+    points = surfaces(np.repeat(face, uv[0, ..., 0].size), uv.reshape(-1, 2))[0]
+    return points.reshape(*uv.shape[:3], 3)
 
 
 def _trimming_chords(face: TopoDS_Face) -> tuple[Array, Array]:

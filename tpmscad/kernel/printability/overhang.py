@@ -14,12 +14,12 @@ from typing import Any
 
 import numpy as np
 
-from tpmscad._typing import Array
+from tpmscad._typing import Array, IntArray
 from tpmscad.kernel.export.solid_mesh import ParametricMesh, mesh_parametrically
 from tpmscad.kernel.measure.mass_properties import face_moments
 from tpmscad.kernel.occt.bounding_boxes import box_diagonal
 from tpmscad.kernel.occt.exploration import orientation_sign, unwrap
-from tpmscad.kernel.occt.geometry_evaluators import SurfaceEvaluator, face_evaluator
+from tpmscad.kernel.occt.geometry_evaluators import face_evaluator, pack_surfaces
 
 MESH_ANGLE = 0.25
 """Radians between neighbouring facets of the triangulation that carries the quadrature."""
@@ -79,76 +79,66 @@ def measure_overhang(shape: Any, build_direction: Array, limit: float) -> Overha
     )
 
 
-class _FaceSlope:
-    """Sine of the overhang angle and area density on one face, at parameters (n, 2)."""
+class _Slopes:
+    """Sine of the overhang angle and area density on the faces of a mesh, at parameters (n, 2) of faces (n,)."""
 
-    def __init__(self, surface: SurfaceEvaluator, sign: int, build_direction: Array) -> None:
-        self.surface, self.sign, self.build_direction = surface, sign, build_direction
+    def __init__(self, mesh: ParametricMesh, build_direction: Array) -> None:
+        self.surfaces = pack_surfaces([face_evaluator(face) for face in mesh.faces])
+        self.sign = np.array([orientation_sign(face) for face in mesh.faces])
+        self.build_direction = build_direction
 
-    def __call__(self, uv: Array) -> tuple[Array, Array]:
+    def __call__(self, face: IntArray, uv: Array) -> tuple[Array, Array]:
         """Sines (n,), 0 where the face is singular, and densities (n,)."""
-        _, along_u, along_v = self.surface(uv)
+        _, along_u, along_v = self.surfaces(face, uv)
         cross = np.cross(along_u, along_v)
         density = np.linalg.norm(cross, axis=1)
-        down = -self.sign * (cross @ self.build_direction)
+        down = -self.sign[face] * (cross @ self.build_direction)
         return np.divide(down, density, out=np.zeros(len(uv)), where=density > 0.0), density
 
-    def at_corners(self, uv: Array) -> Array:
+    def at_corners(self, face: IntArray, uv: Array) -> Array:
         """Sines at the corners of triangles (m, 3, 2), a little inside, where no face is singular: (m, 3)."""
         inside = uv + CORNER_INSET * (uv.mean(axis=1, keepdims=True) - uv)
-        return self(inside.reshape(-1, 2))[0].reshape(-1, 3)
+        return self(np.repeat(face, 3), inside.reshape(-1, 2))[0].reshape(-1, 3)
 
-    def areas(self, uv: Array) -> Array:
-        """Areas of the face over triangles (m, 3, 2): (m,)."""
+    def areas(self, face: IntArray, uv: Array) -> Array:
+        """Areas of the faces over triangles (m, 3, 2): (m,)."""
         a, b = uv[:, 1] - uv[:, 0], uv[:, 2] - uv[:, 0]
-        _, density = self(np.einsum("qk,mkd->mqd", QUADRATURE, uv).reshape(-1, 2))
-        return 0.5 * np.abs(a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0]) * density.reshape(-1, len(QUADRATURE)).mean(axis=1)
+        nodes = np.einsum("qk,mkd->mqd", QUADRATURE, uv).reshape(-1, 2)
+        density = self(np.repeat(face, len(QUADRATURE)), nodes)[1].reshape(-1, len(QUADRATURE)).mean(axis=1)
+        return 0.5 * np.abs(a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0]) * density
 
 
 def _measure_solid(mesh: ParametricMesh, build_direction: Array, sine: float, plate: float) -> Overhang:
     """Overhang of one solid; `plate` is the height up to which faces stand on the build plate."""
-    face = mesh.mesh.face
-    order = np.argsort(face, kind="stable")
-    members = np.split(order, np.flatnonzero(np.diff(face[order])) + 1)
-    height = mesh.mesh.points @ build_direction
-    on_plate = height[mesh.mesh.triangles].max(axis=1) <= plate
-    beyond, standing = np.zeros(len(mesh.faces)), np.zeros(len(mesh.faces))
-    steepest: list[tuple[float, int, Array]] = []
-    for triangles in members:
-        number = int(face[triangles[0]])
-        slope = _FaceSlope(face_evaluator(mesh.faces[number]), orientation_sign(mesh.faces[number]), build_direction)
-        uv = mesh.uv[triangles]
-        corner, area, stands = slope.at_corners(uv), slope.areas(uv), on_plate[triangles]
-        total = float(area.sum())
-        if not total:
-            continue
-        standing[number] = area[stands & (corner.max(axis=1) > 0.0)].sum() / total
-        free = ~stands
-        beyond[number] = _integrate_beyond(slope, uv[free], corner[free], area[free], sine) / total
-        steep = np.argsort(-np.where(free, corner.max(axis=1), -1.0))[:STEEPEST_CANDIDATES]
-        steepest += [(float(corner[i].max()), number, uv[i]) for i in steep.tolist() if free[i]]
-    needed = np.flatnonzero((beyond > 0.0) | (standing > 0.0))
-    exact = np.zeros(len(mesh.faces))
-    exact[needed] = face_moments([mesh.faces[i] for i in needed.tolist()])[:, 0]
-    angle, place = _find_steepest(steepest, mesh, build_direction)
-    return Overhang(float(beyond @ exact), angle, place, float(standing @ exact))
+    slope, face, uv, count = _Slopes(mesh, build_direction), mesh.mesh.face, mesh.uv, len(mesh.faces)
+    on_plate = (mesh.mesh.points @ build_direction)[mesh.mesh.triangles].max(axis=1) <= plate
+    corner, area = slope.at_corners(face, uv), slope.areas(face, uv)
+    total, free = np.bincount(face, area, count), np.flatnonzero(~on_plate)
+    stands = np.bincount(face, area * (on_plate & (corner.max(axis=1) > 0.0)), count)
+    leans = _integrate_beyond(slope, face[free], uv[free], corner[free], area[free], sine)
+    needed = np.flatnonzero((total > 0.0) & ((leans > 0.0) | (stands > 0.0)))
+    exact = face_moments([mesh.faces[i] for i in needed.tolist()])[:, 0] / total[needed]
+    steepest = free[np.argsort(-corner[free].max(axis=1), kind="stable")[:STEEPEST_CANDIDATES]]
+    angle, place = _find_steepest(slope, face[steepest], uv[steepest], mesh.mesh.points[0])
+    return Overhang(float(leans[needed] @ exact), angle, place, float(stands[needed] @ exact))
 
 
-def _integrate_beyond(slope: _FaceSlope, uv: Array, corner: Array, area: Array, sine: float) -> float:
-    """Area beyond the limit over triangles (m, 3, 2) with sines at their corners (m, 3) and areas (m,)."""
-    total = 0.0
+def _integrate_beyond(slope: _Slopes, face: IntArray, uv: Array, corner: Array, area: Array, sine: float) -> Array:
+    """Area beyond the limit on each face, over triangles (m, 3, 2) with sines at their corners (m, 3) and areas (m,)."""
+    total = np.zeros(len(slope.sign))
     for level in range(SUBDIVISIONS + 1):
         margin = np.ptp(corner, axis=1)  # the extreme of a curved face may lie between the corners
         cut = (corner.min(axis=1) <= sine + margin) & (corner.max(axis=1) > sine - margin)
-        total += float(area[~cut & (corner.min(axis=1) > sine)].sum())
-        uv, corner, area = uv[cut], corner[cut], area[cut]
+        total += np.bincount(face, area * (~cut & (corner.min(axis=1) > sine)), len(total))
+        face, uv, corner, area = face[cut], uv[cut], corner[cut], area[cut]
         if level == SUBDIVISIONS or not len(uv):
             break
         a, b, c = uv.swapaxes(0, 1)
         ab, bc, ca = 0.5 * (a + b), 0.5 * (b + c), 0.5 * (c + a)
         uv = np.concatenate([np.stack(t, axis=1) for t in ((a, ab, ca), (ab, b, bc), (ca, bc, c), (ab, bc, ca))])
-        corner, area = slope.at_corners(uv), slope.areas(uv)
-    return total + float((area * _fraction_above(corner - sine)).sum())
+        face = np.tile(face, 4)
+        corner, area = slope.at_corners(face, uv), slope.areas(face, uv)
+    return total + np.bincount(face, area * _fraction_above(corner - sine), len(total))
 
 
 def _fraction_above(value: Array) -> Array:
@@ -164,17 +154,13 @@ def _fraction_above(value: Array) -> Array:
     return result
 
 
-def _find_steepest(
-    triangles: list[tuple[float, int, Array]], mesh: ParametricMesh, build_direction: Array
-) -> tuple[float, Array]:
-    """Greatest overhang angle in degrees, and its place, from triangles with their greatest sine at a corner and their face."""
-    best, place = 0.0, mesh.mesh.points[0]
-    for _, number, uv in sorted(triangles, key=lambda one: -one[0])[:STEEPEST_CANDIDATES]:
-        surface = face_evaluator(mesh.faces[number])
-        slope = _FaceSlope(surface, orientation_sign(mesh.faces[number]), build_direction)
-        at, value = maximise_on_triangle(lambda x, slope=slope: slope(x)[0], uv)  # type: ignore[misc]
+def _find_steepest(slope: _Slopes, face: IntArray, uv: Array, place: Array) -> tuple[float, Array]:
+    """Greatest overhang angle in degrees and its place, in triangles (m, 3, 2) of faces (m,); else 0 and the given place."""
+    best = 0.0
+    for own, corners in zip(face[:, None], uv, strict=True):
+        at, value = maximise_on_triangle(lambda x, f=own: slope(np.repeat(f, len(x)), x)[0], corners)  # type: ignore[misc]
         if value > best:
-            best, place = value, surface(at[None])[0][0]
+            best, place = value, slope.surfaces(own, at[None])[0][0]
     return float(np.degrees(np.arcsin(min(best, 1.0)))), place
 
 

@@ -9,11 +9,9 @@ from typing import Any
 import numpy as np
 from OCP.BRep import BRep_Tool
 from OCP.BRepAdaptor import BRepAdaptor_Surface
-from OCP.BRepGProp import BRepGProp_Face
 from OCP.BRepLProp import BRepLProp_SLProps
 from OCP.BRepMesh import BRepMesh_IncrementalMesh
 from OCP.BRepTools import BRepTools
-from OCP.gp import gp_Pnt, gp_Vec
 from OCP.TopLoc import TopLoc_Location
 
 from tpmscad._typing import Array, IntArray
@@ -21,6 +19,7 @@ from tpmscad.errors import KernelError
 from tpmscad.kernel.occt import convert
 from tpmscad.kernel.occt.child_process import may_use_threads
 from tpmscad.kernel.occt.exploration import faces_of, orientation_sign, unwrap
+from tpmscad.kernel.occt.geometry_evaluators import OutwardNormals
 
 MAX_FACET_ANGLE = 0.35
 """Radians between neighbouring facets; since normals are exact, only silhouettes show the facets."""
@@ -63,7 +62,7 @@ def tessellate(shape: Any, deflection: float, angle: float = MAX_FACET_ANGLE) ->
         matrix = convert.matrix_from_occt(face.Location().Transformation())
         triples = np.array([mesh.Triangle(i).Get() for i in range(1, mesh.NbTriangles() + 1)]) - 1
         points.append(local @ matrix[:, :3].T + matrix[:, 3])
-        normals.append(_face_normals(face, uv))
+        normals.append(OutwardNormals(face)(uv)[1])
         parameters.append(uv)
         owner.append(np.full(len(local), number))
         corners.append((triples[:, ::-1] if orientation_sign(face) < 0 else triples) + count)
@@ -95,16 +94,3 @@ def mean_curvatures(faces: Sequence[Any], parameters: Array, face_of_point: IntA
 def _triangulation(face: Any) -> Any:
     """The triangulation of a face, None if it has none."""
     return BRep_Tool.Triangulation_s(face, TopLoc_Location())
-
-
-def _face_normals(face: Any, uv: Array) -> Array:
-    """Outward unit normals of the placed face at its parameters; zero at singular points."""
-    surface = BRepGProp_Face(face)
-    point, normal = gp_Pnt(), gp_Vec()
-    found = []
-    for u, v in uv.tolist():
-        surface.Normal(u, v, point, normal)
-        found.append(normal.Coord())
-    vectors = np.array(found)
-    length = np.linalg.norm(vectors, axis=1, keepdims=True)
-    return np.divide(vectors, length, out=np.zeros_like(vectors), where=length > 0)

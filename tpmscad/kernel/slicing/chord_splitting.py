@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from tpmscad._typing import Array, BoolArray, IntArray
-from tpmscad.kernel.occt.evaluator_tables import SurfaceTable
+from tpmscad.kernel.occt.geometry_evaluators import SurfaceTable
 from tpmscad.kernel.slicing.level_crossings import Crossings
 from tpmscad.memory_limit import require_memory
 

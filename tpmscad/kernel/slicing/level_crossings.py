@@ -14,7 +14,7 @@ import numpy as np
 
 from tpmscad._typing import Array, IntArray
 from tpmscad.index_ranges import expand_ranges
-from tpmscad.kernel.occt.evaluator_tables import CurveTable, SurfaceTable
+from tpmscad.kernel.occt.geometry_evaluators import CurveTable, SurfaceTable
 from tpmscad.kernel.slicing.surface_triangulation import SurfaceTriangulation
 
 MAX_ROOT_STEPS = 60

@@ -25,7 +25,7 @@ from tpmscad.errors import KernelError
 from tpmscad.index_ranges import expand_ranges
 from tpmscad.kernel.build.solids import build_faces
 from tpmscad.kernel.export.solid_mesh import EdgeSegments, mesh_faces
-from tpmscad.kernel.occt.evaluator_tables import pack_curves, pack_surfaces
+from tpmscad.kernel.occt.geometry_evaluators import pack_curves, pack_surfaces
 from tpmscad.kernel.slicing.chord_splitting import split_chords
 from tpmscad.kernel.slicing.contours import (
     CONTOUR_REL_TOL,

@@ -12,18 +12,21 @@ import numpy as np
 
 from tpmscad._typing import Array, IntArray
 from tpmscad.kernel.export.solid_mesh import EdgeSegments, ParametricMesh
-from tpmscad.kernel.occt.evaluator_tables import CurveTable, SurfaceTable, pack_curves, pack_surfaces
 from tpmscad.kernel.occt.geometry_evaluators import (
     ConicEvaluator,
     CurveEvaluator,
+    CurveTable,
     LineEvaluator,
     PlaneEvaluator,
     RevolutionEvaluator,
     SplineCurveEvaluator,
     SplineSurfaceEvaluator,
     SurfaceEvaluator,
+    SurfaceTable,
     edge_evaluator,
     face_evaluator,
+    pack_curves,
+    pack_surfaces,
 )
 
 HEIGHT_MARGIN = 1e-3

@@ -11,7 +11,6 @@ from dataclasses import dataclass
 from itertools import product
 
 import numpy as np
-from numpy.typing import NDArray
 
 from tpmscad._typing import Array, BoolArray, IntArray
 
@@ -53,17 +52,6 @@ class Octree:
     def leaves_at(self, cells: IntArray) -> IntArray:
         """Numbers (...) of the leaves that contain finest cells (..., 3) of the box."""
         return np.asarray(self.leaf_of_code[np.searchsorted(self.codes, _morton_codes(cells), side="right") - 1])
-
-    def leaf_of_every_cell(self) -> NDArray[np.int32]:
-        """Numbers (X, Y, Z) of the leaves that contain the finest cells: four bytes for each of these."""
-        leaf = np.empty(tuple(self.shape), np.int32)
-        for s in np.unique(self.size):
-            numbers = np.flatnonzero(self.size == s)
-            nx, ny, nz = self.shape // s
-            blocks = leaf.reshape(nx, s, ny, s, nz, s)
-            i, j, k = (self.origin[numbers] // s).T
-            blocks[i, :, j, :, k, :] = numbers[:, None, None, None]
-        return leaf
 
     def leaf_centres(self, leaves: IntArray) -> Array:
         """Model coordinates (n, 3) of the centres of leaves (n,)."""

@@ -164,26 +164,16 @@ def tile_octree(tree: Octree, hi: Array, periods: IntArray) -> Octree:
 
     A whole number of the largest leaves must fit a period. 2:1 balance may split a few leaves more than the part has.
     """
-    size = tree.size[tree.leaf_of_every_cell()]
-    sources = []  # for each axis the cells of the part that stand for those of the box, from either end
-    for n, count in zip(size.shape, periods.tolist(), strict=True):
-        one = np.arange(n // SEARCHED_PERIODS if count else n)
-        if count:
-            first, last = [one] * (count - 1), [one + len(one)] * (count - 1)
-            sources.append((np.concatenate([*first, one + len(one)]), np.concatenate([one, *last])))
-        else:
-            sources.append((one, one))
-    wanted = np.minimum.reduce([size[np.ix_(*choice)] for choice in product(*sources)])
-    largest = int(tree.size.max())
-    tiled = octree.uniform_octree(tree.lo, hi, np.array(wanted.shape) // largest)
-    fine = [np.arange(n) for n in wanted.shape]
+    cells = tree.shape // np.where(periods > 0, SEARCHED_PERIODS, 1)  # of the part's finest grid in a period
+    tiled = octree.uniform_octree(tree.lo, hi, cells * np.maximum(periods, 1) // tree.size.max())
     while True:
-        ratio = wanted.shape[0] // int(tiled.shape[0])
-        leaf = tiled.leaf_of_every_cell()[np.ix_(*(i // ratio for i in fine))]
-        least = np.full(len(tiled.size), largest)
-        np.minimum.at(least, leaf.ravel(), wanted.ravel())
-        chosen = tiled.size * ratio > least
-        if not chosen.any():
+        ratio = tree.size.max() // tiled.size.max()
+        number, place = np.divmod(ratio * tiled.origin, cells)
+        least = np.full(len(tiled.size), tree.size.max())
+        for end in product((False, True), repeat=3):  # a leaf between the ends of the box takes the smaller of both
+            last = np.where(end, number > 0, number == periods - 1) & (periods > 0)
+            least = np.minimum(least, tree.size[tree.leaves_at(place + last * cells)])
+        if not (chosen := ratio * tiled.size > least).any():
             return tiled
         tiled = octree.split_leaves(tiled, chosen)
 

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 import tpmscad
+from benchmarks.design_derivatives import differentiate_design
 from tests.meshing.test_volume_mesh import block
 from tpmscad.errors import InvalidRequest
 from tpmscad.simulation.periodic_cell import IsotropicMaterial, solve_cell
@@ -23,11 +24,11 @@ def close(value: object, expected: object, rtol: float) -> None:
 @pytest.mark.parametrize(("name", "reference"), [("gyroid", "minimal"), ("iwp", "nodal")])
 def test_volume_and_area_change_as_central_differences_say(name: str, reference: str) -> None:
     given = {"thickness": 0.9, "shift": 0.1, "cell": 7.0}
-    found = tpmscad.design_derivatives(name, reference=reference, elastic=False, **given)
+    found = differentiate_design(name, reference=reference, material=None, **given)
     h = 0.02
     for parameter, argument in (("thickness", "thickness"), ("offset", "shift"), ("cell", "cell")):
         values = [given | {argument: given[argument] + k * h} for k in (-2, -1, 1, 2)]
-        found_there = [tpmscad.design_derivatives(name, reference=reference, elastic=False, **each) for each in values]
+        found_there = [differentiate_design(name, reference=reference, material=None, **each) for each in values]
         for quantity in ("volume", "area"):
             slope = np.array([1, -8, 8, -1]) @ [getattr(each, quantity) for each in found_there] / (12 * h)
             assert found.derivatives[parameter][quantity] == pytest.approx(slope, rel=1e-8, abs=1e-8)
@@ -39,7 +40,7 @@ def test_volumes_of_solids_change_as_steiner_s_formula_says() -> None:
     h, made = 0.05, []
     for thickness in (0.5 - h, 0.5 + h):
         made.append(tpmscad.lattice("P", cell=5, thickness=thickness, boundary="natural", tol=1e-5).volume)
-    found = tpmscad.design_derivatives("P", cell=5, thickness=0.5, elastic=False)
+    found = differentiate_design("P", cell=5, thickness=0.5, material=None)
     cubic = np.pi * -4 / 6 * 3 * h**2 / 3  # of the difference of t^3
     assert (made[1] - made[0]) / (2 * h) - cubic == pytest.approx(found.derivatives["thickness"]["volume"], rel=1e-6)
 
@@ -49,9 +50,9 @@ def test_stiffness_and_conductivity_change_as_central_differences_of_new_cells_s
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     pytest.importorskip("skfem")
-    monkeypatch.setattr("tpmscad.studies._design_derivatives.CUTS", (1, 0))
+    monkeypatch.setattr("benchmarks.design_derivatives.CUTS", (1, 0))
     given = {"thickness": 0.12, "shift": 0.02, "cell": 1.0}
-    found = tpmscad.design_derivatives("P", **given)
+    found = differentiate_design("P", **given)
 
     def properties(thickness: float, shift: float, cell: float) -> tuple[np.ndarray, np.ndarray]:
         offset = (shift - thickness / 2, shift + thickness / 2)
@@ -67,11 +68,11 @@ def test_stiffness_and_conductivity_change_as_central_differences_of_new_cells_s
 
 def test_surfaces_without_hexahedra_are_refused() -> None:
     with pytest.raises(InvalidRequest):
-        tpmscad.design_derivatives("lidinoid", cell=10, thickness=0.2)
+        differentiate_design("lidinoid", cell=10, thickness=0.2)
 
 
 def test_hexahedra_that_do_not_repeat_have_no_derivatives(monkeypatch: pytest.MonkeyPatch) -> None:
     mesh = replace(block("hexahedron20"), periodic={"x": np.zeros((0, 2), np.int64)})
     monkeypatch.setattr(tpmscad.Model, "hexahedra", lambda *_: mesh)
     with pytest.raises(InvalidRequest, match="do not repeat along x, y and z: no derivatives"):
-        tpmscad.design_derivatives("P", cell=10, thickness=0.5)
+        differentiate_design("P", cell=10, thickness=0.5)
