@@ -76,7 +76,7 @@ def reflected_pieces_over_box(
     Open, and ragged outside unless the planes of the box are mirrors: then the pieces end in them. With `natural` the phase
     translates the box together with the lattice, so that its planes stay mirrors.
     """
-    motion = place_pieces(symmetry, cells, phase, natural=natural, margin=0.0 if natural else COVER_MARGIN_CELLS)
+    motion = place_pieces(symmetry, cells, phase, natural=natural)
     parts = []
     for layer in offsets.layers():
         # A reflection reverses S_u x S_v against the image of the gradient, which it keeps.
@@ -85,17 +85,11 @@ def reflected_pieces_over_box(
     return PlacedFaces.concatenate(parts).weld(offsets.primitives)
 
 
-def place_pieces(
-    symmetry: MirrorSymmetry, cells: tuple[int, int, int], phase: Array, *, natural: bool, margin: float = 0.0
-) -> Motion:
-    """Motions of the piece into every tetrahedron that reaches into the box, or to `margin` (cells) beside it.
-
-    With `natural` the box moves with the phase.
-    """
+def place_pieces(symmetry: MirrorSymmetry, cells: tuple[int, int, int], phase: Array, *, natural: bool) -> Motion:
+    """Motions of the piece into every tetrahedron with a part inside the box; with `natural` the box moves with the phase."""
     shift, phase = (phase, 0 * phase) if natural else (0 * phase, phase)
     motion = _copies_around_box(symmetry.motions, cells, phase)
-    corners = motion[:, None].apply(symmetry.edges.reshape(4, 3))
-    motion = motion[_reaches_into_box(corners + margin, np.array(cells) + 2 * margin)]
+    motion = motion[_reaches_into_box(motion[:, None].apply(symmetry.edges.reshape(4, 3)), np.array(cells))]
     return Motion(motion.rotation, motion.translation + shift)
 
 
