@@ -132,7 +132,7 @@ def test_a_box_of_mirrors_is_capped_without_a_cut(
     box_of = np.array([cover.vertices.min(axis=0), cover.vertices.max(axis=0)])
     np.testing.assert_allclose(box_of, [[0, 0, 0], cells], rtol=0, atol=1e-13)
     cut = trim(cover, box([0, 0, 0], cells), tol=1e-9)
-    assert cut.report.curves == 0
+    assert cut.report.arcs == 0
     assert cut.report.max_deviation < 1e-13
     assert connectivity.is_closed(cut.brep)
     expected = surfaces.volume_fraction(name, "nodal", *OFFSETS[name]) * np.prod(cells)

@@ -29,6 +29,7 @@ from tpmscad.trimming.intersect.contacts import (
     find_coplanar_edges,
     find_edges_in_faces,
     find_resolved,
+    sample_edges_in_planes,
 )
 from tpmscad.trimming.intersect.network_hits import (
     SNAP_TOLS,
@@ -270,7 +271,8 @@ def _cut_translated(shift: Array, of: _Operands, finish: Callable[[CutNetworks],
     points = np.concatenate(
         [first.brep.vertices, second.brep.vertices, hits[0].point, hits[1].point, contacts.point[crossing]]
     )
-    arcs = trace_common_curves(first, second, ends, len(points), tol)
+    edges = sample_edges_in_planes(first, second, coplanar)
+    arcs = trace_common_curves(first, second, ends, len(points), tol, edges)
     vertices = np.concatenate([points, arcs.points])
 
     numbers = np.arange(n_first), n_first + np.arange(n_second)

@@ -72,10 +72,12 @@ class CommonCurves:
     deviation: Array
 
 
-def trace_common_curves(first: Network, second: Network, ends: CurveEnds, n_vertices: int, tol: float) -> CommonCurves:
+def trace_common_curves(
+    first: Network, second: Network, ends: CurveEnds, n_vertices: int, tol: float, edges: tuple[IntArray, Array]
+) -> CommonCurves:
     """The common curves of two networks, fitted to half of `tol`; TrimmingError where one is not resolved.
 
-    n_vertices: the number of vertices so far; those on no edge follow.
+    n_vertices: the number of vertices so far; those on no edge follow. edges: as in `trace_curves`.
     """
     joined, ends = join_faces(first.faces, second.faces), sort_ends(ends)
     paths: list[Array] = []
@@ -88,7 +90,7 @@ def trace_common_curves(first: Network, second: Network, ends: CurveEnds, n_vert
     fitted_faces: list[IntArray] = []
     lines = _list_knot_lines(first.brep), _list_knot_lines(second.brep)
     placed = second.brep.faces.motion
-    for number, curve in enumerate(trace_curves(first, second, joined, ends, tol)):
+    for number, curve in enumerate(trace_curves(first, second, joined, ends, tol, edges)):
         f, g = pair = ends.pairs[curve.pair]
         is_closed = curve.start < 0  # a closed curve has two edges at least
         if curve.like == number:

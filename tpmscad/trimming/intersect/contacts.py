@@ -34,6 +34,13 @@ MIN_SINE = 1e-6
 CONTACT_SNAPS = 4.0
 """Distance from a contact, in snapping distances, within which the piercings of its edges are found."""
 
+MIN_APART_COSINE = 0.999
+"""Cosine of the angle within which a curve of two faces is the edge that lies in one of them: beside corners at which patches are
+singular, normals are inaccurate."""
+
+PATH_FRACTIONS = np.linspace(0.0, 1.0, 17)
+"""Fractions of an edge at which it is sampled as a curve of two faces."""
+
 EDGE_FRACTIONS = np.array([0.0, 0.21, 0.5, 0.83, 1.0])
 """Fractions of an edge at which it must lie in a plane, to lie in it."""
 
@@ -75,6 +82,13 @@ class _Sector:
     start: Array | None
     end: Array | None
     edges: tuple[int, int]
+
+    def runs_along(self, direction: Array, face: int, coplanar: set[tuple[int, int]]) -> bool:
+        """Whether a direction is nearly that of an edge of the sector that lies in the plane of a face, and is the curve there."""
+        return any(
+            (edge, face) in coplanar and along is not None and float(along @ direction) > MIN_APART_COSINE
+            for edge, along in zip(self.edges, (self.start, self.end), strict=True)
+        )
 
     def locate(self, direction: Array) -> int:
         """Of a direction in the tangent plane: 1 within the sector, 0 along `start`, 2 along `end`, -1 beyond."""
@@ -274,16 +288,40 @@ def collect_contact_ends(first: Network, second: Network, contacts: Contacts) ->
                 for sign in (1.0, -1.0):
                     direction = sign * along / length
                     on_theirs, on_ours = f.locate(direction), g.locate(direction)
-                    if on_theirs < 0 or on_ours < 0:
+                    if on_theirs < 0 or on_ours < 0 or f.runs_along(direction, g.face, coplanar):
                         continue
                     if on_theirs == 1 and on_ours == 1:
                         rows.append((g.face, f.face, np.concatenate([g.uv, f.uv]), sign > 0, c))
-                    elif on_ours != 1 or (f.edges[on_theirs // 2], g.face) not in coplanar:
+                    else:
                         raise TrimmingError(f"a common curve of two networks runs along an edge at {at}")
     if not rows:
         return ContactEnds(np.zeros((0, 2), np.int64), np.zeros((0, 4)), np.zeros(0, bool), np.zeros(0, np.int64))
     g, f, parameters, enters, contact = zip(*rows, strict=True)
     return ContactEnds(np.column_stack([g, f]), np.array(parameters), np.array(enters), np.array(contact))
+
+
+def sample_edges_in_planes(first: Network, second: Network, coplanar: IntArray) -> tuple[IntArray, Array]:
+    """Pairs of faces (n, 2) that have an edge of the second one in common, in the plane of the first, and its points (n, m, 10).
+
+    coplanar: as in `Contacts`. Columns of points: position, (u, v) on both faces, unit tangent.
+    """
+    brep = second.brep
+    edge, g = np.repeat(coplanar, 2, axis=0).T
+    use = second.uses[coplanar[:, 0]].ravel()
+    edge, g, use = edge[use >= 0], g[use >= 0], use[use >= 0]
+    n, m = len(use), len(PATH_FRACTIONS)
+    if not n:
+        return np.zeros((0, 2), np.int64), np.zeros((0, m, 10))
+    low, high = brep.edges.span[edge].T
+    t = (low[:, None] + (high - low)[:, None] * PATH_FRACTIONS).ravel()
+    row = np.repeat(edge, m)
+    found = evaluate_curves(list_spline_curves(brep), brep.edges.curve[row], t, (0, 1))
+    points, slope = brep.edges.motion[row].apply(found[0]), brep.edges.motion[row].apply_to_vectors(found[1])
+    on_first = _plane_parameters(first.brep, np.repeat(g, m), points)
+    on_second = evaluate_use_parameters(brep, np.repeat(use, m), t)
+    tangent = slope / np.linalg.norm(slope, axis=1, keepdims=True)
+    paths = np.concatenate([points, on_first, on_second, tangent], axis=1).reshape(n, m, 10)
+    return np.column_stack([g, brep.face_of_use[use]]), paths
 
 
 class _Surroundings:

@@ -91,11 +91,17 @@ class TracedCurve:
 
 
 def trace_curves(
-    first: Network, second: Network, joined: NetworkFaces, ends: CurveEnds, match_tol: float
+    first: Network,
+    second: Network,
+    joined: NetworkFaces,
+    ends: CurveEnds,
+    match_tol: float,
+    edges: tuple[IntArray, Array],
 ) -> list[TracedCurve]:
     """All curves that the faces of two networks have in common; TrimmingError where one is not resolved.
 
     `joined`: the faces of the first network, then those of the second. `ends`: sorted, so that congruent pairs are found.
+    `edges`: pairs of faces (n, 2) that have an edge in common, and its points (n, m, 10), as of a curve; these are not traced.
     """
     patches, pairs = joined.patches, ends.pairs + np.array([0, len(first.faces.low)])
     starts, enters = ends.start, ends.enters
@@ -129,7 +135,7 @@ def trace_curves(
             free[goal] = False
             curves.append(TracedCurve(k, own[i], own[goal], path[:count].copy(), len(curves)))
         found[number] = range(begin, len(curves))
-    closed = _trace_closed_curves(first, second, joined, ends, curves, match_tol, work, path)
+    closed = _trace_closed_curves(first, second, joined, ends, curves, edges, match_tol, work, path)
     return curves + [replace(curve, like=len(curves) + i) for i, curve in enumerate(closed)]
 
 
@@ -151,11 +157,12 @@ def _trace_closed_curves(
     joined: NetworkFaces,
     ends: CurveEnds,
     known: list[TracedCurve],
+    edges: tuple[IntArray, Array],
     match_tol: float,
     work: Work,
     path: Array,
 ) -> list[TracedCurve]:
-    """The curves of pairs of faces that have no ends, besides the known ones.
+    """The curves of pairs of faces that have no ends, besides the known ones and the edges that they have in common.
 
     The polygons of loops let some seeds in that lie just outside: their curves are known from then on, but not wanted. Of
     congruent pairs the first is searched, and the others if it has such curves, which may lie in the loops of those.
@@ -166,6 +173,8 @@ def _trace_closed_curves(
     like = group_congruent_pairs(first.brep, second.brep, ends, candidates)
     is_first = like == np.arange(len(like))
     beside = np.zeros(len(like), bool)
+    factors = np.array([len(second.brep.faces), 1])
+    keys = ends.pairs @ factors
     closed: list[TracedCurve] = []
     for part in (is_first, ~is_first):
         own = np.flatnonzero(part & (is_first | beside[like]))
@@ -176,6 +185,9 @@ def _trace_closed_curves(
             base = int(ends.pairs[known[curve.like].pair, 1])
             moved = curve.points if curve.like == i else _move_to_pair(curve, base, (f, g), first.brep, second.brep)
             curves.append(replace(curve, points=moved))
+        at = np.searchsorted(keys, edges[0] @ factors)
+        for i in np.flatnonzero(np.isin(at, rows)).tolist():
+            curves.append(TracedCurve(int(at[i]), -1, -1, edges[1][i], -1))
         has_others = np.zeros(len(rows), bool)
         searched, outside = np.ascontiguousarray(pairs[rows]), list[TracedCurve]()
         seed, k = np.empty(4), 0
