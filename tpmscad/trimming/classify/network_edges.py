@@ -8,6 +8,7 @@ its own.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from itertools import product
 
 import numpy as np
 
@@ -35,6 +36,9 @@ an edge."""
 
 NEAREST_FACES, NEAREST_CELLS = 64, 8
 """Faces by the distance of their boxes, and cells of them by that of their middles, among which the nearest one is looked for."""
+
+SHORT_RAY_SIZES = 2.0
+"""Length of the first ray in each direction, in sizes of a face: the first face that it meets decides, and few faces are near."""
 
 RAY_CLEARANCE = 1e-6
 """Distance, relative to the size of the networks, by which a ray must clear the edges of the faces it pierces."""
@@ -142,13 +146,17 @@ def points_in_network(network: Network, points: Array) -> BoolArray:
         )
     left = np.flatnonzero(((points >= low) & (points <= high)).all(axis=1))
     size = float(np.linalg.norm(high - low))
-    for direction in RAY_DIRECTIONS / np.linalg.norm(RAY_DIRECTIONS, axis=1, keepdims=True):
+    reach = SHORT_RAY_SIZES * float(np.median((network.high - network.low).max(axis=1)))
+    directions = RAY_DIRECTIONS / np.linalg.norm(RAY_DIRECTIONS, axis=1, keepdims=True)
+    for direction, is_short in product(directions, (True, False)):
         if not len(left):
             return result
         n = len(left)
         direction = np.copysign(direction, 0.5 * (low + high) - points[left])
         way = np.where(direction > 0, high - points[left], low - points[left]) / direction
         length = way.min(axis=1) + (0.0 if is_open else RAY_CLEARANCE * size)
+        if is_short:
+            length = np.minimum(length, reach)
         rays = tuple(line_segment(p, p + t * d) for p, t, d in zip(points[left], length, direction, strict=True))
         edges = tabulate_segments(rays, np.arange(n), Motion.identity(n), np.tile([0.0, 1.0], (n, 1)))
         near = np.unique(find_overlapping_boxes(edges.low, edges.high, network.low, network.high, 0.0)[:, 1])
@@ -171,7 +179,7 @@ def points_in_network(network: Network, points: Array) -> BoolArray:
         normals = faces.patches.layout[face[nearest], SENSE][:, None] * np.cross(jets[:, 1], jets[:, 2])
         rise = np.einsum("nd,nd->n", normals, direction[met])
         result[left[met]] = rise > 0
-        undecided = np.full(n, is_open)
+        undecided = np.full(n, is_open or is_short)
         undecided[met] = doubtful[nearest]
         undecided[pairs[hits.touching_pair, 0]] = True
         left = left[undecided]

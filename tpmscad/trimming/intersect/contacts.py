@@ -17,6 +17,7 @@ from scipy.spatial import cKDTree
 from tpmscad._typing import Array, BoolArray, IntArray
 from tpmscad.brep.boundary_representation import Brep
 from tpmscad.errors import TrimmingError, format_point
+from tpmscad.index_ranges import repeat_rows
 from tpmscad.splines.bspline import is_segment
 from tpmscad.splines.curve_batch import evaluate_curves
 from tpmscad.trimming.intersect.network_hits import (
@@ -69,40 +70,39 @@ class Contacts:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class _Sector:
-    """The sector of a face round a point: from direction `start` counter-clockwise about `normal` to `end`; None: all of it.
+class _Sectors:
+    """S sectors of faces round points: from direction `start` counter-clockwise about `normal` to `end`, NaN for all of a plane.
 
-    `outward`: the normal out of the solid. `uv`: the point on the face. `edges`: those in the directions start and end.
+    `owner` (S,): the number of the point. `face` (S,); `outward` (S, 3): the normal out of the solid; `uv` (S, 2): the point on the
+    face; `edges` (S, 2): those in the directions start and end.
     """
 
-    face: int
+    owner: IntArray
+    face: IntArray
     normal: Array
     outward: Array
     uv: Array
-    start: Array | None
-    end: Array | None
-    edges: tuple[int, int]
+    start: Array
+    end: Array
+    edges: IntArray
 
-    def runs_along(self, direction: Array, face: int, coplanar: set[tuple[int, int]]) -> bool:
-        """Whether a direction is nearly that of an edge of the sector that lies in the plane of a face, and is the curve there."""
-        return any(
-            (edge, face) in coplanar and along is not None and float(along @ direction) > MIN_APART_COSINE
-            for edge, along in zip(self.edges, (self.start, self.end), strict=True)
-        )
+    def take(self, rows: IntArray) -> _Sectors:
+        """The sectors named."""
+        return _Sectors(*(getattr(self, name)[rows] for name in _Sectors.__slots__))
 
-    def locate(self, direction: Array) -> int:
-        """Of a direction in the tangent plane: 1 within the sector, 0 along `start`, 2 along `end`, -1 beyond."""
-        if self.start is None or self.end is None:
-            return 1
+    def locate(self, direction: Array) -> IntArray:
+        """Of directions (S, 3) in the tangent planes: 1 within the sector, 0 along a side of it, -1 beyond."""
         angle, whole = (
-            float(np.arctan2(self.normal @ np.cross(self.start, d), self.start @ d)) % (2 * np.pi)
+            np.arctan2(_dot(self.normal, np.cross(self.start, d)), _dot(self.start, d)) % (2 * np.pi)
             for d in (direction, self.end)
         )
-        if min(angle, 2 * np.pi - angle) < MIN_SINE:
-            return 0
-        if abs(angle - whole) < MIN_SINE:
-            return 2
-        return 1 if angle < whole else -1
+        beside = (np.minimum(angle, 2 * np.pi - angle) < MIN_SINE) | (np.abs(angle - whole) < MIN_SINE)
+        return np.where(np.isnan(whole), 1, np.where(beside, 0, np.where(angle < whole, 1, -1)))
+
+
+def _dot(a: Array, b: Array) -> Array:
+    """Scalar products (n,) of vectors (n, 3)."""
+    return np.asarray(np.einsum("nd,nd->n", a, b))
 
 
 def find_coplanar_edges(first: Network, second: Network, tol: float) -> IntArray:
@@ -149,15 +149,14 @@ def find_contacts(first: Network, second: Network, piercings: Piercings, coplana
     uv = _plane_parameters(first.brep, face, points)
     inside, border = locate_in_faces(first, face, uv)
     made: list[tuple[Array, int, int, float, int, int, float, tuple[int, ...]]] = []
+    known: dict[tuple[int, int], list[int]] = {}
     for i in np.flatnonzero(inside | (border < snap)).tolist():
         point, vertex, edge, t, g = rows[i]
         place = (-1, -1, 0.0, (g,)) if border[i] >= snap else _find_on_border(first.brep, g, point, snap)
-        same = [
-            k
-            for k, other in enumerate(made)
-            if other[1:3] == (vertex, edge) and np.linalg.norm(other[0] - point) < CONTACT_SNAPS * snap
-        ]
+        of_own = known.setdefault((vertex, edge), [])
+        same = [k for k in of_own if np.linalg.norm(made[k][0] - point) < CONTACT_SNAPS * snap]
         if not same:
+            of_own.append(len(made))
             made.append((point, vertex, edge, t, *place))
         elif len(place[3]) > len(made[same[0]][7]):
             made[same[0]] = (point, vertex, edge, t, *place)
@@ -264,40 +263,46 @@ class ContactEnds:
 
 def collect_contact_ends(first: Network, second: Network, contacts: Contacts) -> ContactEnds:
     """The ends of curves at contacts; TrimmingError where faces are tangent, or a curve runs along an edge that is no contact."""
-    around = _Surroundings(first), _Surroundings(second)
-    coplanar = {(int(e), int(g)) for e, g in contacts.coplanar}
-    rows: list[tuple[int, int, Array, bool, int]] = []
-    for c in range(len(contacts)):
-        at, point = format_point(contacts.point[c]), contacts.point[c]
-        if contacts.vertex[c] >= 0:
-            theirs = around[1].at_vertex(int(contacts.vertex[c]))
-        else:
-            theirs = around[1].at_edge(int(contacts.edge[c]), float(contacts.t[c]))
-        if contacts.first_vertex[c] >= 0:
-            ours = around[0].at_vertex(int(contacts.first_vertex[c]))
-        elif contacts.first_edge[c] >= 0:
-            ours = around[0].at_edge(int(contacts.first_edge[c]), float(contacts.first_t[c]))
-        else:
-            ours = [around[0].in_face(contacts.faces[c][0], point)]
-        for f in theirs:
-            for g in ours:
-                along = np.cross(g.outward, f.outward)
-                length = float(np.linalg.norm(along))
-                if length < MIN_SINE:
-                    raise TrimmingError(f"two faces are tangent where they meet near {at}")
-                for sign in (1.0, -1.0):
-                    direction = sign * along / length
-                    on_theirs, on_ours = f.locate(direction), g.locate(direction)
-                    if on_theirs < 0 or on_ours < 0 or f.runs_along(direction, g.face, coplanar):
-                        continue
-                    if on_theirs == 1 and on_ours == 1:
-                        rows.append((g.face, f.face, np.concatenate([g.uv, f.uv]), sign > 0, c))
-                    else:
-                        raise TrimmingError(f"a common curve of two networks runs along an edge at {at}")
-    if not rows:
-        return ContactEnds(np.zeros((0, 2), np.int64), np.zeros((0, 4)), np.zeros(0, bool), np.zeros(0, np.int64))
-    g, f, parameters, enters, contact = zip(*rows, strict=True)
-    return ContactEnds(np.column_stack([g, f]), np.array(parameters), np.array(enters), np.array(contact))
+    at_vertex, at_edge = contacts.vertex >= 0, contacts.vertex < 0
+    theirs = _join_sectors(
+        _sectors_at_vertices(second, np.flatnonzero(at_vertex), contacts.vertex[at_vertex]),
+        _sectors_at_edges(second, np.flatnonzero(at_edge), contacts.edge[at_edge], contacts.t[at_edge]),
+    )
+    at_vertex, at_edge = contacts.first_vertex >= 0, contacts.first_edge >= 0
+    in_face = ~(at_vertex | at_edge)
+    ours = _join_sectors(
+        _sectors_at_vertices(first, np.flatnonzero(at_vertex), contacts.first_vertex[at_vertex]),
+        _sectors_at_edges(first, np.flatnonzero(at_edge), contacts.first_edge[at_edge], contacts.first_t[at_edge]),
+        _sectors_in_faces(first, np.flatnonzero(in_face), contacts),
+    )
+    count = np.bincount(ours.owner, minlength=len(contacts))
+    order, begin = np.argsort(ours.owner, kind="stable"), np.cumsum(count) - count
+    row, step = repeat_rows(count[theirs.owner])
+    f, g = theirs.take(row), ours.take(order[begin[theirs.owner[row]] + step])
+    along = np.cross(g.outward, f.outward)
+    length = np.linalg.norm(along, axis=1)
+    if (length < MIN_SINE).any():
+        at = format_point(contacts.point[f.owner[np.argmin(length)]])
+        raise TrimmingError(f"two faces are tangent where they meet near {at}")
+    factors = np.array([len(first.brep.faces), 1])
+    lies = [np.isin(f.edges[:, i] * factors[0] + g.face, contacts.coplanar @ factors) for i in (0, 1)]
+    found = []
+    for sign in (1.0, -1.0):
+        direction = sign * along / length[:, None]
+        runs_along = [
+            own & (_dot(side, direction) > MIN_APART_COSINE) for own, side in zip(lies, (f.start, f.end), strict=True)
+        ]
+        on_theirs, on_ours = f.locate(direction), g.locate(direction)
+        meets = (on_theirs >= 0) & (on_ours >= 0) & ~(runs_along[0] | runs_along[1])
+        unclear = meets & ((on_theirs == 0) | (on_ours == 0))
+        if unclear.any():
+            at = format_point(contacts.point[f.owner[np.argmax(unclear)]])
+            raise TrimmingError(f"a common curve of two networks runs along an edge at {at}")
+        found.append(np.flatnonzero(meets))
+    rows, enters = np.concatenate(found), np.repeat([True, False], [len(own) for own in found])
+    return ContactEnds(
+        np.column_stack([g.face, f.face])[rows], np.concatenate([g.uv, f.uv], axis=1)[rows], enters, f.owner[rows]
+    )
 
 
 def sample_edges_in_planes(first: Network, second: Network, coplanar: IntArray) -> tuple[IntArray, Array]:
@@ -324,73 +329,72 @@ def sample_edges_in_planes(first: Network, second: Network, coplanar: IntArray) 
     return np.column_stack([g, brep.face_of_use[use]]), paths
 
 
-class _Surroundings:
-    """The faces of a network round its points."""
+def _join_sectors(*parts: _Sectors) -> _Sectors:
+    """Sectors one after another."""
+    return _Sectors(*(np.concatenate([getattr(own, name) for own in parts]) for name in _Sectors.__slots__))
 
-    def __init__(self, network: Network) -> None:
-        self.network, brep = network, network.brep
-        uses, e, start = brep.uses, brep.edges, brep.faces.use_start
-        self.first = np.where(uses.sense > 0, e.start[uses.edge], e.end[uses.edge])
-        self.before = np.arange(-1, len(uses) - 1)
-        self.before[start[:-1]] = start[1:] - 1
-        self.order = np.argsort(self.first, kind="stable")
-        self.sorted = self.first[self.order]
-        self.face = brep.face_of_use
 
-    def at_vertex(self, vertex: int) -> list[_Sector]:
-        """The sectors of the faces round a vertex."""
-        low, high = np.searchsorted(self.sorted, [vertex, vertex + 1])
-        result = []
-        for k in self.order[low:high].tolist():
-            span = self._span(k)
-            arrived = int(self.before[k])
-            leaving, back = self._direction(k, span[0]), -self._direction(arrived, self._span(arrived)[1])
-            edges = int(self.network.brep.uses.edge[k]), int(self.network.brep.uses.edge[arrived])
-            result.append(self._sector(k, span[0], leaving, back, edges))
-        return result
+def _sectors_at_vertices(network: Network, owner: IntArray, vertex: IntArray) -> _Sectors:
+    """The sectors of the faces round vertices (n,); owner (n,): the numbers of these points."""
+    uses, e, start = network.brep.uses, network.brep.edges, network.brep.faces.use_start
+    ahead = uses.sense > 0
+    before = np.arange(-1, len(uses) - 1)
+    before[start[:-1]] = start[1:] - 1
+    begins = np.where(ahead, e.start[uses.edge], e.end[uses.edge])
+    order = np.argsort(begins, kind="stable")
+    low, high = np.searchsorted(begins[order], np.stack([vertex, vertex + 1]))
+    row, step = repeat_rows(high - low)
+    use = order[low[row] + step]
+    arrived = before[use]
+    span = e.span[uses.edge]
+    t, last = np.where(ahead, span[:, 0], span[:, 1])[use], np.where(ahead, span[:, 1], span[:, 0])[arrived]
+    edges = np.column_stack([uses.edge[use], uses.edge[arrived]])
+    sides = _directions(network.brep, use, t), -_directions(network.brep, arrived, last)
+    return _make_sectors(network, owner[row], use, t, *sides, edges)
 
-    def at_edge(self, edge: int, t: float) -> list[_Sector]:
-        """The half planes of the faces beside an edge at a parameter of it."""
-        result = []
-        for k in self.network.uses[edge].tolist():
-            if k >= 0:
-                ahead = self._direction(k, t)
-                result.append(self._sector(k, t, ahead, -ahead, (edge, edge)))
-        return result
 
-    def in_face(self, face: int, point: Array) -> _Sector:
-        """All directions on a planar face about a point of it."""
-        brep = self.network.brep
-        _, outward = _plane_of(brep, face)
-        uv = _plane_parameters(brep, np.array([face]), point[None])[0]
-        return _Sector(face, outward, outward, uv, None, None, (-1, -1))
+def _sectors_at_edges(network: Network, owner: IntArray, edge: IntArray, t: Array) -> _Sectors:
+    """The half planes of the faces beside edges (n,) at parameters of them (n,)."""
+    use = network.uses[edge].ravel()
+    row = np.repeat(np.arange(len(edge)), 2)[use >= 0]
+    use = use[use >= 0]
+    ahead = _directions(network.brep, use, t[row])
+    edges = np.column_stack([edge[row], edge[row]])
+    return _make_sectors(network, owner[row], use, t[row], ahead, -ahead, edges)
 
-    def _span(self, use: int) -> tuple[float, float]:
-        """The parameters of its edge at which a use begins and ends."""
-        uses, span = self.network.brep.uses, self.network.brep.edges.span
-        low, high = span[uses.edge[use]].tolist()
-        return (low, high) if uses.sense[use] > 0 else (high, low)
 
-    def _direction(self, use: int, t: float) -> Array:
-        """The unit tangent of a use at a parameter of its edge."""
-        brep = self.network.brep
-        edge = int(brep.uses.edge[use])
-        curve = list_spline_curves(brep)[brep.edges.curve[edge]]
-        slope = brep.edges.motion[edge].apply_to_vectors(curve(np.array([t]), 1)[0]) * brep.uses.sense[use]
-        return np.asarray(slope / np.linalg.norm(slope))
+def _sectors_in_faces(network: Network, owner: IntArray, contacts: Contacts) -> _Sectors:
+    """All directions on planar faces about contacts in them."""
+    face = np.array([contacts.faces[c][0] for c in owner.tolist()], np.int64)
+    outward = np.array([_plane_of(network.brep, g)[1] for g in face.tolist()]).reshape(-1, 3)
+    uv, nothing = _plane_parameters(network.brep, face, contacts.point[owner]), np.full((len(owner), 3), np.nan)
+    return _Sectors(owner, face, outward, outward, uv, nothing, nothing, np.full((len(owner), 2), -1))
 
-    def _sector(self, use: int, t: float, start: Array, end: Array, edges: tuple[int, int]) -> _Sector:
-        face = int(self.face[use])
-        uv = evaluate_use_parameters(self.network.brep, np.array([use]), np.array([t]))[0]
-        normal = self.normal(face, uv)
-        sense = int(self.network.faces.patches.layout[face, SENSE])
-        return _Sector(face, normal, sense * normal, uv, start, end, edges)
 
-    def normal(self, face: int, uv: Array) -> Array:
-        """The unit vector along S_u x S_v of a face."""
-        jet = evaluate_faces(self.network.faces.patches, np.array([face]), np.ascontiguousarray(uv[None]))[0]
-        normal = np.cross(jet[1], jet[2])
-        return np.asarray(normal / np.linalg.norm(normal))
+def _directions(brep: Brep, use: IntArray, t: Array) -> Array:
+    """Unit tangents (n, 3) of uses (n,) at parameters of their edges (n,)."""
+    if not len(use):
+        return np.zeros((0, 3))
+    edge = brep.uses.edge[use]
+    slope = evaluate_curves(list_spline_curves(brep), brep.edges.curve[edge], t, (1,))[0]
+    slope = brep.edges.motion[edge].apply_to_vectors(slope) * brep.uses.sense[use][:, None]
+    return np.asarray(slope / np.linalg.norm(slope, axis=1, keepdims=True))
+
+
+def _make_sectors(
+    network: Network, owner: IntArray, use: IntArray, t: Array, start: Array, end: Array, edges: IntArray
+) -> _Sectors:
+    """Sectors on the faces of uses (n,) at parameters of their edges (n,)."""
+    patches, face = network.faces.patches, network.brep.face_of_use[use]
+    known = np.flatnonzero(
+        np.diff(network.faces.cells.first)[face] > 0
+    )  # others are far from all faces of the first network
+    owner, use, t, start, end, edges, face = (own[known] for own in (owner, use, t, start, end, edges, face))
+    uv = evaluate_use_parameters(network.brep, use, t)
+    jet = evaluate_faces(patches, face, np.ascontiguousarray(uv))
+    normal = np.cross(jet[:, 1], jet[:, 2])
+    normal /= np.linalg.norm(normal, axis=1, keepdims=True)
+    return _Sectors(owner, face, normal, patches.layout[face, SENSE][:, None] * normal, uv, start, end, edges)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -421,45 +425,40 @@ def find_edges_in_faces(
 
     TrimmingError where a face beside such a piece is tangent to the plane, or two of them meet in it from within.
     """
-    brep, around = second.brep, _Surroundings(second)
-    curves = list_spline_curves(brep)
-    sides: list[tuple[int, int, bool]] = []
-    arcs: list[tuple[int, int, int]] = []
-    for e, g in contacts.coplanar.tolist():
-        _, outward = _plane_of(first.brep, g)
-        for piece in range(first_piece[e], first_piece[e + 1]):
-            t = float(span[piece].mean())
-            point = brep.edges.motion[e].apply(curves[brep.edges.curve[e]](np.array([t])))
-            inside, _ = locate_in_faces(first, np.array([g]), _plane_parameters(first.brep, np.array([g]), point))
-            if not inside[0]:
-                continue
-            beside = []
-            for sector in around.at_edge(e, t):
-                assert sector.start is not None
-                into = np.cross(sector.normal, sector.start)
-                rise = float(into @ outward)
-                if abs(rise) < MIN_SINE:
-                    at = format_point(point[0])
-                    raise TrimmingError(f"two faces are tangent where they meet near {at}")
-                beside.append((rise < 0, into, sector))
-            uses = [k for k in second.uses[e].tolist() if k >= 0]
-            sides += [(piece, k, is_in) for k, (is_in, _, _) in zip(uses, beside, strict=True)]
-            if len({is_in for is_in, _, _ in beside}) == 2 or (len(beside) == 1 and beside[0][0]):
-                tau = around._direction(uses[0], t) * brep.uses.sense[uses[0]]  # along the edge
-                left = np.cross(outward, tau)
-                signs = {int(np.sign(-(sector.outward @ left))) for _, _, sector in beside}
-                if len(signs) > 1 or 0 in signs:
-                    raise TrimmingError(
-                        f"an edge of one network touches a face of the other near {format_point(point[0])}"
-                    )
-                arcs.append((piece, g, signs.pop()))
-            elif all(is_in for is_in, _, _ in beside) and len(beside) == 2:
-                (_, _, one), (_, into, _) = beside
-                if one.outward @ into > 0:
-                    raise TrimmingError(
-                        f"an edge of one network touches a face of the other near {format_point(point[0])}"
-                    )
-    piece, use, inside_of = zip(*sides, strict=True) if sides else ((), (), ())
-    arc_piece, arc_face, arc_sense = zip(*arcs, strict=True) if arcs else ((), (), ())
-    integers = (np.array(column, np.int64) for column in (arc_piece, arc_face, arc_sense))
-    return EdgesInFaces(np.array(piece, np.int64), np.array(use, np.int64), np.array(inside_of, bool), *integers)
+    count = np.diff(first_piece)[contacts.coplanar[:, 0]]
+    row, step = repeat_rows(count)
+    e, g = contacts.coplanar[row].T
+    piece = first_piece[e] + step
+    t = span[piece].mean(axis=1)
+    brep = second.brep
+    point = np.zeros((0, 3))
+    if len(e):
+        point = brep.edges.motion[e].apply(evaluate_curves(list_spline_curves(brep), brep.edges.curve[e], t)[0])
+    inside, _ = locate_in_faces(first, g, _plane_parameters(first.brep, g, point))
+    e, g, piece, t, point = (own[inside] for own in (e, g, piece, t, point))
+    n = len(e)
+    sides = _sectors_at_edges(second, np.arange(n), e, t)
+    use = second.uses[e].ravel()
+    use = use[use >= 0]
+    outward = np.array([_plane_of(first.brep, k)[1] for k in g.tolist()]).reshape(-1, 3)
+    into = np.cross(sides.normal, sides.start)
+    rise = _dot(into, outward[sides.owner])
+    if (np.abs(rise) < MIN_SINE).any():
+        at = format_point(point[sides.owner[np.argmin(np.abs(rise))]])
+        raise TrimmingError(f"two faces are tangent where they meet near {at}")
+    is_in = rise < 0
+    n_in, n_sides = np.bincount(sides.owner[is_in], minlength=n), np.bincount(sides.owner, minlength=n)
+    # where the second solid is, seen from outside on the first: left or right of the edge along its curve
+    along = sides.start * brep.uses.sense[use][:, None]
+    left = np.sign(-_dot(sides.outward, np.cross(outward[sides.owner], along))).astype(np.int64)
+    least, greatest = np.full(n, 2), np.full(n, -2)
+    np.minimum.at(least, sides.owner, left)
+    np.maximum.at(greatest, sides.owner, left)
+    bounds = (n_in == 1) & (n_sides <= 2)
+    last = np.searchsorted(sides.owner, np.arange(n), side="right") - 1
+    from_within = (n_in == 2) & (_dot(sides.outward[last - 1], into[last]) > 0) if n else np.zeros(0, bool)
+    unclear = (bounds & ((least != greatest) | (least == 0))) | from_within
+    if unclear.any():
+        at = format_point(point[np.argmax(unclear)])
+        raise TrimmingError(f"an edge of one network touches a face of the other near {at}")
+    return EdgesInFaces(piece[sides.owner], use, is_in, piece[bounds], g[bounds], least[bounds])

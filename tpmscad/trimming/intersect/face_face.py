@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from tpmscad._compiled_loops import njit_cached, njit_inner
-from tpmscad._typing import Array
+from tpmscad._typing import Array, IntArray
 from tpmscad.brep.boundary_representation import Brep
 from tpmscad.brep.carriers import Plane
 from tpmscad.errors import TrimmingError, format_point
