@@ -146,7 +146,9 @@ def trim_on_parameters(block: LatticeBlock, body: CadBody, operation: Operation 
     """
     read = read_trimming_body(body, block.measures.tol)
     with numerical_failures():
-        result = (_combine_by_networks if read.free_form else _trim_by_brep)(block, body, read, operation)
+        result = (_combine_by_networks if read.free_form or read.carried else _trim_by_brep)(
+            block, body, read, operation
+        )
     volume = 0.0 if result.brep is None else float(result.built.nesting.volume.sum())
     _check_volume_by_sampling(volume, _orient(block.patches, operation), body)
     return result
