@@ -126,7 +126,7 @@ def test_a_file_above_the_limit_is_read_as_a_whole_on_demand_only(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     built, read = build_solids(voxels(np.ones((2, 1, 1), bool))), []
-    monkeypatch.setattr(checked_write, "make_volume_check", lambda volume, rtol: lambda path: read.append(path))
+    monkeypatch.setattr(checked_write, "make_volume_check", lambda volume, rtol, healed: lambda path: read.append(path))
     given = {"schema": "ap242", "name": "a"}
     checked_write.write_checked_brep(built, tmp_path / "a.step", **given)
     assert len(read) == 1  # a small file always

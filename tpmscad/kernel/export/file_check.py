@@ -25,6 +25,7 @@ from tpmscad.kernel.measure.mass_properties import face_moments
 from tpmscad.kernel.measure.shape_report import is_valid
 from tpmscad.kernel.measure.validity import find_faces_to_check
 from tpmscad.kernel.occt.construction import make_compound
+from tpmscad.kernel.occt.convert import CONFUSION_TOLERANCE
 from tpmscad.kernel.occt.exploration import faces_of
 from tpmscad.kernel.step.entity_table import EntityTable, template_marks
 from tpmscad.kernel.step.step_reader import read_step
@@ -57,6 +58,11 @@ _BELOW_SHELLS = re.compile(
 """Entities that are kept only where something kept refers to them."""
 
 
+def carries_gaps(brep: Brep) -> bool:
+    """Whether edges are off their faces by more than the kernel's confusion, so that they need tolerances of their own."""
+    return bool(brep.edges.deviation.max(initial=0.0) > CONFUSION_TOLERANCE)
+
+
 def check_excerpt(path: Path, brep: Brep, nesting: ShellNesting, instances: Sequence[Motion] = ()) -> None:
     """KernelError unless the text holds what was meant and the kernel reads an excerpt of the file as valid faces."""
     table, numbers = check_text(path, brep, nesting, instances)
@@ -66,7 +72,7 @@ def check_excerpt(path: Path, brep: Brep, nesting: ShellNesting, instances: Sequ
         part = Path(folder) / "excerpt.step"
         write_excerpt(path, table, numbers[chosen], part)
         try:
-            content = read_step(part, healed=False)
+            content = read_step(part, healed=carries_gaps(brep))  # a file states no tolerances of edges
         except InvalidRequest as error:
             raise KernelError("export_step", str(error)) from error
     faces = [face for solid in content.solids for face in faces_of(solid)]
