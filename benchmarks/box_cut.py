@@ -18,6 +18,7 @@ import numpy as np
 
 import tpmscad
 from tests.kernel import occt_oracle
+from tests.trimming.network_operands import trim
 from tpmscad import surfaces
 from tpmscad.brep.boundary_representation import scale_brep
 from tpmscad.brep.solid_properties import measure_solid
@@ -26,7 +27,6 @@ from tpmscad.kernel.measure.shape_report import check_shape, is_valid
 from tpmscad.lattices import copies
 from tpmscad.lattices.primitive import fit_offset_surfaces
 from tpmscad.trimming.operands.polyhedra import box
-from tpmscad.trimming.trim_pipeline import trim
 
 CELL, HALF, TOL = 10.0, 0.5, 1e-3
 

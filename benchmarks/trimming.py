@@ -19,6 +19,7 @@ from dataclasses import replace
 import build123d as bd
 import numpy as np
 
+from tests.trimming.network_operands import trim
 from tpmscad.brep.boundary_representation import Brep
 from tpmscad.brep.moments import integral_properties
 from tpmscad.errors import TrimmingError
@@ -29,7 +30,6 @@ from tpmscad.kernel.measure.shape_report import check_shape, is_valid
 from tpmscad.requests.lattice_request import read_lattice_request
 from tpmscad.solids.lattice_block import PatchesOverBox, fit_patches_over_box
 from tpmscad.trimming.operands.polyhedra import box
-from tpmscad.trimming.trim_pipeline import trim
 
 CELL, TOL = 10.0, 1e-3
 HEAD = f"{'surface':>10} {'body':>12} {'patches':>7} {'faces':>6} {'cut':>6} {'build':>6} {'boolean':>8} {'ratio':>6} "

@@ -25,6 +25,7 @@ import numpy as np
 from scipy.stats import qmc
 
 from benchmarks.trimming import covering, turned, volume
+from tests.trimming.network_operands import trim
 from tpmscad.brep.boundary_representation import Brep
 from tpmscad.errors import TpmscadError, TrimmingError
 from tpmscad.kernel.body_import.body_brep import brep_from_shape
@@ -35,7 +36,6 @@ from tpmscad.kernel.measure.shape_report import check_shape
 from tpmscad.kernel.occt.bounding_boxes import enclosing_box
 from tpmscad.solids.boolean_strategies import signed_distances_to_nodes
 from tpmscad.trimming.operands.polyhedra import box
-from tpmscad.trimming.trim_pipeline import trim
 
 KINDS = ("box", "cylinder", "sphere", "cone", "torus")
 SURFACES = ("gyroid", "diamond", "schwarz_p")

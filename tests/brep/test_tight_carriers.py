@@ -10,6 +10,7 @@ import pytest
 
 from tests.brep.test_extents import PARABOLOID, random_rotation, trimmed_face
 from tests.trimming.conftest import covered
+from tests.trimming.network_operands import trim
 from tpmscad.brep.boundary_representation import Brep
 from tpmscad.brep.edge_continuity import measure_edge_continuity
 from tpmscad.brep.extents import true_bounds
@@ -18,7 +19,6 @@ from tpmscad.brep.solid_properties import measure_solid
 from tpmscad.rigid_motion import Motion
 from tpmscad.splines import BSplineCurve, BSplineSurface
 from tpmscad.trimming.operands.polyhedra import box
-from tpmscad.trimming.trim_pipeline import trim
 
 
 def poles_of_faces(brep: Brep) -> list[np.ndarray]:

@@ -14,6 +14,7 @@ import build123d as bd
 from benchmarks.small_bodies import FREE_FORM_BODIES
 from tests.shapes.misfits import volume
 from tests.trimming.conftest import Cover, cover
+from tests.trimming.network_operands import trim
 from tpmscad.brep import connectivity
 from tpmscad.brep.boundary_representation import reverse_faces
 from tpmscad.brep.moments import integral_properties
@@ -25,7 +26,6 @@ from tpmscad.kernel.measure.mass_properties import face_moments
 from tpmscad.kernel.measure.validity import is_brep_valid
 from tpmscad.kernel.occt.construction import make_shell, make_solid
 from tpmscad.kernel.occt.exploration import faces_of, unwrap
-from tpmscad.trimming.trim_pipeline import trim
 
 pytestmark = [pytest.mark.kernel, pytest.mark.slow]
 
@@ -65,7 +65,7 @@ def test_a_body_is_read_closed_with_its_volume_and_tight_edges(case) -> None:
 def test_what_is_inside_the_lattice_and_what_is_outside_make_up_the_body(case, cover: Cover) -> None:
     _, read, name = case
     lattice = cover(name, (1, 1, 1), (0.07, 0.11, 0.19), (-0.04, 0.04))
-    parts = [trim(half, read.brep, free_form=read.free_form) for half in (lattice, reverse_faces(lattice))]
+    parts = [trim(half, read.brep) for half in (lattice, reverse_faces(lattice))]
     whole, (wall, rest) = volume(read.brep), (volume(part.brep) for part in parts)
     assert 0.05 * whole < wall < 0.6 * whole
     # Edges deviate by up to 1e-7 from the surfaces on both of their sides; the faces of both parts share them.
@@ -79,7 +79,7 @@ def test_what_is_inside_the_lattice_and_what_is_outside_make_up_the_body(case, c
 def test_it_is_what_the_kernel_cuts(cover: Cover) -> None:
     body = place(FREE_FORM_BODIES["elbow"](), (20.0, 35.0, 50.0))
     read, lattice = read_free_form_body(body), cover("P", (1, 1, 1), (0.07, 0.11, 0.19), (-0.04, 0.04))
-    own = volume(trim(lattice, read.brep, free_form=read.free_form).brep)
+    own = volume(trim(lattice, read.brep).brep)
     box = brep_from_shape(unwrap(bd.Pos(5, 5, 5) * bd.Box(9.9, 9.9, 9.9)))
     block = build_solids(trim(lattice, box).brep)
     faces = [face for solid in intersect_solids(block.shape, unwrap(body)) for face in faces_of(solid)]
@@ -126,7 +126,7 @@ def test_a_body_with_a_sharp_tip_is_cut(cover: Cover) -> None:
     profile = bd.make_face([side, *bd.Polyline((0, 5.2), (0, 0), (3.2, 0)).edges()])
     read = read_free_form_body(place(bd.revolve(bd.Plane.XZ * profile, bd.Axis.Z), (229.3, 97.1, 14.8)))
     lattice = cover("gyroid", (1, 1, 1), (0.0166, 0.8133, 0.9128), (-0.04, 0.04))
-    parts = [trim(half, read.brep, free_form=read.free_form).brep for half in (lattice, reverse_faces(lattice))]
+    parts = [trim(half, read.brep).brep for half in (lattice, reverse_faces(lattice))]
     assert sum(map(volume, parts)) == pytest.approx(volume(read.brep), rel=1e-7)
     for part in parts:
         assert is_brep_valid(part, build_solids(part).known_faces)

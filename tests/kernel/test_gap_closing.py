@@ -16,6 +16,7 @@ from scipy.interpolate import make_interp_spline
 from benchmarks.made_gaps import BODIES, spoil
 from tests.shapes.misfits import volume
 from tests.trimming.conftest import Cover, cover
+from tests.trimming.network_operands import trim
 from tpmscad.brep import connectivity
 from tpmscad.brep.boundary_representation import reverse_faces
 from tpmscad.brep.carriers import Circle
@@ -30,8 +31,6 @@ from tpmscad.kernel.measure.mass_properties import face_moments
 from tpmscad.kernel.measure.validity import is_brep_valid
 from tpmscad.splines.bspline import BSplineCurve, BSplineSurface, is_segment
 from tpmscad.splines.knots import bezier_knots
-from tpmscad.trimming.operands.trimming_body import prepare_trimming_body
-from tpmscad.trimming.trim_pipeline import trim
 
 pytestmark = pytest.mark.kernel
 
@@ -57,7 +56,6 @@ def test_a_body_with_rounded_edges_is_read_as_the_clean_one(name: str, grid: flo
     (note,) = read.notes
     assert "off its faces" in note
     assert "inaccurate" in note
-    prepare_trimming_body(read.brep, read.free_form)  # separating surfaces exist
 
 
 def test_a_loft_whose_edges_lie_off_its_faces_by_the_kernels_tolerance_is_closed() -> None:
@@ -131,7 +129,7 @@ def test_a_body_with_gaps_is_cut(cover: Cover) -> None:
     body = bd.Pos(5, 5, 2) * bd.Rotation(20, 35, 50) * made("fillet_between_free_forms")
     read = read_free_form_body(spoil(body, 1e-4, faces=False))
     lattice = cover("P", (1, 1, 1), (0.07, 0.11, 0.19), (None, 0.04))
-    parts = [trim(half, read.brep, free_form=read.free_form).brep for half in (lattice, reverse_faces(lattice))]
+    parts = [trim(half, read.brep).brep for half in (lattice, reverse_faces(lattice))]
     assert sum(map(volume, parts)) == pytest.approx(volume(read.brep), rel=1e-6)
     for part in parts:
         assert is_brep_valid(part, build_solids(part).known_faces)

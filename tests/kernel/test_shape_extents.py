@@ -5,6 +5,7 @@ import numpy as np
 import pytest
 
 from tests.trimming.conftest import covered
+from tests.trimming.network_operands import trim
 from tpmscad.brep.extents import true_bounds
 from tpmscad.kernel.body_import.body_brep import brep_from_shape
 from tpmscad.kernel.build.solids import build_solids
@@ -12,7 +13,6 @@ from tpmscad.kernel.measure.shape_extents import shape_bounds
 from tpmscad.kernel.measure.shape_report import check_shape
 from tpmscad.kernel.occt.bounding_boxes import enclosing_box
 from tpmscad.trimming.operands.polyhedra import box
-from tpmscad.trimming.trim_pipeline import trim
 
 pytestmark = pytest.mark.kernel
 

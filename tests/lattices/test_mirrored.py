@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from scipy.optimize import minimize
 
+from tests.trimming.network_operands import trim
 from tpmscad import fields, surfaces, topology
 from tpmscad.brep import connectivity
 from tpmscad.brep.edge_continuity import measure_edge_continuity
@@ -17,7 +18,6 @@ from tpmscad.sources.catalogue_sources import lattice_source
 from tpmscad.splines.bspline import BSplineSurface
 from tpmscad.splines.knots import restrict_surface
 from tpmscad.trimming.operands.polyhedra import box
-from tpmscad.trimming.trim_pipeline import trim
 
 NAMES = ("iwp", "neovius", "frd")
 OFFSETS = {"iwp": (-0.04, 0.03), "neovius": (-0.02, 0.03), "frd": (0.01, 0.035)}

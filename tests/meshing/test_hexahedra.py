@@ -7,6 +7,7 @@ from functools import cache
 import numpy as np
 import pytest
 
+from tests.trimming.network_operands import trim
 from tpmscad import InvalidRequest
 from tpmscad.brep.solid_properties import measure_solid
 from tpmscad.lattices.spline_volumes import SplineVolumes
@@ -16,7 +17,6 @@ from tpmscad.sources.catalogue_sources import lattice_source
 from tpmscad.splines.jacobian_bounds import bound_jacobian
 from tpmscad.studies.hexahedral_meshing import fill_with_splines, mesh_by_splines
 from tpmscad.trimming.operands.polyhedra import box
-from tpmscad.trimming.trim_pipeline import trim
 
 LAYERS = (-0.035, 0.02)  # of unequal size, so that lower and upper cannot be exchanged
 CASES = [("gyroid", (2, 1, 1)), ("diamond", (1, 1, 1)), ("schwarz_p", (1, 1, 1))]

@@ -17,6 +17,7 @@ from tpmscad.kernel.body_import.isolated_reader import read_foreign_coloured_sol
 from tpmscad.kernel.measure.mass_properties import face_moments
 from tpmscad.kernel.occt.exploration import faces_of
 from tpmscad.studies._render import find_pieces
+from tpmscad.trimming import network_boolean
 
 pytestmark = pytest.mark.kernel
 
@@ -67,8 +68,8 @@ def test_what_is_left_of_an_open_face_is_a_group_too() -> None:
         assert 0 < area < face.area if number == top else area == pytest.approx(face.area, rel=1e-9)
 
 
-def test_a_lattice_that_was_moved_keeps_the_labels_of_its_walls() -> None:
-    """Corners of patches lie 3e-4 from the inner sides of the skin, so that the lattice is moved before it is cut."""
+def test_a_lattice_that_was_moved_keeps_the_labels_of_its_walls(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(network_boolean, "SHIFT_TOLS", ())  # else it is cut where it is
     side = 10 + 2 * (SKIN + 3e-4)
     model = tpmscad.infill(bd.Box(side, side, side), **P, skin=SKIN)
     assert any("the lattice was moved" in note for note in model.certificate.notes)
@@ -80,7 +81,10 @@ def test_a_lattice_that_was_moved_keeps_the_labels_of_its_walls() -> None:
 
 
 @pytest.mark.slow
-def test_the_deviation_of_a_lattice_that_was_moved_is_that_from_where_it_was_asked_for() -> None:
+def test_the_deviation_of_a_lattice_that_was_moved_is_that_from_where_it_was_asked_for(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(network_boolean, "SHIFT_TOLS", ())
     side = 10 + 2 * (SKIN + 3e-4)
     body = bd.Box(side, side, side)
     model = tpmscad.infill(body, "neovius", cell=10, thickness=0.6, tol=0.03, skin=SKIN)

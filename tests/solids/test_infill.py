@@ -110,8 +110,8 @@ def test_a_hole_that_touches_a_mirror_plane_of_the_lattice_is_trimmed_on_the_pat
 
 
 def test_the_lattice_is_anchored_at_the_origin_and_turned_about_it() -> None:
-    turned = tpmscad.infill(bd.Box(14, 13, 12), **P, rotation=(90, 0, 0), phase=(0.1, 0.2, 0.3))
-    moved = tpmscad.infill(bd.Box(14, 12, 13), **P, phase=(0.1, 0.2, 0.3))
+    turned = tpmscad.infill(bd.Box(14, 13, 12), **P, rotation=(90, 0, 0), phase=(0.11, 0.23, 0.31))
+    moved = tpmscad.infill(bd.Box(14, 12, 13), **P, phase=(0.11, 0.23, 0.31))
     assert turned.certificate.volume == pytest.approx(moved.certificate.volume, rel=1e-9)
     x, y, z = tuple(moved.solid.center())
     assert tuple(turned.solid.center()) == pytest.approx((x, -z, y), abs=1e-6)

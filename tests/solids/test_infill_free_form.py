@@ -95,7 +95,7 @@ def test_fluid_domains_split_by_the_kernel_are_those_that_are_trimmed(monkeypatc
     def refuse(*_: Any, **options: Any) -> None:
         raise TrimmingError("not today")
 
-    monkeypatch.setattr("tpmscad.solids._fluid_domains.trim_domains", refuse)
+    monkeypatch.setattr("tpmscad.solids._fluid_domains.divide_body", refuse)
     split = tpmscad.fluid_domains(body, **asked)
     assert "split by the kernel" in split.certificate.notes[0]
     assert split.certificate.met, split.certificate.shortfalls

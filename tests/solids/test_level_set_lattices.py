@@ -10,6 +10,7 @@ import pytest
 from scipy.spatial import cKDTree
 
 import tpmscad
+from tests.trimming.network_operands import trim
 from tpmscad import fields, surfaces
 from tpmscad.brep.solid_properties import measure_solid
 from tpmscad.errors import InvalidRequest
@@ -20,7 +21,6 @@ from tpmscad.levelset.periodic.periodic_mesh import PeriodicMesh
 from tpmscad.requests.lattice_request import read_lattice_request
 from tpmscad.sources.level_set_source import COARSEST_GRIDS, LevelSetSource
 from tpmscad.trimming.operands.polyhedra import box
-from tpmscad.trimming.trim_pipeline import trim
 
 LEVEL_SET_SURFACES = tuple(COARSEST_GRIDS)
 

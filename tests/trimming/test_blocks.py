@@ -8,6 +8,7 @@ from scipy.integrate import quad
 from scipy.spatial.transform import Rotation
 
 from tests.shapes.misfits import volume
+from tests.trimming.network_operands import trim
 from tpmscad.brep import connectivity
 from tpmscad.brep.boundary_representation import Brep
 from tpmscad.brep.moments import integral_properties
@@ -15,7 +16,6 @@ from tpmscad.brep.welding import weld_patches
 from tpmscad.rigid_motion import Motion
 from tpmscad.splines.bspline import BSplineSurface
 from tpmscad.trimming.operands.polyhedra import box, polyhedron
-from tpmscad.trimming.trim_pipeline import trim
 
 HEIGHT = 0.5
 SIDES = ((0, 2, 3, 1), (0, 1, 5, 4), (1, 3, 7, 5), (3, 2, 6, 7), (2, 0, 4, 6), (4, 5, 7, 6))
@@ -67,7 +67,7 @@ def test_a_loop_inside_one_patch_is_cut_however_small(below_top: float) -> None:
 
 def test_a_box_inside_the_block_and_one_across_its_corner() -> None:
     block = bumpy_block()
-    inside = trim(block, box([0.2, 0.3, 0.1], [0.7, 0.8, 0.6]), 1e-9, lambda points: np.ones(len(points), bool)).brep
+    inside = trim(block, box([0.2, 0.3, 0.1], [0.7, 0.8, 0.6]), 1e-9).brep
     assert volume(inside) == pytest.approx(0.125, rel=1e-12)
     corner = trim(block, box([-0.5, -0.5, -0.5], [0.25, 0.5, 0.75]), 1e-9).brep
     assert volume(corner) == pytest.approx(0.25 * 0.5 * 0.75, rel=1e-12)

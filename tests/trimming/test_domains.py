@@ -1,19 +1,20 @@
-"""The wall of a sheet lattice and its two channels, rebuilt from one arrangement, fill the body and share their faces."""
+"""A body divided by a sheet lattice: the wall and what it leaves fill the body and share their faces."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
 from tests.shapes import round_shapes as shapes
 from tests.shapes.misfits import volume
+from tests.trimming.network_operands import trim
 from tpmscad.brep import connectivity
-from tpmscad.brep.boundary_representation import Brep
+from tpmscad.brep.boundary_representation import Brep, reverse_faces, select_faces
+from tpmscad.trimming.network_boolean import DividedNetwork, divide_network
 from tpmscad.trimming.operands.polyhedra import box
-from tpmscad.trimming.rebuild.trimmed_brep import LatticeDomain, TrimmedDomains
-from tpmscad.trimming.trim_pipeline import trim, trim_domains
 
 BODIES = {
     "box": (lambda: box(np.array([1.3, 2.1, 1.7]), np.array([8.2, 9.1, 7.9])), 6.9 * 7.0 * 6.2),
@@ -22,46 +23,39 @@ BODIES = {
 
 
 @pytest.fixture(scope="module", params=BODIES)
-def trimmed(
-    request: pytest.FixtureRequest, cover: Callable[..., Brep]
-) -> tuple[Brep, Brep, list[LatticeDomain], TrimmedDomains, float]:
-    """Lattice, body, wall and channels as domains, these trimmed, and the body's volume."""
+def divided(request: pytest.FixtureRequest, cover: Callable[..., Brep]) -> tuple[Brep, Brep, DividedNetwork, float]:
+    """Lattice, body, this divided by that, and the body's volume."""
     lattice = cover("gyroid", (1, 1, 1), (0.02, 0.03, 0.05), (-0.03, 0.05))
     make, expected = BODIES[request.param]
     body = make()
-    domains = [
-        LatticeDomain(np.arange(len(lattice.faces)), 1),
-        *(LatticeDomain(lattice.faces_with_tag(tag), -1) for tag in ("offset+", "offset-")),
-    ]
-    return lattice, body, domains, trim_domains(lattice, body, domains)[0], expected
+    return lattice, body, divide_network(body, lattice, is_cover=True), expected
+
+
+def regions(found: DividedNetwork) -> tuple[Brep, Brep]:
+    """What lies in the lattice, and what does not."""
+    within, beyond = select_faces(found.shared, found.within), select_faces(found.shared, found.beyond)
+    sense = np.where(np.isin(found.beyond, found.reversed_beyond), -beyond.faces.sense, beyond.faces.sense)
+    return within, replace(beyond, faces=replace(beyond.faces, sense=sense))
 
 
 @pytest.mark.slow
-def test_each_domain_is_what_a_trim_of_its_own_gives(trimmed: tuple) -> None:
-    lattice, body, domains, found, _ = trimmed
-    for domain, brep in zip(domains, found.breps, strict=True):
-        alone = trim(domain.select(lattice), body).brep
-        assert len(brep.faces) == len(alone.faces)
-        assert len(brep.edges) == len(alone.edges)
-        np.testing.assert_allclose(volume(brep), volume(alone), rtol=1e-9)
+def test_each_region_is_what_a_cut_of_its_own_gives(divided: tuple[Brep, Brep, DividedNetwork, float]) -> None:
+    lattice, body, found, _ = divided
+    for region, half in zip(regions(found), (lattice, reverse_faces(lattice)), strict=True):
+        alone = trim(half, body).brep
+        assert len(region.faces) == len(alone.faces)
+        assert len(region.edges) == len(alone.edges)
+        np.testing.assert_allclose(volume(region), volume(alone), rtol=1e-9)
 
 
 @pytest.mark.slow
-def test_domains_are_closed_and_fill_the_body(trimmed: tuple) -> None:
-    *_, found, expected = trimmed
-    assert all(connectivity.is_closed(brep) for brep in found.breps)
-    assert sum(volume(brep) for brep in found.breps) == pytest.approx(expected, rel=1e-6)
-
-
-@pytest.mark.slow
-def test_faces_on_the_lattice_are_shared_by_the_wall_and_one_channel(trimmed: tuple) -> None:
-    lattice, *_, found, _ = trimmed
-    caps = found.shared.faces.tag >= len(lattice.tags)
-    count = np.bincount(np.concatenate(found.members), minlength=len(found.shared.faces))
-    np.testing.assert_array_equal(count, np.where(caps, 1, 2))
-    for brep, members in zip(found.breps, found.members, strict=True):
-        np.testing.assert_array_equal(found.shared.faces.carrier[members], brep.faces.carrier)
-    wall, plus, minus = (set(m.tolist()) for m in found.members)
-    assert wall & plus
-    assert wall & minus
-    assert not plus & minus
+def test_regions_are_closed_fill_the_body_and_share_the_lattice(
+    divided: tuple[Brep, Brep, DividedNetwork, float],
+) -> None:
+    _, body, found, expected = divided
+    both = regions(found)
+    assert all(connectivity.is_closed(region) for region in both)
+    assert sum(volume(region) for region in both) == pytest.approx(expected, rel=1e-6)
+    on_body = found.shared.faces.tag < len(body.tags)
+    count = np.bincount(np.concatenate([found.within, found.beyond]), minlength=len(found.shared.faces))
+    np.testing.assert_array_equal(count, np.where(on_body, 1, 2))

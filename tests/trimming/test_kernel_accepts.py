@@ -9,13 +9,13 @@ import numpy as np
 import pytest
 
 from tests.shapes.misfits import volume
+from tests.trimming.network_operands import trim
 from tpmscad.brep.boundary_representation import Brep
 from tpmscad.kernel.body_import.body_brep import brep_from_shape
 from tpmscad.kernel.boolean import boolean_operations
 from tpmscad.kernel.build.solids import build_solids
 from tpmscad.kernel.measure.shape_report import check_shape
 from tpmscad.trimming.operands.polyhedra import box
-from tpmscad.trimming.trim_pipeline import trim
 
 pytestmark = pytest.mark.kernel
 

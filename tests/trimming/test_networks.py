@@ -11,7 +11,7 @@ from scipy.interpolate import make_interp_spline
 from tests.shapes.misfits import volume
 from tests.shapes.round_shapes import sphere
 from tests.trimming.conftest import Cover, cover
-from tests.trimming.network_operands import combine, rod
+from tests.trimming.network_operands import combine, rod, trim
 from tpmscad import fields
 from tpmscad.brep import connectivity
 from tpmscad.brep.boundary_representation import Brep, move_brep, reverse_faces, select_faces, translate_brep
@@ -34,7 +34,6 @@ from tpmscad.trimming.operands.network_tables import (
     tabulate_segments,
 )
 from tpmscad.trimming.operands.polyhedra import box
-from tpmscad.trimming.trim_pipeline import trim
 
 __all__ = ["cover"]
 
@@ -291,7 +290,7 @@ def test_curves_through_graded_sites_do_not_swing(ratio: float) -> None:
     def curve(x: np.ndarray) -> np.ndarray:
         return np.column_stack([np.cos(x), np.sin(x), 0.1 * x**2, np.sqrt(1e-3 + x)])
 
-    spline = make_interp_spline(_choose_parameters(curve(s)), curve(s), DEGREE)
+    spline = make_interp_spline(_choose_parameters(curve(s)[None])[0], curve(s), DEGREE)
     at = spline(np.linspace(spline.t[0], spline.t[-1], 500))
     turn = np.arctan2(at[:, 1], at[:, 0])
     assert np.abs(at - curve(turn)).max() < 0.03

@@ -31,6 +31,9 @@ from tpmscad.surfaces import MirrorSymmetry, PatchSymmetry
 SEARCH_MARGIN_CELLS = 2
 """Cells around the box whose patches are considered: the patches and tetrahedra of a cell lie within 1.5 cells of it."""
 
+COVER_MARGIN_CELLS = 1e-6
+"""Distance beyond the box that patches cover: a cut may move them by less."""
+
 UNIT_SQUARE_CORNERS = np.array([[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 1.0]])
 
 
@@ -55,7 +58,8 @@ def weld_in_box(primitives: Sequence[BSplineSurface], faces: PlacedFaces, size: 
     inside = np.zeros(len(faces.carrier), bool)
     for index, primitive in enumerate(primitives):
         at = np.flatnonzero(faces.carrier == index)
-        inside[at] = _reaches_into_box(faces.motion[at, None].apply(primitive.poles.reshape(-1, 3)), size)
+        poles = faces.motion[at, None].apply(primitive.poles.reshape(-1, 3))
+        inside[at] = _reaches_into_box(poles + COVER_MARGIN_CELLS, size + 2 * COVER_MARGIN_CELLS)
     return faces[inside].weld(primitives)
 
 
@@ -72,7 +76,7 @@ def reflected_pieces_over_box(
     Open, and ragged outside unless the planes of the box are mirrors: then the pieces end in them. With `natural` the phase
     translates the box together with the lattice, so that its planes stay mirrors.
     """
-    motion = place_pieces(symmetry, cells, phase, natural=natural)
+    motion = place_pieces(symmetry, cells, phase, natural=natural, margin=0.0 if natural else COVER_MARGIN_CELLS)
     parts = []
     for layer in offsets.layers():
         # A reflection reverses S_u x S_v against the image of the gradient, which it keeps.
@@ -81,11 +85,17 @@ def reflected_pieces_over_box(
     return PlacedFaces.concatenate(parts).weld(offsets.primitives)
 
 
-def place_pieces(symmetry: MirrorSymmetry, cells: tuple[int, int, int], phase: Array, *, natural: bool) -> Motion:
-    """Motions of the piece into every tetrahedron with a part inside the box; with `natural` the box moves with the phase."""
+def place_pieces(
+    symmetry: MirrorSymmetry, cells: tuple[int, int, int], phase: Array, *, natural: bool, margin: float = 0.0
+) -> Motion:
+    """Motions of the piece into every tetrahedron that reaches into the box, or to `margin` (cells) beside it.
+
+    With `natural` the box moves with the phase.
+    """
     shift, phase = (phase, 0 * phase) if natural else (0 * phase, phase)
     motion = _copies_around_box(symmetry.motions, cells, phase)
-    motion = motion[_reaches_into_box(motion[:, None].apply(symmetry.edges.reshape(4, 3)), np.array(cells))]
+    corners = motion[:, None].apply(symmetry.edges.reshape(4, 3))
+    motion = motion[_reaches_into_box(corners + margin, np.array(cells) + 2 * margin)]
     return Motion(motion.rotation, motion.translation + shift)
 
 

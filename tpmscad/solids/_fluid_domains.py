@@ -1,9 +1,8 @@
 """The three domains of a heat exchanger: the wall of a sheet lattice in a body, and the two channels that it separates.
 
 The wall is a lattice of constant thickness, or one that closes the channels at all faces but their openings (`closed_channels`).
-Lattice and body are intersected once on the patches' parameter domains, and the three domains are rebuilt from that arrangement;
-common faces, edges and vertices are the same by construction. Where that fails, as for free-form faces that leave gaps, the
-kernel splits the body by the lattice's surfaces.
+Lattice and body are cut by each other once (`divided_body`); common faces, edges and vertices are the same by construction. Where
+that fails, the kernel splits the body by the lattice's surfaces.
 """
 
 from __future__ import annotations
@@ -19,14 +18,12 @@ from tpmscad.brep.boundary_representation import Brep
 from tpmscad.brep.moments import integral_properties
 from tpmscad.errors import InvalidRequest, KernelError, MissingDomain, TrimmingError
 from tpmscad.fallbacks import Fallback, Fallbacks
-from tpmscad.kernel.body_import.body_brep import FreeFormBody
 from tpmscad.kernel.body_import.cad_body import CadBody, read_body
 from tpmscad.kernel.boolean.body_split import SplitSolid, split_body
 from tpmscad.kernel.boolean.boolean_operations import OcctSolids
 from tpmscad.kernel.boolean.cut_faces import label_cut_solids
-from tpmscad.kernel.build.solids import BrepSolids, build_regions
+from tpmscad.kernel.build.solids import BrepSolids
 from tpmscad.kernel.measure.envelope import Envelope
-from tpmscad.kernel.measure.validity import is_brep_valid
 from tpmscad.kernel.occt.exploration import faces_of
 from tpmscad.kernel.step.face_labels import LABEL_OF_TAG, OPENING, label_faces, label_outer_faces
 from tpmscad.requests.channel_openings import ChannelOpenings, resolve_channel_openings
@@ -40,12 +37,11 @@ from tpmscad.solids.boolean_strategies import (
     KERNEL_BOOLEAN,
     TRIMMED_PATCHES,
     certify_cut_solids,
-    corner_clearance,
     numerical_failures,
     read_trimming_body,
 )
 from tpmscad.solids.closed_channels import build_closed_block
-from tpmscad.solids.dead_ends import absorb_dead_ends
+from tpmscad.solids.divided_body import divide_body
 from tpmscad.solids.field_bodies import (
     FieldBody,
     fit_field_body,
@@ -54,12 +50,9 @@ from tpmscad.solids.field_bodies import (
     reject_solid,
     resolve_field,
 )
-from tpmscad.solids.field_body_domains import body_areas, divide_field_body
 from tpmscad.solids.field_body_infill import reject_empty
 from tpmscad.solids.lattice_block import LatticeBlock, build_lattice_block
 from tpmscad.stage_timer import StageTimer
-from tpmscad.trimming.rebuild.trimmed_brep import LatticeDomain
-from tpmscad.trimming.trim_pipeline import trim_domains
 
 TOTAL_VOLUME_RTOL = 1e-6
 """Largest difference between the sum of the domains' volumes and the body's volume, relative to the latter."""
@@ -180,21 +173,15 @@ def _find_openings(channel: DomainSolids, block: LatticeBlock) -> frozenset[str]
 
 
 def _divide_field_body(body: FieldBody, block: LatticeBlock) -> dict[str, DomainSolids]:
-    """The three domains of a field's solid, divided by the lattice as networks of patches."""
+    """The three domains of a field's solid."""
     try:
-        parts, moved, notes = divide_field_body(body, block)
+        return _name_domains(body.cad, body.built.brep, block)
     except TrimmingError as error:
         raise reject_empty(error, body) from error
-    found = {}
-    for name in (WALL, PLUS, MINUS):
-        if not len(parts[name].brep.faces):
-            raise _missing_domain(body.cad, name, block)
-        found[name] = DomainSolids(parts[name], parts[name].brep, body_areas(parts[name].brep, body), notes, moved)
-    return found
 
 
 def _compute_domains(block: LatticeBlock, body: CadBody) -> dict[str, DomainSolids]:
-    """The three domains: trimmed on the patches' own parameters if possible, else split by the kernel."""
+    """The three domains of a CAD body: cut on the patches' own parameters if possible, else split by the kernel."""
     outcome = DOMAIN_METHODS.run(block, body)
     if not outcome.failures:
         return outcome.value
@@ -203,46 +190,25 @@ def _compute_domains(block: LatticeBlock, body: CadBody) -> dict[str, DomainSoli
 
 
 def _trim_domains(block: LatticeBlock, body: CadBody) -> dict[str, DomainSolids]:
-    """The three domains rebuilt from one arrangement of the patches and the body."""
-    read, patches = read_trimming_body(body), block.patches
+    """The three domains of a CAD body by a cut of its faces and the patches."""
+    read = read_trimming_body(body)
     with numerical_failures():
-        return _trim_domains_by(read, patches, block, body)
+        domains = _name_domains(body, read.brep, block)
+    return {name: replace(domain, notes=(*domain.notes, *read.notes)) for name, domain in domains.items()}
 
 
-def _trim_domains_by(read: FreeFormBody, patches: Brep, block: LatticeBlock, body: CadBody) -> dict[str, DomainSolids]:
-    """As `_trim_domains`, of the body's boundary representation."""
-    bounds = {
-        WALL: LatticeDomain(np.arange(len(patches.faces)), 1),
-        PLUS: LatticeDomain(patches.faces_with_tag("offset+"), -1),
-        MINUS: LatticeDomain(patches.faces_with_tag("offset-"), -1),
-    }
-    for name, bound in bounds.items():
-        if not len(bound.faces):  # the closings leave nothing of a channel
+def _name_domains(body: CadBody, brep: Brep, block: LatticeBlock) -> dict[str, DomainSolids]:
+    """The three domains of a body, by a cut of its boundary representation and the patches; MissingDomain if one is empty."""
+    divided, result = divide_body(brep, block), {}
+    for name in (WALL, PLUS, MINUS):
+        if name not in divided.domains:
             raise _missing_domain(body, name, block)
-    trimmed, report = trim_domains(
-        patches,
-        read.brep,
-        list(bounds.values()),
-        free_form=read.free_form,
-        clearance=corner_clearance(patches),
-        max_shift=block.max_shift,
-    )
-    for name, domain in zip(bounds, trimmed.breps, strict=True):
-        if not len(domain.faces):
-            raise _missing_domain(body, name, block)
-    first, n_faces = len(patches.tags), len(read.brep.tags)
-    trimmed, absorbed = absorb_dead_ends(trimmed, first) if block.closes_channels else (trimmed, ())
-    openings = (*patches.tags, *[OPENING] * n_faces)
-    domains = [trimmed.breps[0], *(replace(channel, tags=openings) for channel in trimmed.breps[1:])]
-    built = build_regions(trimmed.shared, domains, trimmed.members)
-    if not all(is_brep_valid(domain, of.faces) for domain, of in zip(domains, built, strict=True)):
-        raise TrimmingError("the kernel's check rejects a domain")
-    notes = "trimmed on the patches' parameter domains", *report.notes, *read.notes, *absorbed
-    result = {}
-    for name, domain, of in zip(bounds, domains, built, strict=True):
-        area = np.bincount(domain.faces.tag, integral_properties.integrate_faces(domain).area, first + n_faces)
-        areas = area[first:]
-        result[name] = DomainSolids(of, domain, dict(enumerate(areas.tolist())), notes, report.shifted)
+        built = divided.domains[name]
+        area = np.bincount(
+            built.brep.faces.tag, integral_properties.integrate_faces(built.brep).area, len(built.brep.tags)
+        )
+        on_body = dict(enumerate(area[: len(brep.tags)].tolist()))  # the tags of the first network come first
+        result[name] = DomainSolids(built, built.brep, on_body, divided.notes, divided.moved)
     return result
 
 

@@ -43,8 +43,8 @@ from tpmscad.solids.mapped_block import cover_mapped_lattice, exact_source
 from tpmscad.solids.patch_measures import measure_lattice_patches
 from tpmscad.solids.reference_distance import lattice_distance
 from tpmscad.stage_timer import StageTimer
+from tpmscad.trimming.network_boolean import combine_networks
 from tpmscad.trimming.operands.polyhedra import box
-from tpmscad.trimming.trim_pipeline import trim
 
 FIT_TOL_FRACTIONS = (1.0, 0.1, 0.01)
 """Fractions of the tolerance to which primitives are fitted, in order, while the cuts of coarser patches cannot be traced."""
@@ -314,5 +314,5 @@ def _advise_cells(surface: mapped_surface.MappedSurface, cells: tuple[int, int, 
 
 def _trim_by_body(brep: Brep, body: Brep, cell: float) -> tuple[Brep, tuple[str, ...]]:
     """The part inside a body, closed by caps, and a note if the lattice had to be moved off a face that it touches."""
-    cut = trim(brep, body, tol=find_trim_tolerance(cell))
+    cut = combine_networks(body, brep, "intersection", tol=find_trim_tolerance(cell), is_cover=True)
     return cut.brep, cut.report.notes

@@ -33,7 +33,6 @@ from tpmscad.solids.lattice_block import LatticeBlock
 from tpmscad.solids.patch_measures import move_patch_measures
 from tpmscad.splines.bspline import BSplineSurface
 from tpmscad.trimming.network_boolean import Operation, combine_networks
-from tpmscad.trimming.trim_pipeline import trim
 
 TRIMMED_PATCHES = "patches"
 KERNEL_BOOLEAN = "kernel"
@@ -81,11 +80,6 @@ class BooleanResult:
         return self.built.solids
 
 
-CLEARANCE_SIDES = 0.004
-"""Sides of a patch: a corner of a patch that lies nearer to a face of the body leaves a sliver there. A patch is two to four
-walls wide, so that this is about a hundredth of the wall."""
-
-
 def certify_cut_solids(
     block: LatticeBlock,
     built: BrepSolids | OcctSolids,
@@ -116,14 +110,6 @@ def intersect_body_with_lattice(block: LatticeBlock, body: CadBody) -> BooleanRe
     return replace(result, notes=(f"{first}: {outcome.reasons}", *others))
 
 
-def corner_clearance(patches: Brep) -> float:
-    """The distance that corners of patches should keep from the faces of a body, in model units."""
-    edges = patches.edges
-    return CLEARANCE_SIDES * float(
-        np.linalg.norm(patches.vertices[edges.end] - patches.vertices[edges.start], axis=1).min()
-    )
-
-
 def trim_on_parameters(block: LatticeBlock, body: CadBody, operation: Operation = "intersection") -> BooleanResult:
     """Patches and body cut by each other on their parameter domains, the lattice moved within its tolerance where that is needed.
 
@@ -131,7 +117,7 @@ def trim_on_parameters(block: LatticeBlock, body: CadBody, operation: Operation 
     """
     read = read_trimming_body(body)
     with numerical_failures():
-        result = (_combine_by_networks if read.free_form else _trim_by_brep)(block, body, read, operation)
+        result = _combine_by_networks(block, read, operation)
     volume = 0.0 if result.brep is None else float(result.built.nesting.volume.sum())
     _check_volume_by_sampling(volume, _orient(block.patches, operation), body)
     return result
@@ -168,28 +154,13 @@ def numerical_failures() -> Iterator[None]:
         raise TrimmingError(f"the cut met a singular case ({type(error).__name__} in {step})") from error
 
 
-def _combine_by_networks(block: LatticeBlock, body: CadBody, read: FreeFormBody, operation: Operation) -> BooleanResult:
+def _combine_by_networks(block: LatticeBlock, read: FreeFormBody, operation: Operation) -> BooleanResult:
     """The faces of the body and the patches, cut by each other as two networks."""
     try:
         cut = combine_networks(
             read.brep, block.patches, operation, build=build_valid_solids, max_shift=block.max_shift, is_cover=True
         )
     except NothingLeft:
-        return BooleanResult(OcctSolids(()), None, TRIMMED_PATCHES, ())
-    notes = TRIMMED_NOTE, *cut.report.notes, *read.notes
-    return BooleanResult(cut.built, cut.brep, TRIMMED_PATCHES, notes, shifts=(tuple(cut.report.shift.tolist()),))
-
-
-def _trim_by_brep(block: LatticeBlock, body: CadBody, read: FreeFormBody, operation: Operation) -> BooleanResult:
-    """The patches trimmed by the planes and quadrics of the body."""
-    cut = trim(
-        _orient(block.patches, operation),
-        read.brep,
-        build=lambda brep: build_valid_solids(brep) if len(brep.faces) else None,
-        clearance=corner_clearance(block.patches),
-        max_shift=block.max_shift,
-    )
-    if cut.built is None:
         return BooleanResult(OcctSolids(()), None, TRIMMED_PATCHES, ())
     notes = TRIMMED_NOTE, *cut.report.notes, *read.notes
     return BooleanResult(cut.built, cut.brep, TRIMMED_PATCHES, notes, shifts=(tuple(cut.report.shift.tolist()),))

@@ -44,8 +44,8 @@ from tpmscad.solids.field_patches import fit_field_patches
 from tpmscad.solids.mapped_block import exact_source
 from tpmscad.solids.patch_measures import measure_field_patches, measure_lattice_patches
 from tpmscad.stage_timer import StageTimer
+from tpmscad.trimming.network_boolean import combine_networks
 from tpmscad.trimming.operands.polyhedra import box
-from tpmscad.trimming.trim_pipeline import trim
 
 BLOCK_MARGIN_CELLS = 0.1237
 """In cells: how far a block reaches beyond the body's box. The odd value keeps its faces out of symmetry planes."""
@@ -200,8 +200,9 @@ def build_block_over_box(
         measures = measure_lattice_patches(request, cover.mapping, patches, cover.fit)
 
     def trim_to_box() -> Brep:
-        closed = trim(cover.patches, box(cover.low, cover.high), find_trim_tolerance(max(request.cell))).brep
-        return move_brep(closed, motion)
+        tol = find_trim_tolerance(max(request.cell))
+        cut = combine_networks(box(cover.low, cover.high), cover.patches, "intersection", tol, is_cover=True)
+        return move_brep(cut.brep, motion)
 
     return LatticeBlock(patches, measures, trim_to_box)
 

@@ -20,9 +20,8 @@ from tpmscad._typing import Array
 from tpmscad.brep.deviation import combine_deviations
 from tpmscad.errors import InvalidRequest
 from tpmscad.fields.field import Field
-from tpmscad.lattices.copies import weld_in_box
+from tpmscad.lattices.copies import COVER_MARGIN_CELLS, weld_in_box
 from tpmscad.lattices.offset_surfaces import (
-    TOUCH_TOL_CELLS,
     Layers,
     LayersFit,
     PatchAssembly,
@@ -96,7 +95,9 @@ class LevelSetSource(LatticeSource[LevelSetLayers]):
         for fit, outward, tag in zip(fitted, (-1, 1), ("offset-", "offset+"), strict=True):
             if fit is None:
                 continue
-            patch, motion = place_copies_in_box(fit, -shift, size - shift, TOUCH_TOL_CELLS)
+            patch, motion = place_copies_in_box(
+                fit, -shift - COVER_MARGIN_CELLS, size - shift + COVER_MARGIN_CELLS, 0.0
+            )
             motion = Motion(motion.rotation, motion.translation + shift)
             parts.append(place_faces(len(primitives) + patch, motion, outward * motion.handedness, tag))
             primitives += patch_surfaces(fit)

@@ -1,7 +1,7 @@
 """Spline bases: Bernstein polynomials, B-splines and Legendre polynomials, their derivatives and the maps between them.
 
 Every basis function of the program is evaluated here. A knot vector holds its knots with repetition and has
-len(knots) - degree - 1 basis functions. Three evaluators stand side by side because each is the fastest for its caller, and
+len(knots) - degree - 1 basis functions. Two evaluators stand side by side because each is the fastest for its caller, and
 because their results differ in the last digits:
 
 - `design_matrix` and `design_matrices`: all basis functions at each parameter, dense. A patch has tens of basis functions, for
@@ -9,8 +9,8 @@ because their results differ in the last digits:
   from one table of powers; several spans are evaluated by SciPy's B-splines.
 - `nonzero_basis`: only the degree + 1 basis functions that do not vanish, by the Cox-de Boor recursion. Trivariate tensor
   products with long knot vectors need these alone.
-- `evaluate_by_de_boor`: points instead of basis functions, each parameter with poles and knots of its own, by
-  de Boor's algorithm. Thousands of curves with different knot vectors share one call.
+
+Thousands of curves with different knot vectors are evaluated by de Boor's algorithm in one call (`curve_batch`).
 
 Sources: C. de Boor, A Practical Guide to Splines (2001), chapters IX and X; R. T. Farouki, Legendre-Bernstein basis
 transformations, J. Comput. Appl. Math. 119 (2000), 145-160.
@@ -173,8 +173,14 @@ def nonzero_basis(knots: Array, degree: int, t: Array) -> tuple[IntArray, Array,
     """
     last = len(knots) - degree - 2
     span = np.clip(np.searchsorted(knots, t, side="right") - 1, degree, last)
-    upper = [knots[span + j] - t for j in range(1, degree + 1)]
-    lower = [t - knots[span + 1 - j] for j in range(1, degree + 1)]
+    about = knots[span - degree + 1 + np.arange(2 * degree)[:, None]]
+    return (span - degree, *nonzero_basis_of_spans(about, degree, t))
+
+
+def nonzero_basis_of_spans(knots: Array, degree: int, t: Array) -> tuple[Array, Array]:
+    """Values and slopes (n, degree + 1) at t (n,) of the basis functions on the spans in the middle of knots (2 degree, n)."""
+    upper = [knots[degree - 1 + j] - t for j in range(1, degree + 1)]
+    lower = [t - knots[degree - j] for j in range(1, degree + 1)]
     values = [np.ones(len(t))]
     ratios: list[Array] = []
     for j in range(1, degree + 1):
@@ -184,27 +190,7 @@ def nonzero_basis(knots: Array, degree: int, t: Array) -> tuple[IntArray, Array,
         values = [a + b for a, b in zip(rising, falling, strict=True)]
     zero = np.zeros(len(t))
     slopes = [degree * (a - b) for a, b in zip([zero, *ratios], [*ratios, zero], strict=True)]
-    return span - degree, np.stack(values, axis=-1), np.stack(slopes, axis=-1)
-
-
-def evaluate_by_de_boor(poles: Array, knots: Array, t: Array) -> Array:
-    """Points (D, n) at t (n,) from the poles (D, p + 1, n) and the knots (2 p, n) about each parameter's interval."""
-    p = poles.shape[1] - 1
-    for r in range(1, p + 1):
-        left = knots[r - 1 : p]
-        ratio = (t - left) / (knots[p : 2 * p - r + 1] - left)
-        poles = poles[:, :-1] + ratio * (poles[:, 1:] - poles[:, :-1])
-    return poles[:, 0]
-
-
-def differentiate_local_poles(poles: Array, knots: Array, order: int) -> tuple[Array, Array]:
-    """Poles (D, p + 1, n) and knots (2 p, n) about each parameter's interval, of the derivative of the given order."""
-    for _ in range(order):
-        p = poles.shape[1] - 1
-        if p == 0:
-            return np.zeros_like(poles), knots
-        poles, knots = p * np.diff(poles, axis=1) / (knots[p:] - knots[:p]), knots[1:-1]
-    return poles, knots
+    return np.stack(values, axis=-1), np.stack(slopes, axis=-1)
 
 
 def differentiate_poles(poles: Array, knots: Array, degree: int) -> tuple[Array, Array, int]:

@@ -39,8 +39,8 @@ from tpmscad.solids.skin import erode_body
 from tpmscad.solids.tiled_body import TILE_CORNERS, read_tiled_body
 from tpmscad.stage_timer import StageTimer
 from tpmscad.studies.layer_slices import Slices, choose_chord_error, collect_layers, divide_into_layers
+from tpmscad.trimming.network_boolean import combine_networks
 from tpmscad.trimming.operands.polyhedra import box
-from tpmscad.trimming.trim_pipeline import trim
 
 SLICING_SHARE = 0.5
 """Share of the chord error for cutting faces; the rest is for leaving out points."""
@@ -174,7 +174,8 @@ class CellSections:
         if corner not in self._tiles:
             cover = fit_patches_over_box(self.request, low, low + self.cell, lambda fraction: None)
             tol = find_trim_tolerance(max(self.request.cell))
-            solids = build_solids(trim(cover.patches, box(low, low + self.cell), tol).brep)
+            cell = box(low, low + self.cell)
+            solids = build_solids(combine_networks(cell, cover.patches, "intersection", tol, is_cover=True).brep)
             self._tiles[corner] = triangulate_for_slices(solids.shape, SLICING_SHARE * self.error)
         cut = slice_solids(self._tiles[corner], self.bottom + rest, SLICING_SHARE * self.error)
         sections: list[CellSection | TrimmingError] = []

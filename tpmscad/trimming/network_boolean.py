@@ -17,13 +17,30 @@ import numpy as np
 
 from tpmscad._typing import Array, IntArray
 from tpmscad.brep.boundary_representation import Brep, translate_brep
-from tpmscad.errors import InvalidRequest, NothingLeft, TrimmingError, UntracedCurve
+from tpmscad.brep.restricted_surfaces import restrict_carriers
+from tpmscad.errors import InvalidRequest, NothingLeft, TrimmingError
 from tpmscad.fallbacks import Fallback, Fallbacks
-from tpmscad.trimming.classify.network_edges import classify_pieces, split_network_edges
+from tpmscad.trimming.classify.network_edges import classify_pieces, sort_splits, split_network_edges
 from tpmscad.trimming.intersect.common_curves import CommonCurves, trace_common_curves
-from tpmscad.trimming.intersect.network_hits import SNAP_TOLS, collect_curve_ends, find_hits, prepare_networks
+from tpmscad.trimming.intersect.contacts import (
+    NO_EDGES_IN_FACES,
+    collect_contact_ends,
+    find_contacts,
+    find_coplanar_edges,
+    find_edges_in_faces,
+    find_resolved,
+)
+from tpmscad.trimming.intersect.network_hits import (
+    SNAP_TOLS,
+    collect_curve_ends,
+    find_piercings,
+    prepare_networks,
+    select_hits,
+)
 from tpmscad.trimming.rebuild.network_result import CutNetwork, KeptPart, rebuild_networks, rebuild_parts
-from tpmscad.trimming.trim_pipeline import DEFAULT_TOL
+
+DEFAULT_TOL = 1e-7
+"""Tolerance in model units; kernels give every edge at least this tolerance, so that a smaller one has no effect there."""
 
 SHIFT_TOLS = (0.0, 25.0, 60.0)
 """Lengths of the translations of the second network that are tried, in tolerances."""
@@ -127,7 +144,7 @@ def combine_networks(
         raise InvalidRequest(f"the operation {operation!r} is none of {', '.join(KEPT_PARTS)}")
 
     def finish(cut: CutNetworks) -> NetworkResult:
-        brep = rebuild_networks(cut.operands, KEPT_PARTS[operation], cut.arcs, cut.vertices)
+        brep = restrict_to_vertices(rebuild_networks(cut.operands, KEPT_PARTS[operation], cut.arcs, cut.vertices))
         return NetworkResult(brep, cut.report, build(brep) if build else None)
 
     return _cut_networks(_Operands(first, second, tol, is_cover), may_move, max_shift, finish)
@@ -164,6 +181,7 @@ def divide_network(
 
     def finish(cut: CutNetworks) -> DividedNetwork:
         shared, part = rebuild_parts(cut.operands, parts, cut.arcs, cut.vertices)
+        shared = restrict_to_vertices(shared)
         faces = [np.flatnonzero(part == k) for k in range(3)]
         found = DividedNetwork(
             shared,
@@ -175,6 +193,11 @@ def divide_network(
         return replace(found, built=build(found)) if build else found
 
     return _cut_networks(_Operands(first, second, tol, is_cover), True, max_shift, finish)
+
+
+def restrict_to_vertices(brep: Brep) -> Brep:
+    """The same faces, with carriers restricted where their poles leave the box of the vertices."""
+    return restrict_carriers(brep, brep.vertices.min(axis=0), brep.vertices.max(axis=0)) if len(brep.vertices) else brep
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -213,7 +236,7 @@ def _cut_networks(operands: _Operands, may_move: bool, max_shift: float, finish:
             for s in shifts
         ),
         retry_on=(TrimmingError,),
-        final=(UntracedCurve, NothingLeft),
+        final=(NothingLeft,),
     )
     outcome = placements.run(operands, finish)
     reason = str(outcome.failures[0]) if outcome.failures else ""
@@ -223,28 +246,49 @@ def _cut_networks(operands: _Operands, may_move: bool, max_shift: float, finish:
 def _cut_translated(shift: Array, of: _Operands, finish: Callable[[CutNetworks], R]) -> R:
     """What is made of two networks, the second translated by a vector."""
     tol = of.tol
-    second = translate_brep(of.second, shift) if shift.any() else of.second
-    networks = prepare_networks(of.first, second, SNAP_TOLS * tol, is_cover=of.is_cover)
-    hits = find_hits(*networks, tol), find_hits(*networks[::-1], tol)
-    counts = [len(h.edge) for h in hits]
-    ends = collect_curve_ends(*networks, hits, tol)
-    arcs = trace_common_curves(*networks, ends, sum(counts), tol)
-    breps = [n.brep for n in networks]
-    n_first, n_second = (len(b.vertices) for b in breps)
-    # The vertices are those of the first network, those of the second, the hits, and the points of closed curves. Each network's
-    # pieces are classified with its own vertices first, and numbered over all afterwards.
-    vertices = np.concatenate([breps[0].vertices, breps[1].vertices, hits[0].point, hits[1].point, arcs.points])
+    moved = translate_brep(of.second, shift) if shift.any() else of.second
+    networks = first, second = prepare_networks(of.first, moved, SNAP_TOLS * tol, is_cover=of.is_cover)
+    coplanar = find_coplanar_edges(first, second, tol)
+    nothing = np.zeros((0, 2), np.int64)
+    piercings = find_piercings(first, second, tol, nothing), find_piercings(second, first, tol, coplanar)
+    contacts = find_contacts(first, second, piercings[1], coplanar, tol)
+    resolved = find_resolved(first, second, piercings, contacts, tol)
+    hits = (
+        select_hits(first, second, piercings[0], resolved[0], tol),
+        select_hits(second, first, piercings[1], resolved[1], tol),
+    )
+    # The vertices are those of the first network, those of the second, the hits, the crossings of edges, and the points of closed
+    # curves.
+    n_first, n_second, n_hits = len(first.brep.vertices), len(second.brep.vertices), [len(h.edge) for h in hits]
+    crossing = contacts.vertex < 0
+    first_hits = n_first + n_second, n_first + n_second + n_hits[0]
+    number = np.where(crossing, first_hits[1] + n_hits[1] + np.cumsum(crossing) - 1, n_first + contacts.vertex)
+    at_contacts = collect_contact_ends(first, second, contacts)
+    (g, f), (of_first, of_second) = at_contacts.faces.T, np.split(at_contacts.parameters, 2, axis=1)
+    others = (g, f, of_first, of_second, at_contacts.enters, number[at_contacts.contact])
+    ends = collect_curve_ends(first, second, hits, [others] if len(g) else [], tol)
+    points = np.concatenate(
+        [first.brep.vertices, second.brep.vertices, hits[0].point, hits[1].point, contacts.point[crossing]]
+    )
+    arcs = trace_common_curves(first, second, ends, len(points), tol)
+    vertices = np.concatenate([points, arcs.points])
+
+    numbers = np.arange(n_first), n_first + np.arange(n_second)
+    numbers[0][contacts.first_vertex[contacts.first_vertex >= 0]] = number[contacts.first_vertex >= 0]
+    on_edge = contacts.first_edge >= 0
+    splits = (
+        sort_splits(hits[0], first_hits[0], contacts.first_edge[on_edge], contacts.first_t[on_edge], number[on_edge]),
+        sort_splits(hits[1], first_hits[1], contacts.edge[crossing], contacts.t[crossing], number[crossing]),
+    )
+    pieces = [split_network_edges(networks[side], splits[side], numbers[side]) for side in (0, 1)]
+    in_faces = find_edges_in_faces(first, second, contacts, pieces[1].first, pieces[1].span)
     operands = []
-    for side in (0, 1):
+    for side, lying in ((0, NO_EDGES_IN_FACES), (1, in_faces)):
         own, other = networks[side], networks[1 - side]
-        n_own = (n_first, n_second)[side]
-        pieces = split_network_edges(own, hits[side], n_own)
-        inside = classify_pieces(own, other, hits[side], pieces)
-        first_hit = n_first + n_second + (counts[0] if side else 0)
-        offset = n_first if side else 0
-        start, end = (np.where(v < n_own, v + offset, v - n_own + first_hit) for v in (pieces.start, pieces.end))
-        pieces = replace(pieces, start=start, end=end)
-        operands.append(CutNetwork(own, pieces, inside))
-    arcs = replace(arcs, start=arcs.start + n_first + n_second, end=arcs.end + n_first + n_second)
-    report = NetworkReport(sum(counts), len(arcs.curves), float(arcs.deviation.max(initial=0.0)), shift, "")
+        free = np.setdiff1d(numbers[side], number)
+        inside = classify_pieces(own, other, splits[side], pieces[side], free, lying.piece)
+        operands.append(CutNetwork(own.brep, pieces[side], inside, lying))
+    report = NetworkReport(
+        sum(n_hits) + len(contacts), len(arcs.faces), float(arcs.deviation.max(initial=0.0)), shift, ""
+    )
     return finish(CutNetworks((operands[0], operands[1]), arcs, vertices, report))

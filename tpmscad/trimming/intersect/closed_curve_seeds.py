@@ -1,10 +1,12 @@
 """Seeds of the curves that two faces have in common and that no edge meets, found by exclusion.
 
-A closed curve has a point at which its tangent, the product of both normals, is perpendicular to any direction that is given. For
-two faces the direction is that of the tangent where they meet on the average, so that few cells remain, mostly none. Two cells,
-one of each face, are dropped if the tangent is nowhere perpendicular to it, or if they are apart along a normal of one of them, or
-along the curve. Where the derivatives vary so little in them that a curve passes once at most, the point on it is found by
-Newton's method; it lies on a curve that is known, or is the seed of a closed one. Else both cells are divided.
+A closed curve surrounds, on each of two faces, a point with a normal that is parallel to one within it on the other: most pairs
+of faces have none. A closed curve also has a point at which its tangent, the product of both normals, is perpendicular to any
+direction that is given. For two faces the direction is that of the known curves, or of the tangent where they meet on average,
+so that few cells remain. Two cells, one of each face, are dropped if the tangent is nowhere perpendicular to it, or if they are
+apart along a normal of one of them, or along the curve. Where the derivatives vary so little in them that a curve passes once at most,
+the point on it is found by Newton's method; it lies on a curve that is known, or is the seed of a closed one. Else both cells are
+divided.
 """
 
 from __future__ import annotations
@@ -12,7 +14,7 @@ from __future__ import annotations
 import numpy as np
 
 from tpmscad._compiled_loops import njit_cached, njit_inner
-from tpmscad._typing import Array, IntArray
+from tpmscad._typing import Array, BoolArray, IntArray
 from tpmscad.trimming.intersect.common_points import (
     MIN_SINE,
     Work,
@@ -29,6 +31,8 @@ from tpmscad.trimming.operands.network_tables import (
     PatchPolynomials,
     evaluate_face,
     is_in_region,
+    is_planar,
+    place_on_plane,
 )
 
 MAX_DIVISIONS = 8
@@ -73,6 +77,22 @@ def _is_known(
 
 
 @njit_cached
+def list_searched_pairs(faces: NetworkFaces, pairs: IntArray) -> IntArray:  # pragma: no cover - compiled
+    """The rows (n,) of pairs of faces that may have closed curves in common."""
+    cells = faces.cells
+    result, n = np.empty(len(pairs), np.int64), 0
+    near, counts = np.empty((2, np.diff(cells.first).max()), np.int64), np.empty(2, np.int64)
+    for k in range(len(pairs)):
+        f, g = pairs[k, 0], pairs[k, 1]
+        counts[0] = _list_near_cells(faces, f, g, near[0])
+        counts[1] = _list_near_cells(faces, g, f, near[1])
+        if counts.min() > 0 and _may_be_parallel(cells, f, g, near, counts):
+            result[n] = k
+            n += 1
+    return result[:n]
+
+
+@njit_cached
 def find_seed(
     faces: NetworkFaces,
     pairs: IntArray,
@@ -81,27 +101,26 @@ def find_seed(
     bounds: IntArray,
     points: Array,
     seed: Array,
+    beside: BoolArray,
     match_tol: float,
     work: Work,
 ) -> tuple[int, int]:  # pragma: no cover - compiled
     """FOUND and the next pair from `begin` on with a `seed` (4,) on no known curve; NONE and len(pairs) if there is none.
 
-    The seed lies in the loops of both faces. UNRESOLVED and the pair for a contact that is not resolved. Pair k has the curves
+    The pairs are those of `list_searched_pairs`. The seed lies in the loops of both faces; `beside` (n,) is set for pairs that
+    may have others, beyond their loops. UNRESOLVED and the pair for a contact that is not resolved. Pair k has the curves
     of_pair[k] to of_pair[k + 1] - 1, and curve c has the points bounds[c] to bounds[c + 1] - 1.
     """
     stack = np.empty((8 * MAX_DIVISIONS + 16, 6))
     origin, normal, box, across = np.empty((1, 3)), np.empty(3), np.empty(4), np.empty(3)
     cells = faces.cells
-    near, counts = np.empty((2, 64), np.int64), np.empty(2, np.int64)
+    near, counts = np.empty((2, np.diff(cells.first).max()), np.int64), np.empty(2, np.int64)
     for k in range(begin, len(pairs)):
         f, g = pairs[k, 0], pairs[k, 1]
-        largest = max(cells.first[f + 1] - cells.first[f], cells.first[g + 1] - cells.first[g])
-        if largest > near.shape[1]:
-            near = np.empty((2, largest), np.int64)
         counts[0] = _list_near_cells(faces, f, g, near[0])
         counts[1] = _list_near_cells(faces, g, f, near[1])
-        if not _may_turn_back(cells, near, counts, across):
-            continue
+        _choose_direction(cells, near, counts, across)
+        _take_chords(of_pair, k, bounds, points, across)
         boxes = 0
         for a in near[0, : counts[0]]:
             for b in near[1, : counts[1]]:
@@ -113,11 +132,16 @@ def find_seed(
                         cells.normal[a, e] * cells.normal[b, h] - cells.normal[a, h] * cells.normal[b, e]
                     )
                 reach = cells.radius[a] + cells.radius[b]
-                if apart > reach * reach or abs(along) > cells.turn[a] + cells.turn[b]:
+                is_apart = apart > reach * reach and not is_planar(faces, f) and not is_planar(faces, g)
+                if is_apart or abs(along) > cells.turn[a] + cells.turn[b]:
                     continue
                 for c in range(4):
                     stack[0, c] = 0.0
                 stack[0, 4], stack[0, 5] = 1.0, 1.0
+                if is_planar(faces, f):
+                    place_on_plane(faces, f, cells.centre[b], cells.radius[b], stack[0, :2], stack[0, 4:5])
+                if is_planar(faces, g):
+                    place_on_plane(faces, g, cells.centre[a], cells.radius[a], stack[0, 2:4], stack[0, 5:])
                 size = 1
                 while size:
                     size -= 1
@@ -131,13 +155,12 @@ def find_seed(
                     if state == APART:
                         continue
                     if state == CROSSING:
+                        if _is_known(faces.patches, f, g, of_pair, k, bounds, points, origin, match_tol, work):
+                            continue
                         in_regions = is_in_region(faces.regions, f, seed[0], seed[1])
-                        if (
-                            in_regions
-                            and is_in_region(faces.regions, g, seed[2], seed[3])
-                            and not _is_known(faces.patches, f, g, of_pair, k, bounds, points, origin, match_tol, work)
-                        ):
+                        if in_regions and is_in_region(faces.regions, g, seed[2], seed[3]):
                             return FOUND, k
+                        beside[k] = True
                         continue
                     divide_first = w * cells.radius[a] > x * cells.radius[b]
                     if (w if divide_first else x) < 2.0**-MAX_DIVISIONS or boxes > MAX_BOXES:
@@ -165,6 +188,7 @@ def find_seed(
                                 return FOUND, k
                             if state == UNDECIDED:
                                 return UNRESOLVED, k
+                            beside[k] = True
                         continue
                     shift = 0 if divide_first else 2
                     half = 0.5 * (w if divide_first else x)
@@ -180,8 +204,11 @@ def find_seed(
 
 @njit_inner
 def _list_near_cells(faces: NetworkFaces, f: int, g: int, near: IntArray) -> int:  # pragma: no cover - compiled
-    """Write the cells of a face that meet the box of another one; returns how many there are."""
+    """Write the cells of a face that meet the box of another one, the first for all of a plane; returns how many there are."""
     cells, count = faces.cells, 0
+    if is_planar(faces, f) and cells.first[f + 1] > cells.first[f]:
+        near[0] = cells.first[f]
+        return 1
     for a in range(cells.first[f], cells.first[f + 1]):
         outside = False
         for d in range(3):
@@ -194,14 +221,49 @@ def _list_near_cells(faces: NetworkFaces, f: int, g: int, near: IntArray) -> int
 
 
 @njit_inner
-def _may_turn_back(
-    cells: FaceCells, near: IntArray, counts: IntArray, across: Array
+def _may_be_parallel(
+    cells: FaceCells, f: int, g: int, near: IntArray, counts: IntArray
 ) -> bool:  # pragma: no cover - compiled
-    """Whether the tangent of a common curve may be perpendicular to the unit vector `across`, which is chosen here.
+    """Whether a normal of one face may be parallel to one of the other, within closed curves through the cells `near`.
 
-    near, counts: the cells of both faces that are looked at.
+    A closed curve of two faces surrounds, on each of them, a point with a normal that is parallel to one within it on the other
+    (Sinha, Klassen and Wang 1985). What it surrounds lies in the rectangle of parameters about the cells that it passes.
     """
-    mean, turn = np.zeros((2, 3)), np.zeros(2)
+    bound = np.empty((2, 4))
+    for side in range(2):
+        for d in range(2):
+            low, high = np.inf, -np.inf
+            for a in near[side, : counts[side]]:
+                low, high = min(low, cells.middle[a, d]), max(high, cells.middle[a, d])
+            bound[side, d], bound[side, 2 + d] = low, high
+    for a in range(cells.first[f], cells.first[f + 1]):
+        if _is_outside(cells, a, bound[0]):
+            continue
+        for b in range(cells.first[g], cells.first[g + 1]):
+            if _is_outside(cells, b, bound[1]):
+                continue
+            square, turn = 0.0, cells.turn[a] + cells.turn[b]
+            for d in range(3):
+                e, h = (d + 1) % 3, (d + 2) % 3
+                square += (cells.normal[a, e] * cells.normal[b, h] - cells.normal[a, h] * cells.normal[b, e]) ** 2
+            if square <= turn * turn:
+                return True
+    return False
+
+
+@njit_inner
+def _is_outside(cells: FaceCells, a: int, bound: Array) -> bool:  # pragma: no cover - compiled
+    """Whether the middle of a cell lies outside a rectangle (4,)."""
+    u, v = cells.middle[a, 0], cells.middle[a, 1]
+    return u < bound[0] or v < bound[1] or u > bound[2] or v > bound[3]
+
+
+@njit_inner
+def _choose_direction(
+    cells: FaceCells, near: IntArray, counts: IntArray, across: Array
+) -> None:  # pragma: no cover - compiled
+    """Write a unit vector to which the tangent of a common curve in the cells `near` of both faces is rarely perpendicular."""
+    mean = np.zeros((2, 3))
     for side in range(2):
         for i in range(counts[side]):
             for d in range(3):
@@ -209,18 +271,11 @@ def _may_turn_back(
         length = np.sqrt((mean[side] ** 2).sum())
         for d in range(3):
             mean[side, d] = mean[side, d] / length if length > 0.0 else 1.0 * (d == side)
-        for i in range(counts[side]):
-            apart = 0.0
-            for d in range(3):
-                apart += (cells.normal[near[side, i], d] - mean[side, d]) ** 2
-            turn[side] = max(turn[side], np.sqrt(apart) + cells.turn[near[side, i]])
     square = 0.0
     for d in range(3):
         e, h = (d + 1) % 3, (d + 2) % 3
         across[d] = mean[0, e] * mean[1, h] - mean[0, h] * mean[1, e]
         square += across[d] * across[d]
-    if counts.min() == 0 or square > (turn[0] + turn[1]) ** 2:
-        return False
     if square < 1e-20:  # any direction in both faces will do
         least = np.argmin(np.abs(mean[0]))
         for d in range(3):
@@ -228,7 +283,22 @@ def _may_turn_back(
         square = (across**2).sum()
     for d in range(3):
         across[d] /= np.sqrt(square)
-    return True
+
+
+@njit_inner
+def _take_chords(
+    of_pair: IntArray, pair: int, bounds: IntArray, points: Array, across: Array
+) -> None:  # pragma: no cover - compiled
+    """Write the direction of the chords of the known curves of a pair, to which these rarely are perpendicular."""
+    chord = np.zeros(3)
+    for k in range(of_pair[pair], of_pair[pair + 1]):
+        for d in range(3):
+            step = points[bounds[k + 1] - 1, d] - points[bounds[k], d]
+            chord[d] += step
+    length = np.sqrt((chord**2).sum())
+    if length > 0.0:
+        for d in range(3):
+            across[d] = chord[d] / length
 
 
 @njit_inner

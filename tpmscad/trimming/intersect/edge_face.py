@@ -22,6 +22,8 @@ from tpmscad.trimming.operands.network_tables import (
     evaluate_piece,
     grow_rows,
     is_in_region,
+    is_planar,
+    place_on_plane,
 )
 
 MAX_DIVISIONS = 14
@@ -92,19 +94,37 @@ def _find_roots(
     n_roots, n_touching = 0, 0
     stack = np.empty((24 * MAX_DIVISIONS + 8, 5))
     least = 0.5 ** (MAX_DIVISIONS + 1)
-    curve, jet, own = np.empty((2, 3)), np.empty((3, 3)), np.empty(7)
+    curve, jet, own, near = np.empty((2, 3)), np.empty((3, 3)), np.empty(7), np.empty(64, np.int64)
     for k in range(len(pairs)):
         e, f = pairs[k, 0], pairs[k, 1]
-        boxes, touches = 0, False
+        boxes, touches, n_near = 0, False, 0
+        if faces.cells.first[f + 1] - faces.cells.first[f] > len(near):
+            near = np.empty(faces.cells.first[f + 1] - faces.cells.first[f], np.int64)
+        planar = is_planar(faces, f)
+        for c in range(faces.cells.first[f], faces.cells.first[f + 1]):
+            if planar:
+                near[0], n_near = c, 1
+                break
+            outside, r = False, faces.cells.radius[c]
+            for d in range(3):
+                at = faces.cells.centre[c, d]
+                outside = outside or at + r < edges.low[e, d] or at - r > edges.high[e, d]
+            if not outside:
+                near[n_near] = c
+                n_near += 1
         for piece in range(edges.first_piece[e], edges.first_piece[e + 1]):
-            for c in range(faces.cells.first[f], faces.cells.first[f + 1]):
+            for c in near[:n_near]:
                 apart = 0.0
                 for d in range(3):
                     apart += (edges.coefficients[piece, 0, d] - faces.cells.centre[c, d]) ** 2
                 reach = edges.radius[piece] + faces.cells.radius[c]
-                if apart > reach * reach:
+                if apart > reach * reach and not planar:
                     continue
                 stack[0, :3], stack[0, 3:] = 0.0, 1.0
+                if planar:
+                    place_on_plane(
+                        faces, f, edges.coefficients[piece, 0], edges.radius[piece], stack[0, 1:3], stack[0, 4:]
+                    )
                 size = 1
                 while size:
                     size -= 1

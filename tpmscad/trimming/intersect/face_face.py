@@ -7,14 +7,16 @@ end is a start or a goal, so that what does not pair up is seen. Curves without 
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from tpmscad._compiled_loops import njit_cached, njit_inner
-from tpmscad._typing import Array, IntArray
+from tpmscad._typing import Array
+from tpmscad.brep.boundary_representation import Brep
+from tpmscad.brep.carriers import Plane
 from tpmscad.errors import TrimmingError, format_point
-from tpmscad.trimming.intersect.closed_curve_seeds import NONE, UNRESOLVED, find_seed
+from tpmscad.trimming.intersect.closed_curve_seeds import NONE, UNRESOLVED, find_seed, list_searched_pairs
 from tpmscad.trimming.intersect.common_points import (
     MIN_SINE,
     Work,
@@ -25,6 +27,7 @@ from tpmscad.trimming.intersect.common_points import (
     pass_fraction,
     range_of,
 )
+from tpmscad.trimming.intersect.congruent_pairs import group_congruent_pairs
 from tpmscad.trimming.intersect.network_hits import CurveEnds, Network, locate_in_faces
 from tpmscad.trimming.operands.network_tables import (
     BREAK_U,
@@ -76,13 +79,15 @@ REASONS = {
 class TracedCurve:
     """A curve of the pair of faces in row `pair`, between two ends, -1 for both of a closed one.
 
-    `points` (n, 10): position, (u, v) on the first face, (s, r) on the second, and unit tangent.
+    `points` (n, 10): position, (u, v) on the first face, (s, r) on the second, and unit tangent, of the curve `like`, of which it
+    is a copy, moved with the second face; `like` is its own number if it was traced.
     """
 
     pair: int
     start: int
     end: int
     points: Array
+    like: int
 
 
 def trace_curves(
@@ -90,13 +95,22 @@ def trace_curves(
 ) -> list[TracedCurve]:
     """All curves that the faces of two networks have in common; TrimmingError where one is not resolved.
 
-    `joined`: the faces of the first network, then those of the second.
+    `joined`: the faces of the first network, then those of the second. `ends`: sorted, so that congruent pairs are found.
     """
     patches, pairs = joined.patches, ends.pairs + np.array([0, len(first.faces.low)])
     starts, enters = ends.start, ends.enters
     work, path = make_work(), np.empty((MAX_STEPS + 2, 10))
     curves: list[TracedCurve] = []
-    for k in np.flatnonzero(np.diff(starts)).tolist():
+    found: dict[int, range] = {}
+    rows = np.flatnonzero(np.diff(starts))
+    congruent = group_congruent_pairs(first.brep, second.brep, ends, rows)
+    for number, (k, like) in enumerate(zip(rows.tolist(), congruent.tolist(), strict=True)):
+        begin = len(curves)
+        if like != number:
+            offset = int(starts[k] - starts[rows[like]])
+            for c in (curves[i] for i in found[like]):
+                curves.append(TracedCurve(k, c.start + offset, c.end + offset, c.points, c.like))
+            continue
         f, g = pairs[k].tolist()
         own = range(starts[k], starts[k + 1])
         places, settled = np.empty((len(own), 3)), ends.parameters[own.start : own.stop].copy()
@@ -113,15 +127,29 @@ def trace_curves(
                 outcome = CONTRARY
             _check_outcome(outcome, path[count - 1, :3])
             free[goal] = False
-            curves.append(TracedCurve(k, own[i], own[goal], path[:count].copy()))
-    return curves + _trace_closed_curves(first, second, joined, pairs, curves, match_tol, work, path)
+            curves.append(TracedCurve(k, own[i], own[goal], path[:count].copy(), len(curves)))
+        found[number] = range(begin, len(curves))
+    closed = _trace_closed_curves(first, second, joined, ends, curves, match_tol, work, path)
+    return curves + [replace(curve, like=len(curves) + i) for i, curve in enumerate(closed)]
+
+
+def _move_to_pair(curve: TracedCurve, base: int, pair: tuple[int, int], first: Brep, second: Brep) -> Array:
+    """The points (n, 10) of a curve on the pair of faces given; those of the curve are on the second network's face `base`."""
+    motion, own = second.faces.motion[pair[1]], second.faces.motion[base]
+    points = curve.points.copy()
+    points[:, :3] = motion.apply(own.apply_inverse(points[:, :3]))
+    points[:, 7:] = motion.apply_to_vectors(own.apply_inverse_to_vectors(points[:, 7:]))
+    plane = first.carriers[first.faces.carrier[pair[0]]]
+    if isinstance(plane, Plane):
+        points[:, 3:5] = plane.parameters(first.faces.motion[pair[0]].apply_inverse(points[:, :3]))
+    return points
 
 
 def _trace_closed_curves(
     first: Network,
     second: Network,
     joined: NetworkFaces,
-    pairs: IntArray,
+    ends: CurveEnds,
     known: list[TracedCurve],
     match_tol: float,
     work: Work,
@@ -129,35 +157,55 @@ def _trace_closed_curves(
 ) -> list[TracedCurve]:
     """The curves of pairs of faces that have no ends, besides the known ones.
 
-    The polygons of loops let some seeds in that lie just outside: their curves are known from then on, but not wanted.
+    The polygons of loops let some seeds in that lie just outside: their curves are known from then on, but not wanted. Of
+    congruent pairs the first is searched, and the others if it has such curves, which may lie in the loops of those.
     """
+    n_first = len(first.faces.low)
+    pairs = ends.pairs + np.array([0, n_first])
+    candidates = list_searched_pairs(joined, pairs)
+    like = group_congruent_pairs(first.brep, second.brep, ends, candidates)
+    is_first = like == np.arange(len(like))
+    beside = np.zeros(len(like), bool)
     closed: list[TracedCurve] = []
-    outside: list[TracedCurve] = []
-    seed, k = np.empty(4), 0
-    while True:
-        ordered = sorted([*known, *closed, *outside], key=lambda curve: curve.pair)
-        points = np.concatenate([np.zeros((0, 10)), *(curve.points for curve in ordered)])
-        bounds = np.concatenate([[0], np.cumsum([len(curve.points) for curve in ordered])]).astype(np.int64)
-        of_pair = np.searchsorted([curve.pair for curve in ordered], np.arange(len(pairs) + 1)).astype(np.int64)
-        outcome, k = find_seed(joined, pairs, k, of_pair, bounds, points, seed, match_tol, work)
-        if outcome == NONE:
-            return closed
-        if outcome == UNRESOLVED:
-            _check_outcome(TOUCHING, work.jet_f[0])
-        f, g = pairs[k].tolist()
-        inside = [
-            locate_in_faces(n, np.array([i]), uv[None])[0][0]
-            for n, i, uv in ((first, f, seed[:2]), (second, g - len(first.faces.low), seed[2:]))
-        ]
-        evaluate_face(joined.patches, f, seed[0], seed[1], work.jet_f)
-        places = work.jet_f[:1].copy()
-        outcome, _, count = _trace(joined.patches, f, g, seed, -1, places, 1, path, match_tol, work)
-        curve = TracedCurve(k, -1, -1, path[:count].copy())
-        if all(inside) or count == 1:
-            _check_outcome(outcome, path[count - 1, :3])
-            closed.append(curve)
-        else:
-            outside.append(curve)
+    for part in (is_first, ~is_first):
+        own = np.flatnonzero(part & (is_first | beside[like]))
+        rows = candidates[own]
+        curves = []
+        for i in np.flatnonzero(np.isin([curve.pair for curve in known], rows)).tolist():
+            curve, (f, g) = known[i], ends.pairs[known[i].pair].tolist()
+            base = int(ends.pairs[known[curve.like].pair, 1])
+            moved = curve.points if curve.like == i else _move_to_pair(curve, base, (f, g), first.brep, second.brep)
+            curves.append(replace(curve, points=moved))
+        has_others = np.zeros(len(rows), bool)
+        searched, outside = np.ascontiguousarray(pairs[rows]), list[TracedCurve]()
+        seed, k = np.empty(4), 0
+        while True:
+            ordered = sorted([*curves, *closed, *outside], key=lambda curve: curve.pair)
+            points = np.concatenate([np.zeros((0, 10)), *(curve.points for curve in ordered)])
+            bounds = np.concatenate([[0], np.cumsum([len(curve.points) for curve in ordered])]).astype(np.int64)
+            of_pair = np.searchsorted([curve.pair for curve in ordered], np.append(rows, len(pairs))).astype(np.int64)
+            outcome, k = find_seed(joined, searched, k, of_pair, bounds, points, seed, has_others, match_tol, work)
+            if outcome == NONE:
+                break
+            if outcome == UNRESOLVED:
+                _check_outcome(TOUCHING, work.jet_f[0])
+            has_others[k] = True
+            f, g = searched[k].tolist()
+            inside = [
+                locate_in_faces(n, np.array([i]), uv[None])[0][0]
+                for n, i, uv in ((first, f, seed[:2]), (second, g - n_first, seed[2:]))
+            ]
+            evaluate_face(joined.patches, f, seed[0], seed[1], work.jet_f)
+            places = work.jet_f[:1].copy()
+            outcome, _, count = _trace(joined.patches, f, g, seed, -1, places, 1, path, match_tol, work)
+            curve = TracedCurve(int(rows[k]), -1, -1, path[:count].copy(), -1)
+            if all(inside) or count == 1:
+                _check_outcome(outcome, path[count - 1, :3])
+                closed.append(curve)
+            else:
+                outside.append(curve)
+        beside[own] = has_others
+    return closed
 
 
 def trace_from(patches: PatchPolynomials, f: int, g: int, start: Array, match_tol: float) -> tuple[Array, bool]:

@@ -7,6 +7,7 @@ the order of what meets there is round-off: another placement resolves it.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -35,8 +36,14 @@ from tpmscad.trimming.operands.network_tables import (
     tabulate_faces,
 )
 
+EVERYWHERE = np.array([[-np.inf] * 3, [np.inf] * 3])
+"""What a closed network covers."""
+
 SNAP_TOLS = 2.0
 """Distance in tolerances of a hit from a vertex or an edge below which it is refused: kernels take both for one point."""
+
+CELL_FRACTION = 0.5
+"""Length of the cells of large faces, in sizes of the other network's faces."""
 
 POLYGON_DOUBT = 0.1
 """Distance from a polygon's segment, in lengths of it, below which the loop itself decides on which side a point is: a segment
@@ -93,7 +100,7 @@ class CurveEnds:
 
     `pairs` (n, 2): faces of the first and the second network. `parameters` (E, 4): on both faces. `enters` (E,): whether a
     curve begins there, directed so that the second solid is on its left, seen from outside on the first network. `vertex`
-    (E,): the hit, numbered over those of the first network's edges, then the second's.
+    (E,): numbered over those of the first network, the second's, the hits of the first one's edges, then those of the second's.
     """
 
     pairs: IntArray
@@ -111,16 +118,18 @@ def prepare_networks(first: Brep, second: Brep, margin: float, *, is_cover: bool
     """
     boxes = bound_faces(first), bound_faces(second)
     pairs = find_overlapping_boxes(*boxes[0], *boxes[1], margin)
-    everywhere = np.array([[-np.inf] * 3, [np.inf] * 3])
     covered = np.stack([first.vertices.min(axis=0), first.vertices.max(axis=0)])
-    one = _prepare(first, np.unique(pairs[:, 0]), boxes[0], everywhere)
-    return one, _prepare(second, np.unique(pairs[:, 1]), boxes[1], covered if is_cover else everywhere)
+    sizes = [CELL_FRACTION * float(np.median(np.max(high - low, axis=1))) for low, high in boxes]
+    one = _prepare(first, np.unique(pairs[:, 0]), boxes[0], EVERYWHERE, sizes[1])
+    return one, _prepare(second, np.unique(pairs[:, 1]), boxes[1], covered if is_cover else EVERYWHERE, sizes[0])
 
 
-def _prepare(brep: Brep, near: IntArray, boxes: tuple[Array, Array], covered: Array) -> Network:
+def _prepare(brep: Brep, near: IntArray, boxes: tuple[Array, Array], covered: Array, cell_size: float) -> Network:
     """An operand with tables of the faces `near` (n,) and their edges."""
     count = np.bincount(brep.uses.edge, minlength=len(brep.edges))
     unmatched = connectivity.find_unmatched_edges(brep)
+    if not (count == 1).any():
+        covered = EVERYWHERE
     if np.isfinite(covered).all():
         unmatched = unmatched[count[unmatched] != 1]
     if len(unmatched):
@@ -136,48 +145,78 @@ def _prepare(brep: Brep, near: IntArray, boxes: tuple[Array, Array], covered: Ar
         uses[rows, column] = first_use[start[rows] + column]
     edges = np.unique(brep.uses.edge[np.isin(brep.face_of_use, near)])
     return Network(
-        brep, tabulate_faces(brep, near), tabulate_edges(brep, edges), uses, *boxes, divide_uses(brep, near), covered
+        brep,
+        tabulate_faces(brep, near, cell_size),
+        tabulate_edges(brep, edges),
+        uses,
+        *boxes,
+        divide_uses(brep, near),
+        covered,
     )
 
 
-def find_hits(one: Network, other: Network, tol: float) -> Hits:
-    """The points in which the edges of one network pierce the faces of the other.
+@dataclass(frozen=True, slots=True, eq=False)
+class Piercings:
+    """P points in which edges of one network pierce the surfaces of the other's faces, columns as in `Hits`.
 
-    TrimmingError if one of them lies next to a vertex or an edge, or an edge touches a face.
+    `inside` (P,): in the face's loops, at the distance `border` (P,) from them, model units; `slope` (P, 3): of the edge.
+    """
+
+    edge: IntArray
+    t: Array
+    face: IntArray
+    uv: Array
+    point: Array
+    slope: Array
+    inside: BoolArray
+    border: Array
+
+
+def find_piercings(one: Network, other: Network, tol: float, left_out: IntArray) -> Piercings:
+    """The points in which the edges of one network pierce the surfaces of the other's faces.
+
+    left_out (n, 2): edges and faces that are not asked, since they lie in one plane. TrimmingError if an edge touches a face.
     """
     edges, faces = one.edges, other.faces
     pairs = find_overlapping_boxes(edges.low, edges.high, faces.low, faces.high, SNAP_TOLS * tol)
+    n_faces = len(other.brep.faces)
+    pairs = np.ascontiguousarray(pairs[~np.isin(pairs @ [n_faces, 1], left_out @ [n_faces, 1])])
     found = intersect_edges_with_faces(edges, faces, pairs)
     edge, face = pairs[found.pair, 0], pairs[found.pair, 1]
     if len(found.touching):
         at = format_point(found.touching[0])
         raise TrimmingError(f"an edge of one network touches a face of the other, or lies in it, at {at}")
     inside, border = locate_in_faces(other, face, found.uv)
-    curves = list_spline_curves(one.brep)
     e = one.brep.edges
-    point, slope = (
-        (np.zeros((0, 3)), np.zeros((0, 3)))
-        if not len(edge)
-        else evaluate_curves(curves, e.curve[edge], found.t, (0, 1))
-    )
+    point, slope = np.zeros((0, 3)), np.zeros((0, 3))
+    if len(edge):
+        point, slope = evaluate_curves(list_spline_curves(one.brep), e.curve[edge], found.t, (0, 1))
     point, slope = e.motion[edge].apply(point), e.motion[edge].apply_to_vectors(slope)
-    snap = SNAP_TOLS * tol
-    near = border < snap
+    return Piercings(edge, found.t, face, found.uv, point, slope, inside, border)
+
+
+def select_hits(one: Network, other: Network, found: Piercings, resolved: BoolArray, tol: float) -> Hits:
+    """The hits among piercings, without those (P,) that are resolved otherwise.
+
+    TrimmingError if one of them lies next to a vertex or an edge.
+    """
+    e, snap = one.brep.edges, SNAP_TOLS * tol
+    near = ~resolved & (found.border < snap)
     if near.any():
-        at = format_point(point[np.flatnonzero(near)[0]])
+        at = format_point(found.point[np.flatnonzero(near)[0]])
         raise TrimmingError(f"an edge of one network meets an edge of the other within {snap:.2g} at {at}")
-    ends = one.brep.vertices[np.column_stack([e.start[edge], e.end[edge]])]
-    near = inside & (np.linalg.norm(ends - point[:, None], axis=2) < snap).any(axis=1)
+    inside = found.inside & ~resolved
+    ends = one.brep.vertices[np.column_stack([e.start[found.edge], e.end[found.edge]])]
+    near = inside & (np.linalg.norm(ends - found.point[:, None], axis=2) < snap).any(axis=1)
     if near.any():
-        at = format_point(point[np.flatnonzero(near)[0]])
+        at = format_point(found.point[np.flatnonzero(near)[0]])
         raise TrimmingError(f"a vertex of one network lies within {snap:.2g} of a face of the other at {at}")
-    span = e.span[edge]
-    inside &= (found.t > span[:, 0]) & (found.t < span[:, 1])
-    rows = np.flatnonzero(inside)
-    rows = rows[np.lexsort((found.t[rows], edge[rows]))]
-    normal = _outward_normals(faces, face[rows], found.uv[rows])
-    leaves = np.einsum("nk,nk->n", normal, slope[rows]) > 0
-    return Hits(edge[rows], found.t[rows], face[rows], found.uv[rows], point[rows], leaves)
+    span = e.span[found.edge]
+    rows = np.flatnonzero(inside & (found.t > span[:, 0]) & (found.t < span[:, 1]))
+    rows = rows[np.lexsort((found.t[rows], found.edge[rows]))]
+    face, uv = found.face[rows], found.uv[rows]
+    leaves = np.einsum("nk,nk->n", _outward_normals(other.faces, face, uv), found.slope[rows]) > 0
+    return Hits(found.edge[rows], found.t[rows], face, uv, found.point[rows], leaves)
 
 
 def _outward_normals(faces: NetworkFaces, face: IntArray, uv: Array) -> Array:
@@ -233,37 +272,49 @@ def locate_in_faces(network: Network, face: IntArray, uv: Array) -> tuple[BoolAr
     faces, brep = network.faces, network.brep
     inside, nearest, apart = _locate_in_polygons(faces, face, uv)
     distance = apart[:, 0].copy()
-    doubtful = np.flatnonzero(apart[:, 0] < POLYGON_DOUBT * apart[:, 1])
+    use, begin, length = network.segments
+    doubtful = np.flatnonzero((apart[:, 0] < POLYGON_DOUBT * apart[:, 1]) & (length[nearest] < 1.0))
     if not len(doubtful):
         return inside, distance
-    use, begin, length = network.segments
-    for i in doubtful.tolist():
-        segment = nearest[i]
-        k, metric = int(use[segment]), evaluate_faces(faces.patches, face[[i]], uv[[i]])[0, 1:]
-        sense = int(brep.uses.sense[k])
-        low, high = brep.edges.span[brep.uses.edge[k]]
-        x = begin[segment] + 0.5 * length[segment]
-        t, step = low + (high - low) * (x if sense > 0 else 1.0 - x), SLOPE_STEP * (high - low)
-        for _ in range(NEAREST_STEPS):
-            at, before, after = evaluate_use_parameters(brep, np.full(3, k), np.array([t, t - step, t + step]))
-            slope = (after - before) / (2 * step)
-            along = slope @ metric
-            change = float((at - uv[i]) @ metric @ along) / float(along @ along)
-            t = min(max(t - change, low), high)
-            if abs(change) < step**2:
-                break
-        if low < t < high:  # else the nearest point is a vertex, which polygons hold exactly
-            at = evaluate_use_parameters(brep, np.array([k]), np.array([t]))[0]
-            arm = uv[i] - at
-            inside[i] = sense * (slope[0] * arm[1] - slope[1] * arm[0]) > 0
-            distance[i] = float(np.linalg.norm(arm @ metric))
+    segment = nearest[doubtful]
+    k, uv = use[segment], uv[doubtful]
+    metric = evaluate_faces(faces.patches, face[doubtful], np.ascontiguousarray(uv))[:, 1:]
+    sense = brep.uses.sense[k]
+    low, high = brep.edges.span[brep.uses.edge[k]].T
+    x = begin[segment] + 0.5 * length[segment]
+    t, step = low + (high - low) * np.where(sense > 0, x, 1.0 - x), SLOPE_STEP * (high - low)
+    slope, moving = np.empty((len(k), 2)), np.arange(len(k))
+    for _ in range(NEAREST_STEPS):
+        own, h = k[moving], step[moving]
+        at, before, after = (evaluate_use_parameters(brep, own, t[moving] + d * h) for d in (0.0, -1.0, 1.0))
+        slope[moving] = (after - before) / (2 * h)[:, None]
+        along, arm = (np.einsum("nd,ndx->nx", d, metric[moving]) for d in (slope[moving], at - uv[moving]))
+        change = np.einsum("nx,nx->n", arm, along) / np.einsum("nx,nx->n", along, along)
+        t[moving] = np.clip(t[moving] - change, low[moving], high[moving])
+        moving = moving[np.abs(change) >= h**2]
+        if not len(moving):
+            break
+    within = np.flatnonzero((low < t) & (t < high))  # else the nearest point is a vertex, which polygons hold exactly
+    arm = uv[within] - evaluate_use_parameters(brep, k[within], t[within])
+    slope = slope[within]
+    inside[doubtful[within]] = sense[within] * (slope[:, 0] * arm[:, 1] - slope[:, 1] * arm[:, 0]) > 0
+    distance[doubtful[within]] = np.linalg.norm(np.einsum("nd,ndx->nx", arm, metric[within]), axis=1)
     return inside, distance
 
 
-def collect_curve_ends(first: Network, second: Network, hits: tuple[Hits, Hits], tol: float) -> CurveEnds:
-    """The ends of curves at all hits, and all pairs of faces whose boxes overlap."""
-    parts = []
-    offset = 0
+def collect_curve_ends(
+    first: Network,
+    second: Network,
+    hits: tuple[Hits, Hits],
+    others: Sequence[tuple[IntArray, IntArray, Array, Array, BoolArray, IntArray]],
+    tol: float,
+) -> CurveEnds:
+    """The ends of curves at all hits, and all pairs of faces whose boxes overlap.
+
+    others: further ends, as faces, (u, v) on both, whether a curve begins, and vertices.
+    """
+    parts = list(others)
+    offset = len(first.brep.vertices) + len(second.brep.vertices)
     for side, (one, other, own) in enumerate(((first, second, hits[0]), (second, first, hits[1]))):
         n = len(own.edge)
         for column in (0, 1):

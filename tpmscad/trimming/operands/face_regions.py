@@ -1,4 +1,4 @@
-"""Faces of the trimming body as regions of their carriers' parameter domains, bounded by polygonal trimming loops."""
+"""Faces of a body as regions of their carriers' parameter domains, bounded by polygonal trimming loops."""
 
 from __future__ import annotations
 
@@ -11,9 +11,8 @@ from tpmscad._typing import Array, BoolArray, IntArray
 from tpmscad.brep.boundary_representation import Brep
 from tpmscad.brep.carriers import EdgeCurve, Plane
 from tpmscad.brep.free_form_surface import BodyCarrier
-from tpmscad.brep.loops import pair_with_intervals, points_in_polygons
+from tpmscad.brep.loops import pair_with_intervals
 from tpmscad.splines.bspline import is_segment
-from tpmscad.trimming.operands.trimming_body import TrimmingBody, face_use_range
 
 SEGMENTS_PER_LINE, SEGMENTS_PER_CURVE = 1, 256
 """Polygon segments per straight and per curved edge; a circle's polygon deviates by at most 2e-5 of the radius."""
@@ -34,25 +33,6 @@ class FaceRegion:
     segments: Array
     border: Array
     reference_parameters: Array
-
-    def parameters(self, points: Array) -> Array:
-        """(u, v) of points (..., 3), in the period centred at the face."""
-        return shift_to_period(self.carrier.parameters(points), self.carrier, self.reference_parameters)
-
-    def contains(self, points: Array) -> BoolArray:
-        """Points (n, 3) on the carrier that lie in the face, by the even-odd rule: (n,)."""
-        return points_in_polygons(self.segments[:, 0], self.segments[:, 1], self.parameters(points))
-
-    def distance_to_border(self, points: Array) -> Array:
-        """Distances (n,) of points (n, 3) from the border, exact to 1e-7 of the face's size."""
-        middle = self.border[:, 0].mean(axis=0)
-        points, a = points - middle, self.border[:, 0] - middle
-        direction = self.border[:, 1] - self.border[:, 0]
-        length = (direction * direction).sum(axis=1)
-        ahead = points @ direction.T - (a * direction).sum(axis=1)  # (n, segments), as all below
-        along = np.clip(ahead / np.maximum(length, MIN_SQUARED_LENGTH), 0.0, 1.0)
-        square = (a * a).sum(axis=1) - 2.0 * (points @ a.T) - along * (2.0 * ahead - along * length)
-        return np.asarray(np.sqrt(np.maximum(square.min(axis=1) + (points * points).sum(axis=1), 0.0)))
 
     def is_near_border(self, points: Array, distance: float) -> BoolArray:
         """Which points (n, 3) lie within a small distance of the border: (n,)."""
@@ -78,17 +58,12 @@ def shift_to_period(uv: Array, carrier: BodyCarrier, reference: Array) -> Array:
     return uv
 
 
-def build_face_regions(body: TrimmingBody) -> list[FaceRegion]:
-    """The regions of all faces of the body."""
-    return build_regions(body.brep, body.carriers, body.curves)
-
-
 def build_regions(brep: Brep, carriers: Sequence[BodyCarrier], curves: Sequence[EdgeCurve]) -> list[FaceRegion]:
     """The regions of faces on the carriers (F), bounded by edges on the curves (M)."""
     result = []
     for f, carrier in enumerate(carriers):
         segments, border = [], []
-        for k in range(*face_use_range(brep, f)):
+        for k in range(*brep.faces.use_start[brep.faces.loop_start[f : f + 2]].tolist()):
             e = brep.uses.edge[k]
             curve, sense = curves[e], brep.uses.sense[k]
             pcurve = None if isinstance(carrier, Plane) else brep.pcurves[brep.uses.pcurve[k]]

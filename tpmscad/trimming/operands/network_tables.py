@@ -16,13 +16,14 @@ from typing import NamedTuple
 from weakref import WeakKeyDictionary
 
 import numpy as np
+from numpy.polynomial import chebyshev
 from numpy.typing import ArrayLike
 
 from tpmscad._compiled_loops import njit_cached, njit_inner
 from tpmscad._typing import Array, BoolArray, IntArray
 from tpmscad.brep.boundary_representation import Brep
 from tpmscad.brep.carriers import Carrier, Circle, ConicalSurface, Ellipse, Plane, SphericalSurface
-from tpmscad.brep.foot_surface import MAX_DEGREE, span_powers
+from tpmscad.brep.foot_surface import span_powers
 from tpmscad.brep.quadrics import MIN_POLE_STEP_ANGLE
 from tpmscad.errors import InvalidRequest
 from tpmscad.rigid_motion import Motion
@@ -32,6 +33,9 @@ from tpmscad.trimming.operands.conic_splines import approximate_conic, approxima
 
 CELLS_PER_SIDE = 6
 """Cells along each parameter of a patch of one span, and pieces of an edge of one span; a span is never shared by two."""
+
+MAX_CELLS_PER_SIDE = 32
+"""The same at most, however much smaller the patches of the other network are."""
 
 PATCHES_PER_BATCH = 64
 """Patches divided at once: their arrays stay below a few tens of megabytes."""
@@ -45,6 +49,9 @@ SEGMENTS_PER_USE = 24
 PLANE_MARGIN = 0.02
 """Enlargement of the rectangle that stands for a plane, relative to the face."""
 
+MAX_POLE_EXTENT = 1e-9
+"""Extent of a side that is a point, relative to the surface."""
+
 ROUNDOFF = 1e-12
 """Enlargement of the bounds of cells, relative to the distance of the face from the origin."""
 
@@ -54,8 +61,8 @@ class PatchPolynomials(NamedTuple):
 
     Attributes
     ----------
-    layout : (F, 8)
-        Of each face the columns `DEGREE_U` to `SENSE`.
+    layout : (F, 9)
+        Of each face the columns `DEGREE_U` to `PLANAR`.
     breaks : (B,)
         Ends of the spans, of u and then of v of each face.
     coefficients : (C,)
@@ -67,8 +74,9 @@ class PatchPolynomials(NamedTuple):
     coefficients: Array
 
 
-DEGREE_U, DEGREE_V, SPANS_U, SPANS_V, BREAK_U, BREAK_V, COEFFICIENT, SENSE = range(8)
-"""Columns of a layout: degrees, numbers of spans, where breaks and monomials start; +1 if S_u x S_v leads out, else -1."""
+DEGREE_U, DEGREE_V, SPANS_U, SPANS_V, BREAK_U, BREAK_V, COEFFICIENT, SENSE, PLANAR = range(9)
+"""Columns of a layout: degrees, numbers of spans, where breaks and monomials start; +1 if S_u x S_v leads out, else -1; 1 for a
+plane."""
 
 
 class FaceCells(NamedTuple):
@@ -87,7 +95,7 @@ class FaceCells(NamedTuple):
     bend : (N, 3)
         Bounds of |S_uu|, |S_uv| and |S_vv| in units of the half ranges.
     normal : (N, 3)
-        The unit normal at the middle, of either sign.
+        The mean direction of S_u x S_v, of unit length.
     turn : (N,)
         Bound of the length by which unit normals differ from that, 2 where the patch may be singular.
     """
@@ -162,13 +170,16 @@ class _Cells(NamedTuple):
     turn: Array
 
 
-def tabulate_faces(brep: Brep, near: IntArray | None = None) -> NetworkFaces:
-    """The faces of a network. Those that are not among `near` (n,), if it is given, have no cells, no loops and no box."""
+def tabulate_faces(brep: Brep, near: IntArray | None = None, cell_size: float = np.inf) -> NetworkFaces:
+    """The faces of a network. Those that are not among `near` (n,), if it is given, have no cells, no loops and no box.
+
+    cell_size: length of cells, model units, above which faces are divided into more than `CELLS_PER_SIDE`.
+    """
     faces = brep.faces
     rows = np.arange(len(faces)) if near is None else near
     polygons = sample_loops(brep, rows)
     surfaces, own_surface = _list_surfaces(brep, rows, polygons)
-    divided = _divide_patches(surfaces)
+    divided = _divide_patches(surfaces, cell_size)
     cells = [divided[i] for i in own_surface.tolist()]
     motion = faces.motion[rows]
     count = np.array([len(own.radius) for own in cells], np.int64)
@@ -182,12 +193,13 @@ def tabulate_faces(brep: Brep, near: IntArray | None = None) -> NetworkFaces:
     radius = _stack([own.radius for own in cells])
     radius = radius + ROUNDOFF * np.abs(centre).max(axis=1, initial=0.0)
     breaks = [b for own in cells for b in own.breaks]
-    layout = np.zeros((len(faces), SENSE + 1), np.int64)
+    layout = np.zeros((len(faces), PLANAR + 1), np.int64)
     layout[rows, DEGREE_U : DEGREE_V + 1] = np.array([c.coefficients.shape[2:4] for c in cells]).reshape(-1, 2) - 1
     layout[rows, SPANS_U : SPANS_V + 1] = np.array([c.coefficients.shape[:2] for c in cells]).reshape(-1, 2)
     layout[rows, BREAK_U : BREAK_V + 1] = find_starts([len(b) for b in breaks])[:-1].reshape(-1, 2)
     layout[rows, COEFFICIENT] = np.cumsum(sizes) - sizes
     layout[:, SENSE] = faces.sense
+    layout[:, PLANAR] = np.array([isinstance(c, Plane) for c in brep.carriers], bool)[faces.carrier]
     first_cell = find_starts(_spread(count, rows, len(faces)))
     low, high = bound_groups(centre - radius[:, None], centre + radius[:, None], first_cell)
     return NetworkFaces(
@@ -213,7 +225,7 @@ def tabulate_faces(brep: Brep, near: IntArray | None = None) -> NetworkFaces:
 
 def tabulate_carriers(carriers: Sequence[Carrier], uv: Sequence[Array], sense: ArrayLike) -> PatchPolynomials:
     """The polynomials of carriers, planes and quadrics about points uv (n, 2) of theirs; sense: +1 if S_u x S_v leads out."""
-    cells = _divide_patches([_as_spline(carrier, own) for carrier, own in zip(carriers, uv, strict=True)])
+    cells = _divide_patches([_as_spline(carrier, own) for carrier, own in zip(carriers, uv, strict=True)], np.inf)
     breaks, coefficients = [b for own in cells for b in own.breaks], [own.coefficients for own in cells]
     shapes = np.array([c.shape[:4] for c in coefficients], np.int64)
     starts = (
@@ -406,7 +418,8 @@ def divide_uses(brep: Brep, rows: IntArray | None = None) -> UseSegments:
 
     A use has one where it is straight in (u, v), and one more for a step along a pole.
 
-    At the pole of a sphere or the apex of a cone a loop runs from the end of a use to another u, where the next one starts.
+    At the pole of a sphere or a spline, or the apex of a cone, a loop runs from the end of a use to another u, where the next one
+    starts.
     """
     uses = brep.uses
     is_line = np.array([is_segment(c) for c in brep.pcurves], bool)
@@ -426,7 +439,7 @@ def _step_along_poles(brep: Brep) -> BoolArray:
     """Uses (K,) behind whose end the loop steps along a pole."""
     faces = brep.faces
     result = np.zeros(len(brep.uses), bool)
-    has_pole = np.array([isinstance(c, SphericalSurface | ConicalSurface) for c in brep.carriers], bool)
+    has_pole = np.array([_has_pole(c) for c in brep.carriers], bool)
     use = np.flatnonzero(has_pole[faces.carrier][brep.face_of_use])
     if len(use):
         following = np.arange(1, len(brep.uses) + 1)
@@ -434,6 +447,15 @@ def _step_along_poles(brep: Brep) -> BoolArray:
         end, start = (evaluate_uses(brep, k, np.full(len(use), x)) for k, x in ((use, 1.0), (following[use], 0.0)))
         result[use] = np.abs(end - start)[:, 0] > MIN_POLE_STEP_ANGLE
     return result
+
+
+def _has_pole(carrier: Carrier) -> bool:
+    """Whether a whole line of the carrier's parameters may be one point: of a spline, if the poles of a side are."""
+    if not isinstance(carrier, BSplineSurface):
+        return isinstance(carrier, SphericalSurface | ConicalSurface)
+    p = carrier.poles
+    extent = min(float(np.ptp(side, axis=0).max()) for side in (p[0], p[-1], p[:, 0], p[:, -1]))
+    return extent <= MAX_POLE_EXTENT * float(np.ptp(p, axis=(0, 1)).max())
 
 
 def sample_loops(brep: Brep, rows: IntArray) -> list[Array]:
@@ -495,22 +517,29 @@ def _bound_plane(plane: Plane, uv: Array) -> BSplineSurface:
     return BSplineSurface(poles, np.array([u0, u0, u1, u1]), np.array([v0, v0, v1, v1]), 1, 1)
 
 
-def _divide_patches(surfaces: list[BSplineSurface]) -> list[_Cells]:
+def _divide_patches(surfaces: list[BSplineSurface], cell_size: float) -> list[_Cells]:
     """The monomials and cells of patches, those of equal degrees and spans at once."""
-    groups: dict[tuple[int, int, bytes, bytes], list[int]] = {}
+    groups: dict[tuple[int, int, int, int, bytes, bytes], list[int]] = {}
     for i, s in enumerate(surfaces):
-        if max(s.degree_u, s.degree_v) > MAX_DEGREE:
-            raise InvalidRequest(
-                f"a patch has degree {max(s.degree_u, s.degree_v)}: networks of degree up to {MAX_DEGREE} can be cut"
-            )
         knots = (_relative_knots(*own) for own in zip((s.knots_u, s.knots_v), s.domain, strict=True))
-        groups.setdefault((s.degree_u, s.degree_v, *(k.tobytes() for k in knots)), []).append(i)  # type: ignore[arg-type]
+        key = (s.degree_u, s.degree_v, *_count_parts(s, cell_size), *(k.tobytes() for k in knots))
+        groups.setdefault(key, []).append(i)  # type: ignore[arg-type]
     result: dict[int, _Cells] = {}
-    for members in groups.values():
+    for key, members in groups.items():
         for part in range(0, len(members), PATCHES_PER_BATCH):
             own = members[part : part + PATCHES_PER_BATCH]
-            result |= dict(zip(own, _divide_like_patches([surfaces[i] for i in own]), strict=True))
+            result |= dict(zip(own, _divide_like_patches([surfaces[i] for i in own], key[2:4]), strict=True))
     return [result[i] for i in range(len(surfaces))]
+
+
+def _count_parts(surface: BSplineSurface, cell_size: float) -> tuple[int, int]:
+    """Parts of each span of u and of v: `CELLS_PER_SIDE` for the whole surface, or as many as cells of a size ask for."""
+    result = []
+    for axis, knots in ((0, surface.knots_u), (1, surface.knots_v)):
+        length = np.linalg.norm(np.diff(surface.poles, axis=axis), axis=2).sum(axis=axis).max()
+        cells = min(max(CELLS_PER_SIDE, length / cell_size), MAX_CELLS_PER_SIDE)
+        result.append(int(np.ceil(cells / (len(np.unique(knots)) - 1))))
+    return result[0], result[1]
 
 
 def _relative_knots(knots: Array, domain: tuple[float, float]) -> Array:
@@ -518,8 +547,8 @@ def _relative_knots(knots: Array, domain: tuple[float, float]) -> Array:
     return np.asarray((knots - domain[0]) / (domain[1] - domain[0]))
 
 
-def _divide_like_patches(surfaces: list[BSplineSurface]) -> list[_Cells]:
-    """The monomials and cells of patches whose knots divide their domains alike."""
+def _divide_like_patches(surfaces: list[BSplineSurface], parts: tuple[int, int]) -> list[_Cells]:
+    """The monomials and cells of patches whose knots divide their domains alike; parts: cells of each span along u and v."""
     s = surfaces[0]
     degrees = p, q = s.degree_u, s.degree_v
     (_, left), (_, right) = (
@@ -529,7 +558,6 @@ def _divide_like_patches(surfaces: list[BSplineSurface]) -> list[_Cells]:
     poles = np.stack([own.poles for own in surfaces])
     coefficients = np.einsum("aku,nuvc,blv->nabklc", left, poles, right, optimize=True)
     n, nu, nv = coefficients.shape[:3]
-    parts = [-(-CELLS_PER_SIDE // m) for m in (nu, nv)]
     (x, hx, in_u), (y, hy, in_v) = (_part_powers(m, d) for m, d in zip(parts, degrees, strict=True))
     local = np.einsum("iKk,nabklc,jLl->naibjKLc", in_u, coefficients, in_v, optimize=True)
     local = local.reshape(n, nu * parts[0] * nv * parts[1], p + 1, q + 1, 3)
@@ -544,12 +572,7 @@ def _divide_like_patches(surfaces: list[BSplineSurface]) -> list[_Cells]:
         axis=2,
     )
     radius = norms.sum(axis=(2, 3)) - norms[:, :, 0, 0]
-    normal = np.cross(local[:, :, 1, 0], local[:, :, 0, 1])
-    area = np.linalg.norm(normal, axis=2)
-    (uu, uv, vv), along, across = np.moveaxis(bend, 2, 0), norms[:, :, 1, 0], norms[:, :, 0, 1]
-    vary = (uu + uv) * (across + uv + vv) + (uv + vv) * (along + uu + uv)
-    turn = np.where(vary < area, np.sqrt(2.0) * vary / np.maximum(area, 1e-300), 2.0)
-    normal /= np.maximum(area, 1e-300)[:, :, None]
+    normal, turn = _bound_normals(coefficients, parts)
     result = []
     for i, own in enumerate(surfaces):
         breaks = tuple(
@@ -578,6 +601,49 @@ def _divide_like_patches(surfaces: list[BSplineSurface]) -> list[_Cells]:
             )
         )
     return result
+
+
+def _bound_normals(coefficients: Array, parts: tuple[int, int]) -> tuple[Array, Array]:
+    """Mean unit normals (n, cells, 3) of cells, and bounds (n, cells) of how far the unit normals in them differ from these.
+
+    S_u x S_v is a polynomial: its Chebyshev coefficients on each quarter of a cell, of which the first is the mean, bound how far
+    it leaves the direction of that. coefficients: of patches, (n, spans of u, of v, powers of u, of v, 3).
+    """
+    n, nu, nv, p, q, _ = coefficients.shape
+    (x, to_u), (y, to_v) = (_chebyshev_parts(2 * m, max(2 * (d - 1), 1)) for m, d in zip(parts, (p, q), strict=True))
+    power_u, power_v = np.vander(x, p, increasing=True), np.vander(y, q, increasing=True)
+    slope_u, slope_v = (
+        np.concatenate([np.zeros((len(t), 1)), w[:, :-1] * np.arange(1.0, w.shape[1])], axis=1)
+        for t, w in ((x, power_u), (y, power_v))
+    )
+    su, sv = (
+        np.einsum("xk,nabklc,yl->nabxyc", of_u, coefficients, of_v, optimize=True)
+        for of_u, of_v in ((slope_u, power_v), (power_u, slope_v))
+    )
+    terms = np.einsum("iKx,nabxyc,jLy->naibjKLc", to_u, np.cross(su, sv), to_v, optimize=True)
+    mean = terms[..., 0, 0, :]
+    length = np.linalg.norm(mean, axis=-1)
+    unit = mean / np.maximum(length, 1e-300)[..., None]
+    ahead = np.einsum("...klx,...x->...kl", terms, unit)
+    aside = np.linalg.norm(terms - ahead[..., None] * unit[..., None, None, :], axis=-1).sum(axis=(-2, -1))
+    least = 2.0 * length - np.abs(ahead).sum(axis=(-2, -1))
+    turn = np.where(aside < least, aside / np.maximum(least, 1e-300), 2.0)
+    quarters = (n, nu * parts[0], 2, nv * parts[1], 2)
+    mean = mean.reshape(*quarters, 3).sum(axis=(2, 4))
+    normal = mean / np.maximum(np.linalg.norm(mean, axis=-1, keepdims=True), 1e-300)
+    off = np.linalg.norm(unit.reshape(*quarters, 3) - normal[:, :, None, :, None], axis=-1)
+    turn = np.minimum((off + turn.reshape(quarters)).max(axis=(2, 4)), 2.0)
+    return normal.reshape(n, -1, 3), turn.reshape(n, -1)
+
+
+@lru_cache(maxsize=32)
+def _chebyshev_parts(count: int, n: int) -> tuple[Array, Array]:
+    """Nodes (n,) on [-1, 1], and matrices (count, n, n) from values there to Chebyshev coefficients on equal parts."""
+    x = np.asarray(chebyshev.chebpts1(n), np.float64)
+    local = np.linalg.inv(chebyshev.chebvander(x, n - 1))
+    middle = -1.0 + (2 * np.arange(count) + 1) / count
+    within = chebyshev.chebvander(middle[:, None] + x / count, n - 1) @ local
+    return x, np.asarray(local @ within, np.float64)
 
 
 @lru_cache(maxsize=32)
@@ -664,6 +730,35 @@ def evaluate_piece(edges: NetworkEdges, piece: int, x: float, jet: Array) -> Non
             b = b * x + a
             a = a * x + edges.coefficients[piece, k, d]
         jet[0, d], jet[1, d] = a, b
+
+
+@njit_inner
+def is_planar(faces: NetworkFaces, f: int) -> bool:  # pragma: no cover - compiled
+    """Whether a face lies on a plane, a linear function of its parameters: each cell stands for all of it then."""
+    return bool(faces.patches.layout[f, PLANAR] == 1)
+
+
+@njit_inner
+def place_on_plane(
+    faces: NetworkFaces, f: int, centre: Array, radius: float, at: Array, half: Array
+) -> None:  # pragma: no cover - compiled
+    """Write the middle (2,) and half width (1,) of a square about the part of a planar face in a ball, in its first cell's units.
+
+    The parameters of planes are orthogonal.
+    """
+    c, base = faces.cells.first[f], faces.patches.layout[f, COEFFICIENT]
+    width = 0.0
+    for axis in range(2):
+        row, extent = base + (6 if axis == 0 else 3), faces.patches.layout[f, BREAK_U + axis]
+        h = faces.cells.half[c, axis] / (0.5 * (faces.patches.breaks[extent + 1] - faces.patches.breaks[extent]))
+        along, square = 0.0, 0.0
+        for d in range(3):
+            step = h * faces.patches.coefficients[row + d]
+            along += (centre[d] - faces.cells.centre[c, d]) * step
+            square += step * step
+        at[axis] = along / square
+        width = max(width, radius / np.sqrt(square))
+    half[0] = width * (1.0 + 1e-9)
 
 
 @njit_cached

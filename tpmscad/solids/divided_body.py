@@ -1,4 +1,4 @@
-"""The three domains of a heat exchanger in the solid of a field: body and lattice, two networks, are cut by each other once.
+"""The three domains of a heat exchanger in a body: body and lattice, two networks, are cut by each other once.
 
 What lies in the lattice is the wall. What does not falls apart into shells, each of which is bounded by one side of the lattice:
 those of the upper side are the one channel, those of the lower side the other. Common faces, edges and vertices are the same by
@@ -7,7 +7,8 @@ construction.
 
 from __future__ import annotations
 
-from dataclasses import replace
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.spatial import cKDTree
@@ -15,14 +16,12 @@ from scipy.spatial import cKDTree
 from tpmscad._typing import IntArray
 from tpmscad.brep import connectivity
 from tpmscad.brep.boundary_representation import Brep, drop_unused_geometry, select_faces
-from tpmscad.brep.moments import integral_properties
 from tpmscad.errors import TrimmingError
 from tpmscad.kernel.build.solids import BrepSolids, build_regions
 from tpmscad.kernel.measure.validity import is_brep_valid
 from tpmscad.kernel.step.face_labels import OPENING
 from tpmscad.results.domain_results import MINUS, PLUS, WALL
-from tpmscad.solids.field_bodies import FieldBody
-from tpmscad.solids.field_body_infill import CUT_NOTE
+from tpmscad.solids.dead_ends import absorb_dead_ends
 from tpmscad.solids.lattice_block import LatticeBlock
 from tpmscad.trimming.network_boolean import DividedNetwork, divide_network
 from tpmscad.trimming.rebuild.network_result import check_closed
@@ -30,45 +29,69 @@ from tpmscad.trimming.rebuild.network_result import check_closed
 SIDES = {"offset+": PLUS, "offset-": MINUS}
 """The channel beside each side of the lattice."""
 
+DIVIDED_NOTE = "trimmed on the patches' parameter domains"
+"""The note of a certificate on the method."""
 
-def divide_field_body(body: FieldBody, block: LatticeBlock) -> tuple[dict[str, BrepSolids], float, tuple[str, ...]]:
-    """The solids of each domain, the length by which the lattice was moved, and notes on the cut.
+
+@dataclass(frozen=True, slots=True, eq=False)
+class DividedBody:
+    """The solids of each domain; those whose solids are missing are not named.
+
+    `moved`: the length by which the lattice was moved, model units. `notes`: on the cut.
+    """
+
+    domains: Mapping[str, BrepSolids]
+    moved: float
+    notes: tuple[str, ...]
+
+
+def divide_body(body: Brep, block: LatticeBlock) -> DividedBody:
+    """The body divided by the lattice of a block.
 
     TrimmingError if the intersection is not resolved, or the kernel rejects a face.
     """
     found = divide_network(
-        body.built.brep, block.patches, build=_build_domains, max_shift=block.max_shift, is_cover=True
+        body,
+        block.patches,
+        build=lambda cut: _build_domains(cut, len(body.tags), block.closes_channels),
+        max_shift=block.max_shift,
+        is_cover=True,
     )
-    return found.built, found.report.shifted, (CUT_NOTE, *found.report.notes)
+    domains, absorbed = found.built
+    return DividedBody(domains, found.report.shifted, (DIVIDED_NOTE, *found.report.notes, *absorbed))
 
 
-def body_areas(brep: Brep, body: FieldBody) -> dict[int, float]:
-    """The area of a domain on the faces of each tag of the body, by the tag's number."""
-    own = len(body.built.brep.tags)  # the tags of the first network come first
-    area = np.bincount(brep.faces.tag, integral_properties.integrate_faces(brep).area, len(brep.tags))
-    return dict(enumerate(area[:own].tolist()))
-
-
-def _build_domains(cut: DividedNetwork) -> dict[str, BrepSolids]:
-    """The solids of the domains, on common faces."""
+def _build_domains(
+    cut: DividedNetwork, n_body_tags: int, absorbs: bool
+) -> tuple[dict[str, BrepSolids], tuple[str, ...]]:
+    """The solids of the domains, on common faces, and a note on dead ends of channels that the wall has absorbed."""
     shared = cut.shared
     domain = _assign_channels(cut)
-    members = [cut.within, *(cut.beyond[domain == name] for name in (PLUS, MINUS))]
+    members, absorbed = [cut.within, *(cut.beyond[domain == name] for name in (PLUS, MINUS))], ()
+    if absorbs:
+        members, absorbed = absorb_dead_ends(shared, members, cut.reversed_beyond, n_body_tags)
     breps = []
     for number, own in enumerate(members):
-        own_sense = shared.faces.sense[own]
-        if number:
-            own_sense = np.where(np.isin(own, cut.reversed_beyond), -own_sense, own_sense)
-        part = select_faces(shared, own)
-        part = replace(part, faces=replace(part.faces, sense=own_sense))
+        part = select_domain(shared, own, cut.reversed_beyond if number else None)
         if number:
             part = replace(part, tags=tuple(tag if tag in SIDES else OPENING for tag in part.tags))
         check_closed(part)
         breps.append(drop_unused_geometry(part))
+    names = [name for name, own in zip((WALL, PLUS, MINUS), members, strict=True) if len(own)]
+    breps, members = [b for b in breps if len(b.faces)], [m for m in members if len(m)]
     built = build_regions(shared, breps, members)
     if not all(is_brep_valid(each, of.faces) for each, of in zip(breps, built, strict=True)):
         raise TrimmingError("the kernel's check rejects a domain")
-    return dict(zip((WALL, PLUS, MINUS), built, strict=True))
+    return dict(zip(names, built, strict=True)), absorbed
+
+
+def select_domain(shared: Brep, faces: IntArray, reversed_faces: IntArray | None) -> Brep:
+    """Some of the faces that all domains share; those of `reversed_faces` bound a channel with the opposite sense."""
+    part = select_faces(shared, faces)
+    if reversed_faces is None:
+        return part
+    sense = np.where(np.isin(faces, reversed_faces), -part.faces.sense, part.faces.sense)
+    return replace(part, faces=replace(part.faces, sense=sense))
 
 
 def _assign_channels(cut: DividedNetwork) -> IntArray:
@@ -86,6 +109,8 @@ def _assign_channels(cut: DividedNetwork) -> IntArray:
     points = shared.vertices[shared.edges.start[shared.uses.edge]]
     face = shared.face_of_use
     all_tags = np.array(shared.tags)[shared.faces.tag[face]]
+    if not np.isin(list(SIDES), all_tags).any():  # the lattice does not meet the body: it lies in one channel
+        return np.full(len(shell), PLUS)
     for s in np.flatnonzero(channel == "").tolist():  # a part of the body that the lattice does not meet
         at = points[np.isin(face, cut.beyond[shell == s])][:1]
         near = {tag: cKDTree(points[all_tags == tag]).query(at)[0][0] for tag in SIDES if (all_tags == tag).any()}
