@@ -1,12 +1,12 @@
-"""Foot points on ten kinds of free-form face: time, Newton runs and steps, and errors, beside the kernel's projection.
+"""Feet on ten kinds of free-form face: time, and errors, beside the kernel's projection.
 
     python -m benchmarks.foot_points [PART OF A NAME ...]
 
-Of 20 000 points, in random order, at up to half the least radius of curvature from random points of the carrier of each face. The
-error of the distance is that of the made one where no other foot is nearer; gradients against the normals there, Hessians against
-differences of gradients. `kernel` is GeomAPI_ProjectPointOnSurf on the same surface for some of the points; `farther` is how much
+Of 20 000 points, in random order, at up to a tenth of the face's size from random points of its carrier. `own` is the share of
+points with no nearer foot than the one they were made from; their distances are compared with the made ones, and gradients with
+the normals there. `kernel` is GeomAPI_ProjectPointOnSurf on the same surface for some of the points; `farther` is how much
 farther than the kernel's foot the farthest of ours is, in sizes. Microseconds are of processor time. `import` is the conversion
-in milliseconds and its error in sizes of the face, `prepare` the making of the cells.
+in milliseconds and its error in sizes of the face, `prepare` the making of the nodes.
 """
 
 from __future__ import annotations
@@ -26,13 +26,13 @@ from OCP.gp import gp_Pnt
 from OCP.TopoDS import TopoDS_Face
 
 from tpmscad._typing import Array
-from tpmscad.brep.foot_cells import prepare_foot_surface
-from tpmscad.brep.foot_points import find_foot_points
 from tpmscad.brep.free_form_surface import FreeFormSurface
+from tpmscad.brep.surface_feet import find_feet, make_surface_grid
 from tpmscad.kernel.body_import.free_form_carriers import convert_free_form
 from tpmscad.kernel.occt.bounding_boxes import box_diagonal
 
-POINTS, KERNEL_POINTS, DIFFERENCES = 20_000, 300, 500
+POINTS, KERNEL_POINTS = 20_000, 300
+REACH = 0.1
 REPEATS = 5
 
 
@@ -161,31 +161,18 @@ def rows(wanted: list[str]) -> Iterator[str]:
         read = time.process_time() - begun
         carrier = converted.carrier
         begun = time.process_time()
-        surface = prepare_foot_surface(carrier.spline, carrier.closed)
+        grid = make_surface_grid(carrier.spline, carrier.closed, carrier.continuation)
         prepared = time.process_time() - begun
-        reach = 0.5 / surface.cells.curvature[-1, 0]
-        points, distance, normal = points_beside(carrier, POINTS, min(reach, 0.2 * size), rng)
-        find_foot_points(surface, points[:10])
+        points, distance, normal = points_beside(carrier, POINTS, REACH * size, rng)
+        find_feet(grid, points[:10])
         seconds = np.inf
         for _ in range(REPEATS):
             begun = time.process_time()
-            found = find_foot_points(surface, points)
+            found = find_feet(grid, points)
             seconds = min(seconds, time.process_time() - begun)
         own = np.abs(np.abs(found.distance) - np.abs(distance)) < 1e-6 * size
-        own &= ~found.forced
         value = np.abs(found.distance - distance)[own].max() / size
         slope = np.abs(found.gradient - normal)[own].max()
-        some = np.flatnonzero(own)[:DIFFERENCES]
-        step = 1e-4 * min(reach, 0.2 * size)
-        gradients = [
-            find_foot_points(surface, points[some] + k * step * e, 1).gradient
-            for e in np.eye(3)
-            for k in (-2, -1, 1, 2)
-        ]
-        g = np.array(gradients).reshape(3, 4, len(some), 3)
-        difference = np.moveaxis((g[:, 0] - 8 * g[:, 1] + 8 * g[:, 2] - g[:, 3]) / (12 * step), 0, 1)
-        bend = np.abs(found.hessian[some] - difference)
-        second = float(np.median(bend.max(axis=(1, 2)))) * size, bend.max() * size
         theirs, kernel = kernel_distances(face, carrier, points[:KERNEL_POINTS])
         ours = np.linalg.norm(carrier(*found.parameters[:KERNEL_POINTS].T) - points[:KERNEL_POINTS], axis=1)
         farther = (ours - theirs).max() / size
@@ -193,8 +180,7 @@ def rows(wanted: list[str]) -> Iterator[str]:
         spline = carrier.spline
         yield (
             f"{name:22s}{spline.degree_u}x{spline.degree_v} {spline.poles.shape[0]:3d}x{spline.poles.shape[1]:<3d}"
-            f"{len(surface.cells.radius):5d}{us:7.2f}{found.runs.mean():6.2f}{found.steps.mean():6.1f}{found.failures:4d}"
-            f"{found.forced.sum():6d}{value:9.0e}{slope:8.0e}{second[0]:8.0e}{second[1]:8.0e}{kernel:8.0f}{kernel / us:6.0f}"
+            f"{grid.reach.size:6d}{us:7.2f}{own.mean():6.2f}{value:9.0e}{slope:8.0e}{kernel:8.0f}{kernel / us:6.0f}"
             f"{farther:9.0e}{read * 1e3:7.0f}{converted.error / size:8.0e}{prepared * 1e3:6.0f}"
         )
 
@@ -202,8 +188,7 @@ def rows(wanted: list[str]) -> Iterator[str]:
 def main(wanted: list[str]) -> None:
     """Print the table."""
     print(
-        "face                  deg  poles  cells     us  runs steps fail forced       |d|    grad  Hess, median, max  kernel"
-        " ratio  farther import   error prep."
+        "face                  deg  poles   nodes     us   own      |d|    grad  kernel ratio  farther import   error prep."
     )
     for line in rows(wanted):
         print(line, flush=True)

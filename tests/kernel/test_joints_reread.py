@@ -31,7 +31,7 @@ from tpmscad.kernel.build.solids import build_solids
 from tpmscad.kernel.occt import convert
 from tpmscad.kernel.occt.exploration import edges_of, faces_of
 from tpmscad.kernel.step.brep_writer import write_step
-from tpmscad.kernel.step.step_reader import read_step
+from tpmscad.kernel.step.step_reader import FITTING_PRECISION, read_step
 from tpmscad.lattices import copies
 from tpmscad.lattices.primitive import fit_offset_surfaces
 
@@ -86,7 +86,7 @@ def compare(groups: list[list[Here]], steepest: float, valences: list[int]) -> J
     return Joins(float(gap) / CELL, float(np.degrees(turn)), float(bend / steepest), tuple(sorted(valences)))
 
 
-def joins(shape: Any) -> tuple[Joins, Joins]:
+def joins(shape: Any, gap: float = GAP * CELL) -> tuple[Joins, Joins]:
     """Over every edge between smooth faces, the edge's own curve included; at every vertex, the vertex's own place included."""
     along: dict[int, list[tuple[Any, list[Here]]]] = defaultdict(list)
     at: dict[int, list[tuple[Any, Any, Here]]] = defaultdict(list)
@@ -99,14 +99,14 @@ def joins(shape: Any) -> tuple[Joins, Joins]:
             row, first = [], curve.FirstParameter()
             for t in (first + (curve.LastParameter() - first) * SHARES).tolist():
                 row.append(evaluate(face, surface, *flat.Value(t).Coord()))
-                assert np.linalg.norm(row[-1].point - curve.Value(t).Coord()) <= GAP * CELL
+                assert np.linalg.norm(row[-1].point - curve.Value(t).Coord()) <= gap
             along[hash(edge)].append((edge, row))
             vertices = TopExp_Explorer(edge, TopAbs_VERTEX)
             while vertices.More():
                 vertex = convert.as_vertex(vertices.Current())
                 place = np.array(BRep_Tool.Pnt_s(vertex).Coord())
                 end = min((row[0], row[-1]), key=lambda here: np.linalg.norm(here.point - place))
-                assert np.linalg.norm(end.point - place) <= GAP * CELL
+                assert np.linalg.norm(end.point - place) <= gap
                 at[hash(vertex)].append((vertex, face, end))
                 vertices.Next()
 
@@ -154,7 +154,8 @@ def test_offset_faces_read_back_join_with_continuous_curvature_at_every_edge_and
 def test_so_do_those_of_a_lattice_cut_by_a_box(tmp_path: Path) -> None:
     model = tpmscad.lattice("gyroid", cell=CELL, kind="skeletal", tol=1e-3, boundary="box")
     model.export_step(tmp_path / "lattice.step")
-    edges, vertices = joins(read_step(tmp_path / "lattice.step").shape)
+    # OCCT's reader fits the pcurves of cuts, which no file holds, to its own precision
+    edges, vertices = joins(read_step(tmp_path / "lattice.step").shape, FITTING_PRECISION)
     assert max(vertices.valences) == 6
     assert_continuous(edges, vertices)
 

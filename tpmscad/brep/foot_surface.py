@@ -1,4 +1,4 @@
-"""A polynomial B-spline surface prepared for the search of foot points: polynomials of its spans, poles, and cells that bound it.
+"""A polynomial B-spline surface prepared for the search of its feet: the polynomials of its spans, and lines of nodes.
 
 The surface is stored as one tensor of monomials per knot span, in two local parameters on [-1, 1]. Horner's rule then gives
 points and derivatives to second order, and an end span goes on beyond the border of the surface by the same polynomial.
@@ -29,7 +29,7 @@ POLE_SPREAD = 1e-10
 """In sizes of the surface: a side whose poles all lie within this is one point."""
 
 CELLS = 400
-"""Number of cells of a flat surface: more of them make boxes tighter and their list longer."""
+"""Number of cells between the nodes of a flat surface."""
 
 TURN_PER_CELL = 0.4
 """Radians by which the normal turns at most from one line of cells to the next, roughly."""
@@ -58,10 +58,6 @@ class SpanPolynomials(NamedTuple):
         Greatest |S_u| and |S_v|.
     size : float
         Diagonal of the box of the poles.
-    pole : (4,)
-        1 for a side, numbered as those of a spline surface, that is a smooth point of the surface, -1 for another point, else 0.
-    pole_normal, pole_curvature : (4, 3), (4, 3, 3)
-        Unit normals there, and the second fundamental form as a matrix in space, for smooth poles.
     """
 
     breaks_u: Array
@@ -71,9 +67,6 @@ class SpanPolynomials(NamedTuple):
     period: Array
     speed: Array
     size: float
-    pole: IntArray
-    pole_normal: Array
-    pole_curvature: Array
 
 
 def tabulate_spans(
@@ -96,7 +89,7 @@ def tabulate_spans(
     local : BSplineSurface
         The surface with its frame moved.
     spans : SpanPolynomials
-        Its monomials; no side is marked as a pole.
+        Its monomials.
 
     Raises
     ------
@@ -138,9 +131,6 @@ def tabulate_spans(
         np.where(closed, (breaks_u[-1], breaks_v[-1]), 0.0),
         speed,
         size,
-        np.zeros(4, np.int64),
-        np.zeros((4, 3)),
-        np.zeros((4, 3, 3)),
     )
     return local, spans
 

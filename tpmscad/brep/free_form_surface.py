@@ -1,8 +1,8 @@
-"""Free-form carriers of faces: polynomial B-spline surfaces with the signed distance, its derivatives and foot parameters.
+"""Free-form carriers of faces: polynomial B-spline surfaces with the signed distance, its gradient and foot parameters.
 
 They are called and asked like planes and quadrics: the distance of a point is that from its nearest foot, positive on the side of
 S_u x S_v. Where the surface ends before the normal through the point reaches it, the foot is forced to the border, and the values
-are those of the tangent plane there; `foot_points` marks these points and gives second derivatives.
+are those of the tangent plane there.
 """
 
 from __future__ import annotations
@@ -15,8 +15,6 @@ from numpy.typing import ArrayLike
 
 from tpmscad._typing import Array
 from tpmscad.brep.carriers import Plane, Quadric
-from tpmscad.brep.foot_cells import FootSurface, prepare_foot_surface
-from tpmscad.brep.foot_points import FootPoints, find_foot_points
 from tpmscad.brep.foot_surface import find_point_sides
 from tpmscad.brep.surface_feet import SurfaceFeet, SurfaceGrid, find_feet, make_surface_grid
 from tpmscad.rigid_motion import Motion
@@ -62,27 +60,6 @@ class FreeFormSurface:
         (u0, u1), (v0, v1) = self.spline.domain
         return (u1 - u0 if self.closed[0] else 0.0), (v1 - v0 if self.closed[1] else 0.0)
 
-    def knot_lines(self, continuity: int) -> tuple[Array, Array]:
-        """The inner knots along u and along v across which the spline is no smoother than C^continuity."""
-        spline, found = self.spline, []
-        for knots, degree in ((spline.knots_u, spline.degree_u), (spline.knots_v, spline.degree_v)):
-            values, counts = np.unique(knots[degree + 1 : -degree - 1], return_counts=True)
-            found.append(values[degree - counts <= continuity])
-        return found[0], found[1]
-
-    def bends_at_seam(self, axis: int, continuity: int) -> bool:
-        """Whether the surface is closed along a parameter and derivatives of an order up to `continuity` differ at the seam."""
-        if not self.closed[axis]:
-            return False
-        t = np.linspace(*self.domain[1 - axis], SEAM_SAMPLES)
-        for order in range(1, continuity + 1):
-            low, high = (
-                self.spline(x, t, order, 0) if axis == 0 else self.spline(t, x, 0, order) for x in self.domain[axis]
-            )
-            if np.abs(high - low).max() > SEAM_ANGLE * max(np.abs(low).max(), np.abs(high).max()):
-                return True
-        return False
-
     def __call__(self, u: ArrayLike, v: ArrayLike, du: int = 0, dv: int = 0) -> Array:
         """Points, or the mixed derivative of orders (du, dv), at the pairs (u, v), broadcast: (..., 3)."""
         s, t = (
@@ -94,10 +71,6 @@ class FreeFormSurface:
     def normal(self, u: ArrayLike, v: ArrayLike) -> Array:
         """S_u x S_v at the pairs (u, v), not normalised: (..., 3)."""
         return np.cross(self(u, v, 1, 0), self(u, v, 0, 1))
-
-    def foot_points(self, points: ArrayLike, order: int = 2) -> FootPoints:
-        """Foot points of points (..., 3), in one row, with the marks of those forced to the border; Hessians if `order` is 2."""
-        return find_foot_points(_prepare(self), np.asarray(points, float).reshape(-1, 3), order)
 
     def feet(self, points: ArrayLike) -> SurfaceFeet:
         """The nearest feet of points (..., 3), in one row."""
@@ -114,10 +87,6 @@ class FreeFormSurface:
     def gradient(self, points: ArrayLike) -> Array:
         """Gradient of the distance, unit vectors: (..., 3)."""
         return self.feet(points).gradient.reshape(np.shape(points))
-
-    def hessian(self, points: ArrayLike) -> Array:
-        """Second derivatives of the distance, zero where the foot is forced to the border: (..., 3, 3)."""
-        return self.foot_points(points, 2).hessian.reshape(*np.shape(points), 3)
 
     def poles_across_v(self) -> tuple[tuple[int, Array], ...]:
         """The sides of constant v that are points: -1 for that of low v, 1 for that of high v, and the point (3,)."""
@@ -145,12 +114,6 @@ class FreeFormSurface:
 
 BodyCarrier = Plane | Quadric | FreeFormSurface
 """What carries a face of a body to trim by: a surface with a signed distance and with parameters of points."""
-
-
-@lru_cache(maxsize=256)
-def _prepare(surface: FreeFormSurface) -> FootSurface:
-    """The data of the search, made at the first question."""
-    return prepare_foot_surface(surface.spline, surface.closed, surface.continuation)
 
 
 @lru_cache(maxsize=256)

@@ -44,6 +44,9 @@ SAFE_RATIO = 1e-3
 NEAR_POLE = 1e-8
 """Of the greatest |S_u| or |S_v|: below it the normal is found from S_uv, for S_u x S_v has too few digits."""
 
+SMOOTH_POLE = 1e-4
+"""Difference of normals from two sides of a pole up to which it has a tangent plane; else the normal is the way to the point."""
+
 NEAR_CENTRE = 0.3
 """1 - d k at a foot, with its greatest curvature, below which there may be another foot near by, along this curvature."""
 
@@ -275,19 +278,37 @@ def _write_normal(
     """Write normal and distance of point i from its vector to the foot, reversed, and the jet of the foot."""
     length_u = np.sqrt(jet[3] * jet[3] + jet[4] * jet[4] + jet[5] * jet[5]) / spans.speed[0]
     length_v = np.sqrt(jet[6] * jet[6] + jet[7] * jet[7] + jet[8] * jet[8]) / spans.speed[1]
-    one, other, sign = 3, 6, 1.0
-    if (
-        min(length_u, length_v) < NEAR_POLE
-    ):  # S_u is (v - v0) S_uv next to a pole across v, S_v is (u - u0) S_uv across u
+    normal = np.empty((2, 3))
+    if min(length_u, length_v) >= NEAR_POLE:
+        _cross(jet, 3, 6, 1.0, normal[0])
+        normal[1] = normal[0]
+    else:  # S_u is (v - v0) S_uv next to a pole across v, S_v is (u - u0) S_uv across u
         across = 1 if length_u < length_v else 0
-        one, other = (12, 6) if across else (3, 12)
-        sign = 1.0 if 2.0 * feet.parameters[i, across] < spans.box[across].sum() else -1.0
-    nx = sign * (jet[one + 1] * jet[other + 2] - jet[one + 2] * jet[other + 1])
-    ny = sign * (jet[one + 2] * jet[other] - jet[one] * jet[other + 2])
-    nz = sign * (jet[one] * jet[other + 1] - jet[one + 1] * jet[other])
-    area = np.sqrt(nx * nx + ny * ny + nz * nz)
-    if not area > 0.0:
-        nx, ny, nz = x, y, z
-        area = max(np.sqrt(nx * nx + ny * ny + nz * nz), 1e-300)
-    feet.gradient[i, 0], feet.gradient[i, 1], feet.gradient[i, 2] = nx / area, ny / area, nz / area
-    feet.distance[i] = (x * nx + y * ny + z * nz) / area
+        low, high = spans.box[across]
+        is_low = 2.0 * feet.parameters[i, across] < low + high
+        for k in range(2):  # from two sides: at a smooth pole they agree
+            place = feet.parameters[i].copy()
+            place[across] = low if is_low else high
+            beside = place[1 - across] + 0.5 * k * (spans.box[1 - across, 1] - spans.box[1 - across, 0])
+            place[1 - across] = beside if beside <= spans.box[1 - across, 1] else 2.0 * place[1 - across] - beside
+            evaluate_spans(spans, place[0], place[1], np.zeros(2, np.int64), jet)
+            _cross(jet, 12 if across else 3, 6 if across else 12, 1.0 if is_low else -1.0, normal[k])
+    if not np.abs(normal[1] - normal[0]).max() < SMOOTH_POLE:
+        normal[0, 0], normal[0, 1], normal[0, 2] = x, y, z
+        normal[0] /= max(np.sqrt(x * x + y * y + z * z), 1e-300)
+    nx, ny, nz = normal[0]
+    feet.gradient[i, 0], feet.gradient[i, 1], feet.gradient[i, 2] = nx, ny, nz
+    feet.distance[i] = x * nx + y * ny + z * nz
+
+
+@njit_cached
+def _cross(jet: Array, one: int, other: int, sign: float, normal: Array) -> None:  # pragma: no cover - compiled
+    """Write the unit vector along the product of two derivatives of a jet, not a number if it vanishes."""
+    x = sign * (jet[one + 1] * jet[other + 2] - jet[one + 2] * jet[other + 1])
+    y = sign * (jet[one + 2] * jet[other] - jet[one] * jet[other + 2])
+    z = sign * (jet[one] * jet[other + 1] - jet[one + 1] * jet[other])
+    area = np.sqrt(x * x + y * y + z * z)
+    if area > 0.0:
+        normal[0], normal[1], normal[2] = x / area, y / area, z / area
+    else:
+        normal[:] = np.nan

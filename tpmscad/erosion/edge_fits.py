@@ -17,7 +17,7 @@ from tpmscad.erosion.sheets import SheetCarrier
 from tpmscad.errors import TrimmingError, format_point
 from tpmscad.splines.adaptive_curve_fit import fit_adaptively
 from tpmscad.splines.bspline import BSplineCurve, BSplineSurface, line_segment
-from tpmscad.trimming.intersect.common_curves import correct_points, grade_sites
+from tpmscad.trimming.intersect.common_curves import Paths, correct_points, grade_sites
 from tpmscad.trimming.intersect.common_points import make_work
 from tpmscad.trimming.intersect.network_hits import evaluate_faces
 
@@ -47,8 +47,11 @@ COLUMNS = slice(3, 5), slice(5, 7)
 def fit_edges(graph: EdgeGraph) -> list[SheetEdge]:
     """The curves of all traced edges, within 5e-10 of the body's size of both sheets; lines and circles where they are such."""
     sheets = np.array([edge.sheets for edge in graph.edges], np.int64).reshape(-1, 2)
-    paths = grade_sites(graph.patches, sheets, [edge.path for edge in graph.edges])
-    return [_fit(graph, edge, path) for edge, path in zip(graph.edges, paths, strict=True)]
+    points = [np.zeros((0, 10)), *(edge.path for edge in graph.edges)]
+    start = np.cumsum([len(own) for own in points])
+    paths = grade_sites(graph.patches, Paths(np.concatenate(points), start, sheets))
+    graded = np.split(paths.points, paths.start[1:-1]) if len(sheets) else []
+    return [_fit(graph, edge, path) for edge, path in zip(graph.edges, graded, strict=True)]
 
 
 def _fit(graph: EdgeGraph, edge: TracedEdge, path: Array) -> SheetEdge:

@@ -192,7 +192,7 @@ def _cut_at_lines(patches: PatchPolynomials, face: IntArray, path: Array, lines:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class _Paths:
+class Paths:
     """Points of paths one after another, `points` (N, 10), path i from start[i] to start[i + 1] - 1.
 
     `face` (P, 2): both faces of each.
@@ -224,7 +224,7 @@ def _fit_paths(
     if not paths:
         return result, deviation
     start = np.concatenate([[0], np.cumsum([len(p) for p in paths])])
-    sites = _grade_sites(patches, _join_last_steps(_Paths(np.concatenate(paths), start, face)))
+    sites = grade_sites(patches, _join_last_steps(Paths(np.concatenate(paths), start, face)))
     points = np.split(sites.points, sites.start[1:-1])
     at: list[Array] = [np.zeros(0)] * len(paths)
     left = np.arange(len(paths))
@@ -289,17 +289,17 @@ def _halve_intervals(
         at[i] = np.insert(t[k], where, middles[k][halved[k]])
 
 
-def _join_last_steps(paths: _Paths) -> _Paths:
+def _join_last_steps(paths: Paths) -> Paths:
     """The paths without a last point but one that is much nearer to the end than to the point before."""
     long = np.flatnonzero(np.diff(paths.start) >= 3)
     end, steps = paths.start[long + 1] - 1, paths.steps
     drop = end[steps[end - 1] < MIN_LAST_STEP * steps[end - 2]] - 1
     dropped = np.bincount(paths.owner[drop], minlength=len(paths.face))
     start = paths.start - np.concatenate([[0], np.cumsum(dropped)])
-    return _Paths(np.delete(paths.points, drop, axis=0), start, paths.face)
+    return Paths(np.delete(paths.points, drop, axis=0), start, paths.face)
 
 
-def _grade_sites(patches: PatchPolynomials, paths: _Paths) -> _Paths:
+def grade_sites(patches: PatchPolynomials, paths: Paths) -> Paths:
     """The paths with points between theirs: `MIN_SITES` at least, and no step longer than its neighbours by `MAX_STEP_RATIO`."""
     parts = -(-(MIN_SITES - 1) // np.maximum(np.diff(paths.start) - 1, 1))[paths.owner[:-1]]
     while True:
@@ -313,14 +313,7 @@ def _grade_sites(patches: PatchPolynomials, paths: _Paths) -> _Paths:
             return paths
 
 
-def grade_sites(patches: PatchPolynomials, face: IntArray, paths: list[Array]) -> list[Array]:
-    """Paths (n, 10) on the faces (P, 2) with points between theirs, as splines of `DEGREE` through them need."""
-    start = np.concatenate([[0], np.cumsum([len(p) for p in paths])])
-    graded = _grade_sites(patches, _Paths(np.concatenate(paths), start, face))
-    return np.split(graded.points, graded.start[1:-1])
-
-
-def _insert_sites(patches: PatchPolynomials, paths: _Paths, parts: IntArray) -> _Paths:
+def _insert_sites(patches: PatchPolynomials, paths: Paths, parts: IntArray) -> Paths:
     """Steps divided into `parts` (N - 1,), by cubic Hermite interpolation of the points and tangents."""
     row, step = repeat_rows(parts - 1)
     x = ((step + 1) / parts[row])[:, None]
@@ -334,7 +327,7 @@ def _insert_sites(patches: PatchPolynomials, paths: _Paths, parts: IntArray) -> 
     found = _correct(patches, paths.face[owner], guess, (1 - x) * a[:, 7:] + x * b[:, 7:])
     added = np.bincount(owner, minlength=len(paths.face))
     start = paths.start + np.concatenate([[0], np.cumsum(added)])
-    return _Paths(np.insert(paths.points, row + 1, found, axis=0), start, paths.face)
+    return Paths(np.insert(paths.points, row + 1, found, axis=0), start, paths.face)
 
 
 def _choose_parameters(paths: Array) -> Array:

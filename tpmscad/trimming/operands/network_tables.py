@@ -225,8 +225,14 @@ def tabulate_faces(brep: Brep, near: IntArray | None = None, cell_size: float = 
 
 def tabulate_carriers(carriers: Sequence[Carrier], uv: Sequence[Array], sense: ArrayLike) -> PatchPolynomials:
     """The polynomials of carriers, planes and quadrics about points uv (n, 2) of theirs; sense: +1 if S_u x S_v leads out."""
-    cells = _divide_patches([_as_spline(carrier, own) for carrier, own in zip(carriers, uv, strict=True)], np.inf)
-    breaks, coefficients = [b for own in cells for b in own.breaks], [own.coefficients for own in cells]
+    breaks, coefficients = [], []
+    for surface in map(_as_spline, carriers, uv):
+        (u, left), (v, right) = (
+            span_powers(surface.knots_u, surface.degree_u),
+            span_powers(surface.knots_v, surface.degree_v),
+        )
+        breaks += [u, v]
+        coefficients.append(np.einsum("aku,uvc,blv->abklc", left, surface.poles, right, optimize=True))
     shapes = np.array([c.shape[:4] for c in coefficients], np.int64)
     starts = (
         find_starts([len(b) for b in breaks])[:-1].reshape(-1, 2),
