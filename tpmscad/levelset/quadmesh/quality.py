@@ -20,10 +20,16 @@ from tpmscad.fields.field import Field
 from tpmscad.levelset.quadmesh.smoothing import project_with_gradients
 from tpmscad.levelset.quadmesh.vectors import (
     MIN_DIVISOR,
+    close_triangles,
     difference_of,
-    dot_as_einsum,
+    dot,
     dot_of,
+    gather,
+    length,
     norm_of,
+    roll_next,
+    roll_previous,
+    sines_between_sides,
     triple_product_of,
 )
 
@@ -70,13 +76,37 @@ def interior_distortion(field: Field, vertices: Array, normals: Array, fixed: Bo
     quadrilateral.
     """
     corners = np.where(polygons < 0, polygons[:, 2:3], polygons)
-    points, held, side = _place_middles(vertices, fixed, corners)
-    longest = MAX_SAG_FRACTION * side.ravel()
-    projected, gradient = project_with_gradients(
-        field, points.reshape(-1, 3), held.reshape(-1, 3), longest, NEWTON_STEPS_FROM_MIDPOINTS, 0.0
+    at, up, held = gather(vertices, corners), gather(normals, corners), gather(fixed, corners)
+    side = length(roll_next(at) - at)
+    side = np.column_stack([side, side.max(axis=1)])
+    centre = (at[..., 0] + at[..., 1] + at[..., 2] + at[..., 3]) / 4
+    middles = np.concatenate([0.5 * (at + roll_next(at)), centre[..., None]], axis=-1)
+    held = np.concatenate([held & roll_next(held), np.zeros((*held.shape[:2], 1), bool)], axis=-1)
+    found = project_with_gradients(
+        field,
+        middles.reshape(3, -1).T,
+        held.reshape(3, -1).T,
+        MAX_SAG_FRACTION * side.ravel(),
+        NEWTON_STEPS_FROM_MIDPOINTS,
+        0.0,
     )
-    projected, gradient = projected.reshape(points.shape), gradient.reshape(points.shape)
-    return _measure_interiors(vertices, normals, corners, points, projected, gradient, side)
+    projected, gradient = (each.T.reshape(middles.shape) for each in found)
+    normal = gradient / np.maximum(length(gradient), MIN_DIVISOR)
+    sag = np.where(side > 0, length(projected - middles) / np.maximum(side, MIN_DIVISOR), 0.0).max(axis=1)
+    pairs = ((normal[..., :4], up), (normal[..., :4], roll_next(up)), (normal[..., 4:], up))
+    cosine = np.concatenate([dot(*pair) for pair in pairs], axis=1).min(axis=1)
+    quarter = _list_quarters(at, projected)
+    edge = roll_next(quarter) - quarter
+    sine = sines_between_sides(edge, length(edge), _list_quarters(up, normal)).min(axis=(1, 2))
+    sine = np.where(corners[:, 2] == corners[:, 3], 1.0, sine)  # a triangle has no quarters to measure
+    worst = np.maximum(sag / MAX_SAG_FRACTION, (1 - cosine) / (1 - MIN_MIDPOINT_NORMAL_COSINE))
+    return np.maximum(worst, (1 - sine) / (1 - MIN_QUARTER_SINE))
+
+
+def _list_quarters(at: Array, middles: Array) -> Array:
+    """The corners (3, Q, 4, 4) of the quarters between the corners (3, Q, 4), the midpoints and the centre (3, Q, 5)."""
+    on_sides, centre = middles[..., :4], np.broadcast_to(middles[..., 4:], at.shape)
+    return np.stack([at, on_sides, centre, roll_previous(on_sides)], axis=-1)
 
 
 @njit_cached
@@ -163,100 +193,8 @@ def _max_box_section_tilt(
                 size = max(norm_of(vector), MIN_DIVISOR)
                 for x in range(3):
                     vector[x] /= size
-            tilt = max(tilt, max(abs(dot_as_einsum(chord, one)), abs(dot_as_einsum(chord, other))))
+            tilt = max(tilt, max(abs(dot_of(chord, one)), abs(dot_of(chord, other))))
     return tilt
-
-
-@njit_cached
-def _place_middles(
-    vertices: Array, fixed: BoolArray, corners: IntArray
-) -> tuple[Array, BoolArray, Array]:  # pragma: no cover
-    """The midpoints of the sides and the centres (Q, 5, 3), the coordinates held on the box, and the lengths (Q, 5) of the sides.
-
-    The length of the longest side stands for the centre.
-    """
-    count = len(corners)
-    points, held, side = np.empty((count, 5, 3)), np.zeros((count, 5, 3), np.bool_), np.empty((count, 5))
-    for q in range(len(corners)):
-        longest = 0.0
-        for k in range(4):
-            i, j = corners[q, k], corners[q, (k + 1) % 4]
-            side[q, k] = norm_of(difference_of(vertices, j, i))
-            longest = max(longest, side[q, k])
-            for x in range(3):
-                points[q, k, x] = 0.5 * (vertices[i, x] + vertices[j, x])
-                held[q, k, x] = fixed[i, x] and fixed[j, x]
-        side[q, 4] = longest
-        a, b, c, d = corners[q]
-        for x in range(3):
-            points[q, 4, x] = (vertices[a, x] + vertices[b, x] + vertices[c, x] + vertices[d, x]) / 4
-    return points, held, side
-
-
-@njit_cached
-def _measure_interiors(
-    vertices: Array,
-    normals: Array,
-    corners: IntArray,
-    points: Array,
-    projected: Array,
-    gradient: Array,
-    side: Array,
-) -> Array:  # pragma: no cover
-    """The interior distortion (Q,) by the middles (Q, 5, 3), their projections, the gradients there and the sides (Q, 5).
-
-    The last two corners (Q, 4) of a triangle are the same; it has no quarters to measure.
-    """
-    middle_normal, step = np.empty((5, 3)), np.empty(3)
-    quarter, quarter_normal, result = np.empty((4, 3)), np.empty((4, 3)), np.empty(len(corners))
-    for q in range(len(corners)):
-        sag, cosine, sine = 0.0, np.inf, np.inf
-        total = 0.0  # of all measures: not a number if one of them is
-        for k in range(5):
-            if side[q, k] > 0:
-                for x in range(3):
-                    step[x] = projected[q, k, x] - points[q, k, x]
-                moved = norm_of(step) / max(side[q, k], MIN_DIVISOR)
-                sag, total = max(sag, moved), total + moved
-            size = max(norm_of(gradient[q, k]), MIN_DIVISOR)
-            for x in range(3):
-                middle_normal[k, x] = gradient[q, k, x] / size
-        for k in range(4):
-            i, j = corners[q, k], corners[q, (k + 1) % 4]
-            cosine = min(cosine, dot_as_einsum(middle_normal[k], normals[i]))
-            cosine = min(cosine, dot_as_einsum(middle_normal[k], normals[j]))
-            cosine = min(cosine, dot_as_einsum(middle_normal[4], normals[i]))
-            total += cosine
-        if corners[q, 2] == corners[q, 3]:
-            sine = 1.0
-        else:
-            for k in range(4):
-                before = k - 1 if k else 3
-                for x in range(3):
-                    quarter[0, x], quarter_normal[0, x] = vertices[corners[q, k], x], normals[corners[q, k], x]
-                    quarter[1, x], quarter_normal[1, x] = projected[q, k, x], middle_normal[k, x]
-                    quarter[2, x], quarter_normal[2, x] = projected[q, 4, x], middle_normal[4, x]
-                    quarter[3, x], quarter_normal[3, x] = projected[q, before, x], middle_normal[before, x]
-                sine = min(sine, _min_corner_sine(quarter, quarter_normal))
-            total += sine
-        worst = max(sag / MAX_SAG_FRACTION, (1 - cosine) / (1 - MIN_MIDPOINT_NORMAL_COSINE))
-        worst = max(worst, (1 - sine) / (1 - MIN_QUARTER_SINE))
-        result[q] = np.nan if np.isnan(total) else worst
-    return result
-
-
-@njit_cached
-def _min_corner_sine(points: Array, normals: Array) -> float:  # pragma: no cover
-    """Least signed sine of the corner angles of a quadrilateral (4, 3) with normals (4, 3)."""
-    least = np.inf
-    previous = difference_of(points, 3, 0)
-    previous_size = norm_of(previous)
-    for k in range(4):
-        chord = difference_of(points, k, (k + 1) % 4)
-        size = norm_of(chord)
-        least = min(least, triple_product_of(previous, chord, normals[k]) / max(size * previous_size, MIN_DIVISOR))
-        previous, previous_size = chord, size
-    return least
 
 
 SIDE_PARAMETERS = np.array([0.25, 0.5, 0.75])
@@ -270,61 +208,20 @@ def measure_side_distances(
 
     `vertices`, unit `normals` and coordinates `fixed` on the box are (V, 3). Sides in a face of the box stay in it.
     """
-    points, free = _place_points(vertices, normals, fixed, polygons)
-    value, gradient = field.value_and_gradient(points)
-    return _measure_distances(polygons, value, gradient, free)
-
-
-@njit_cached
-def _place_points(
-    vertices: Array, normals: Array, fixed: BoolArray, polygons: IntArray
-) -> tuple[Array, BoolArray]:  # pragma: no cover
-    """The points (Q, 4, k, 3) on the cubics of the sides, and the coordinates (Q, 4, 3) along which these may move."""
-    count = len(polygons)
-    points, free = np.empty((count, 4, len(SIDE_PARAMETERS), 3)), np.empty((count, 4, 3), np.bool_)
-    first, last, way = np.empty(3), np.empty(3), np.empty(3)
-    for q in range(len(polygons)):
-        n = 3 if polygons[q, 3] < 0 else 4
-        for side in range(4):
-            # the fourth side of a triangle is its first once more
-            i, j = polygons[q, side % n], polygons[q, (side + 1) % n]
-            chord = difference_of(vertices, i, j)
-            length = norm_of(chord)
-            for end, tangent in ((i, first), (j, last)):
-                for x in range(3):
-                    free[q, side, x] = not (fixed[i, x] and fixed[j, x])
-                    way[x] = normals[end, x] if free[q, side, x] else 0.0
-                square = max(dot_of(way, way), MIN_DIVISOR)
-                share = dot_of(chord, way) / square
-                for x in range(3):
-                    tangent[x] = chord[x] - share * way[x]
-                stretch = length / max(norm_of(tangent), MIN_DIVISOR)
-                for x in range(3):
-                    tangent[x] *= stretch
-            for k in range(len(SIDE_PARAMETERS)):
-                t = SIDE_PARAMETERS[k]
-                rest = 1.0 - t
-                for x in range(3):
-                    points[q, side, k, x] = (
-                        (1.0 + 2.0 * t) * rest**2 * vertices[i, x]
-                        + t**2 * (3.0 - 2.0 * t) * vertices[j, x]
-                        + t * rest * (rest * first[x] - t * last[x])
-                    )
-    return points, free
-
-
-@njit_cached
-def _measure_distances(polygons: IntArray, value: Array, gradient: Array, free: BoolArray) -> Array:  # pragma: no cover
-    """The largest ratio (Q,) of values (Q, 4, k) to the lengths of gradients (Q, 4, k, 3) in the free coordinates."""
-    result = np.empty(len(polygons))
-    for q in range(len(polygons)):
-        largest = 0.0
-        for side in range(4):
-            for k in range(value.shape[2]):
-                square = 0.0
-                for x in range(3):
-                    if free[q, side, x]:
-                        square += gradient[q, side, k, x] ** 2
-                largest = max(largest, abs(value[q, side, k]) / max(np.sqrt(square), MIN_DIVISOR))
-        result[q] = largest
-    return result
+    corners = close_triangles(polygons)
+    after = np.where(polygons < 0, polygons[:, 1:2], roll_next(corners))  # a triangle's first side once more
+    start, end = gather(vertices, corners), gather(vertices, after)
+    free = ~(gather(fixed, corners) & gather(fixed, after))
+    chord = end - start
+    tangents = []
+    for ends in (corners, after):
+        way = np.where(free, gather(normals, ends), 0.0)
+        tangent = chord - dot(chord, way) / np.maximum(dot(way, way), MIN_DIVISOR) * way
+        tangents.append((tangent * (length(chord) / np.maximum(length(tangent), MIN_DIVISOR)))[..., None])
+    t, rest = SIDE_PARAMETERS, 1.0 - SIDE_PARAMETERS
+    points = (1.0 + 2.0 * t) * rest**2 * start[..., None] + t**2 * (3.0 - 2.0 * t) * end[..., None]
+    points += t * rest * (rest * tangents[0] - t * tangents[1])
+    value, gradient = field.value_and_gradient(np.moveaxis(points, 0, -1))
+    slope = length(np.where(free[..., None], np.moveaxis(gradient, -1, 0), 0.0))
+    ratio = np.abs(value) / np.maximum(slope, MIN_DIVISOR)
+    return np.asarray(np.fmax.reduce(ratio, axis=(1, 2), initial=0.0))

@@ -8,10 +8,14 @@ loop has the same bits as these.
 
 from __future__ import annotations
 
+from typing import TypeVar
+
 import numpy as np
 
 from tpmscad._compiled_loops import njit_cached
-from tpmscad._typing import Array, IntArray
+from tpmscad._typing import Array, BoolArray, IntArray
+
+Rows = TypeVar("Rows", Array, BoolArray, IntArray)
 
 MIN_DIVISOR = 1e-300
 """Least divisor of a normalisation: a vector of length zero stays zero."""
@@ -37,7 +41,7 @@ def length(a: Array) -> Array:
     return np.asarray(np.sqrt(dot(a, a)))
 
 
-def roll_next(a: Array) -> Array:
+def roll_next(a: Rows) -> Rows:
     """Cyclic successor of each entry along the last axis."""
     return np.concatenate([a[..., 1:], a[..., :1]], axis=-1)
 
@@ -75,7 +79,7 @@ def close_triangles(corners: IntArray) -> IntArray:
     return np.where(corners < 0, corners[:, :1], corners)
 
 
-def gather(vectors: Array, corners: IntArray) -> Array:
+def gather(vectors: Rows, corners: IntArray) -> Rows:
     """Rows of `vectors` (V, 3) at `corners` (...), components first: (3, ...)."""
     return np.take(np.ascontiguousarray(vectors.T), corners, axis=1)
 
@@ -90,12 +94,6 @@ def difference_of(points, i, j):  # type: ignore[no-untyped-def]  # pragma: no c
 def dot_of(a, b):  # type: ignore[no-untyped-def]  # pragma: no cover
     """The scalar product of two vectors."""
     return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
-
-
-@njit_cached
-def dot_as_einsum(a, b):  # type: ignore[no-untyped-def]  # pragma: no cover
-    """The scalar product of two vectors, summed in the order of `numpy.einsum`, whose vector units add every second term."""
-    return (a[0] * b[0] + a[2] * b[2]) + a[1] * b[1]
 
 
 @njit_cached
