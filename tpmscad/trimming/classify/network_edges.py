@@ -128,7 +128,7 @@ def classify_pieces(
         segment = pieces.segment[one]
         e = network.brep.edges
         points = evaluate_curves(list_spline_curves(network.brep), e.curve[segment], pieces.span[one].mean(axis=1))[0]
-        votes.count[undecided, 1] = points_in_network(other, e.motion[segment].apply(points))
+        votes.count[undecided, 1] = points_in_network(other, e.motion[segment].apply(np.reshape(points, (-1, 3))))
     return votes.inside()[:m]
 
 
