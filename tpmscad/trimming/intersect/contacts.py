@@ -73,8 +73,8 @@ class Contacts:
 class _Sectors:
     """S sectors of faces round points: from direction `start` counter-clockwise about `normal` to `end`, NaN for all of a plane.
 
-    `owner` (S,): the number of the point. `face` (S,); `outward` (S, 3): the normal out of the solid; `uv` (S, 2): the point on the
-    face; `edges` (S, 2): those in the directions start and end.
+    `owner` (S,): the number of the point. `face` (S,); `outward` (S, 3): the normal out of the solid; `uv` (S, 2): the point on
+    the face; `edges` (S, 2): those in the directions start and end.
     """
 
     owner: IntArray
