@@ -83,7 +83,7 @@ def test_the_kernels_boolean_is_not_tried_with_tens_of_thousands_of_patches() ->
     patches = SimpleNamespace(faces=range(boolean_strategies.MAX_KERNEL_FACES + 1))
     many, body = SimpleNamespace(patches=patches), SimpleNamespace(shape=BODY)
     with pytest.raises(KernelError, match="has 20001 patches"):
-        boolean_strategies.combine_in_kernel(many, body, "intersection")  # type: ignore[arg-type]
+        boolean_strategies.intersect_in_kernel(many, body)  # type: ignore[arg-type]
 
 
 def test_the_kernels_boolean_is_checked_and_its_volume_compared_with_a_sample(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -92,11 +92,11 @@ def test_the_kernels_boolean_is_checked_and_its_volume_compared_with_a_sample(mo
     monkeypatch.setattr(boolean_strategies, "intersect_solids", lambda *_: (BODY,))
     monkeypatch.setattr(boolean_strategies, "sample_lattice_fraction", lambda *_: (fraction, 0.01))
     monkeypatch.setattr(boolean_strategies, "intersect_solids", lambda *_: (BODY,))
-    made = boolean_strategies.combine_in_kernel(BLOCK, body, "intersection")
+    made = boolean_strategies.intersect_in_kernel(BLOCK, body)
     assert made.solids == (BODY,)
     monkeypatch.setattr(boolean_strategies, "sample_lattice_fraction", lambda *_: (fraction + 0.1, 0.01))
     with pytest.raises(KernelError, match=r"of the body, but 0\.\d+ \+- 0\.01 of a sample"):
-        boolean_strategies.combine_in_kernel(BLOCK, body, "intersection")
+        boolean_strategies.intersect_in_kernel(BLOCK, body)
     monkeypatch.setattr(boolean_strategies, "is_valid", lambda _: False)
     with pytest.raises(KernelError, match="check rejects what its own boolean made"):
-        boolean_strategies.combine_in_kernel(BLOCK, body, "intersection")
+        boolean_strategies.intersect_in_kernel(BLOCK, body)

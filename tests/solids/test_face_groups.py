@@ -69,7 +69,7 @@ def test_what_is_left_of_an_open_face_is_a_group_too() -> None:
 
 
 def test_a_lattice_that_was_moved_keeps_the_labels_of_its_walls(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(network_boolean, "SHIFT_TOLS", ())  # else it is cut where it is
+    monkeypatch.setattr(network_boolean, "SHIFT_TOLS", (25.0,))  # else it is cut where it is
     side = 10 + 2 * (SKIN + 3e-4)
     model = tpmscad.infill(bd.Box(side, side, side), **P, skin=SKIN)
     assert any("the lattice was moved" in note for note in model.certificate.notes)
@@ -85,6 +85,7 @@ def test_the_deviation_of_a_lattice_that_was_moved_is_that_from_where_it_was_ask
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     monkeypatch.setattr(network_boolean, "SHIFT_TOLS", ())
+    monkeypatch.setattr(network_boolean, "FAR_SHIFTS", (0.9,))
     side = 10 + 2 * (SKIN + 3e-4)
     body = bd.Box(side, side, side)
     model = tpmscad.infill(body, "neovius", cell=10, thickness=0.6, tol=0.03, skin=SKIN)

@@ -51,9 +51,7 @@ def patches_over_box(
 
 def weld_in_box(primitives: Sequence[BSplineSurface], faces: PlacedFaces, size: Array) -> Brep:
     """The faces with a part inside the box [0, size], in quarters if the midline of one lies in a plane of the box."""
-    margin = COVER_MARGIN_CELLS
     if _midlines_in_box_planes(primitives, faces, size):
-        margin = 0.0
         primitives = [quarter for primitive in primitives for quarter in quarter_patch(primitive)]
         faces = faces[np.repeat(np.arange(len(faces.carrier)), 4)]
         faces = replace(faces, carrier=4 * faces.carrier + np.tile(np.arange(4), len(faces.carrier) // 4))
@@ -61,7 +59,7 @@ def weld_in_box(primitives: Sequence[BSplineSurface], faces: PlacedFaces, size: 
     for index, primitive in enumerate(primitives):
         at = np.flatnonzero(faces.carrier == index)
         poles = faces.motion[at, None].apply(primitive.poles.reshape(-1, 3))
-        inside[at] = _reaches_into_box(poles + margin, size + 2 * margin)
+        inside[at] = _reaches_into_box(poles + COVER_MARGIN_CELLS, size + 2 * COVER_MARGIN_CELLS)
     return faces[inside].weld(primitives)
 
 

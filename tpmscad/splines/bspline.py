@@ -170,6 +170,14 @@ class BSplineSurface:
         value, by_u = (columns[0][:, None] @ half)[:, :, 0]
         return value, by_u, (columns[1][:, None] @ half[0])[:, 0]
 
+    def knot_lines(self, continuity: int) -> tuple[Array, Array]:
+        """The inner knots along u and along v across which the surface is no smoother than C^continuity, by multiplicity."""
+        found = []
+        for knots, degree in ((self.knots_u, self.degree_u), (self.knots_v, self.degree_v)):
+            values, counts = np.unique(knots[degree + 1 : -degree - 1], return_counts=True)
+            found.append(values[degree - counts <= continuity])
+        return found[0], found[1]
+
     def grid(self, u: ArrayLike, v: ArrayLike, du: int = 0, dv: int = 0) -> Array:
         """Points, or the mixed derivative of orders (du, dv), on the grid of all u with all v: (len(u), len(v), D)."""
         rows = design_matrix(self.knots_u, self.degree_u, np.asarray(u, float), du)

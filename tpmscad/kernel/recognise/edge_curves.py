@@ -200,7 +200,7 @@ def _cross_knot_lines(
     if not isinstance(carrier, FreeFormSurface):
         return np.zeros(0)
     found: list[float] = []
-    for axis, knots in enumerate(carrier.knot_lines(continuity)):
+    for axis, knots in enumerate(carrier.spline.knot_lines(continuity)):
         if not len(knots):
             continue
         t, uv = np.linspace(*span, EDGE_SAMPLES), follow_parameters(carrier, curve, span, near, None, size)[:, axis]

@@ -152,15 +152,8 @@ MIN_PIECE_STEPS, KNOT_MARGIN = 0.1, 1e-6
 
 def _list_knot_lines(brep: Brep) -> list[tuple[Array, Array]]:
     """For each carrier its inner knots along u and along v across which it is no smoother than C^KNOT_CONTINUITY."""
-    found = []
-    for carrier in brep.carriers:
-        own = []
-        if isinstance(carrier, BSplineSurface):
-            for knots, degree in ((carrier.knots_u, carrier.degree_u), (carrier.knots_v, carrier.degree_v)):
-                values, counts = np.unique(knots[degree + 1 : -degree - 1], return_counts=True)
-                own.append(values[degree - counts <= KNOT_CONTINUITY])
-        found.append((own[0], own[1]) if own else (np.zeros(0), np.zeros(0)))
-    return found
+    none = np.zeros(0), np.zeros(0)
+    return [c.knot_lines(KNOT_CONTINUITY) if isinstance(c, BSplineSurface) else none for c in brep.carriers]
 
 
 def _cut_at_lines(patches: PatchPolynomials, face: IntArray, path: Array, lines: Sequence[Array]) -> list[Array]:

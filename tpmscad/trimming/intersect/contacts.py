@@ -141,9 +141,10 @@ def find_contacts(first: Network, second: Network, piercings: Piercings, coplana
     inner = (np.linalg.norm(ends - found.point[:, None], axis=2) >= snap).all(axis=1)
     for i in np.flatnonzero(planar & inner & (found.border < snap)).tolist():
         rows.append((found.point[i], -1, int(found.edge[i]), float(found.t[i]), int(found.face[i])))
+    none = np.zeros(0, np.int64)
+    nothing = Contacts(np.zeros((0, 3)), none, none, np.zeros(0), none, none, np.zeros(0), (), coplanar)
     if not rows:
-        none = np.zeros(0, np.int64)
-        return Contacts(np.zeros((0, 3)), none, none, np.zeros(0), none, none, np.zeros(0), (), coplanar)
+        return nothing
     points = np.array([row[0] for row in rows])
     face = np.array([row[4] for row in rows])
     uv = _plane_parameters(first.brep, face, points)
@@ -160,6 +161,8 @@ def find_contacts(first: Network, second: Network, piercings: Piercings, coplana
             made.append((point, vertex, edge, t, *place))
         elif len(place[3]) > len(made[same[0]][7]):
             made[same[0]] = (point, vertex, edge, t, *place)
+    if not made:
+        return nothing
     point, vertex, edge, t, on_vertex, on_edge, on_t, faces = zip(*made, strict=True)
     return Contacts(
         np.array(point),
