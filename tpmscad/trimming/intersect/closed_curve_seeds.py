@@ -32,6 +32,7 @@ from tpmscad.trimming.operands.network_tables import (
     evaluate_face,
     is_in_region,
     is_planar,
+    misses_plane,
     place_on_plane,
 )
 
@@ -134,6 +135,10 @@ def find_seed(
                 reach = cells.radius[a] + cells.radius[b]
                 is_apart = apart > reach * reach and not is_planar(faces, f) and not is_planar(faces, g)
                 if is_apart or abs(along) > cells.turn[a] + cells.turn[b]:
+                    continue
+                if is_planar(faces, f) and misses_plane(faces, f, cells.centre[b], cells.radius[b]):
+                    continue
+                if is_planar(faces, g) and misses_plane(faces, g, cells.centre[a], cells.radius[a]):
                     continue
                 for c in range(4):
                     stack[0, c] = 0.0

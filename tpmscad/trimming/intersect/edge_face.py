@@ -23,6 +23,7 @@ from tpmscad.trimming.operands.network_tables import (
     grow_rows,
     is_in_region,
     is_planar,
+    misses_plane,
     place_on_plane,
 )
 
@@ -119,6 +120,8 @@ def _find_roots(
                     apart += (edges.coefficients[piece, 0, d] - faces.cells.centre[c, d]) ** 2
                 reach = edges.radius[piece] + faces.cells.radius[c]
                 if apart > reach * reach and not planar:
+                    continue
+                if planar and misses_plane(faces, f, edges.coefficients[piece, 0], edges.radius[piece]):
                     continue
                 stack[0, :3], stack[0, 3:] = 0.0, 1.0
                 if planar:

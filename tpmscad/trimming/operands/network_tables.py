@@ -613,11 +613,12 @@ def _divide_like_patches(surfaces: list[BSplineSurface], parts: tuple[int, int])
 def _bound_normals(coefficients: Array, parts: tuple[int, int]) -> tuple[Array, Array]:
     """Mean unit normals (n, cells, 3) of cells, and bounds (n, cells) of how far the unit normals in them differ from these.
 
-    S_u x S_v is a polynomial: its Chebyshev coefficients on each quarter of a cell, of which the first is the mean, bound how far
-    it leaves the direction of that. coefficients: of patches, (n, spans of u, of v, powers of u, of v, 3).
+    S_u x S_v is a polynomial: its Chebyshev coefficients on a cell, or on each quarter of a coarse one, of which the first is the
+    mean, bound how far it leaves the direction of that. coefficients: of patches, (n, spans of u, of v, powers of u, of v, 3).
     """
     n, nu, nv, p, q, _ = coefficients.shape
-    (x, to_u), (y, to_v) = (_chebyshev_parts(2 * m, max(2 * (d - 1), 1)) for m, d in zip(parts, (p, q), strict=True))
+    ways = 2 if max(nu * parts[0], nv * parts[1]) <= 2 * CELLS_PER_SIDE else 1
+    (x, to_u), (y, to_v) = (_chebyshev_parts(ways * m, max(2 * (d - 1), 1)) for m, d in zip(parts, (p, q), strict=True))
     power_u, power_v = np.vander(x, p, increasing=True), np.vander(y, q, increasing=True)
     slope_u, slope_v = (
         np.concatenate([np.zeros((len(t), 1)), w[:, :-1] * np.arange(1.0, w.shape[1])], axis=1)
@@ -635,7 +636,7 @@ def _bound_normals(coefficients: Array, parts: tuple[int, int]) -> tuple[Array, 
     aside = np.linalg.norm(terms - ahead[..., None] * unit[..., None, None, :], axis=-1).sum(axis=(-2, -1))
     least = 2.0 * length - np.abs(ahead).sum(axis=(-2, -1))
     turn = np.where(aside < least, aside / np.maximum(least, 1e-300), 2.0)
-    quarters = (n, nu * parts[0], 2, nv * parts[1], 2)
+    quarters = (n, nu * parts[0], ways, nv * parts[1], ways)
     mean = mean.reshape(*quarters, 3).sum(axis=(2, 4))
     normal = mean / np.maximum(np.linalg.norm(mean, axis=-1, keepdims=True), 1e-300)
     off = np.linalg.norm(unit.reshape(*quarters, 3) - normal[:, :, None, :, None], axis=-1)
@@ -743,6 +744,16 @@ def evaluate_piece(edges: NetworkEdges, piece: int, x: float, jet: Array) -> Non
 def is_planar(faces: NetworkFaces, f: int) -> bool:  # pragma: no cover - compiled
     """Whether a face lies on a plane, a linear function of its parameters: each cell stands for all of it then."""
     return bool(faces.patches.layout[f, PLANAR] == 1)
+
+
+@njit_inner
+def misses_plane(faces: NetworkFaces, f: int, centre: Array, radius: float) -> bool:  # pragma: no cover - compiled
+    """Whether a ball does not reach the plane of a planar face."""
+    c = faces.cells.first[f]
+    height = 0.0
+    for d in range(3):
+        height += (centre[d] - faces.cells.centre[c, d]) * faces.cells.normal[c, d]
+    return bool(abs(height) > radius * (1.0 + 1e-6) + 1e-12 * np.abs(centre).sum())
 
 
 @njit_inner
