@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import ast
 import functools
+import re
 import subprocess
 import sys
 from collections import Counter
@@ -269,6 +270,23 @@ def test_a_breach_of_the_floors_is_noticed() -> None:
 def test_a_repeated_stem_and_a_repeated_class_are_noticed() -> None:
     assert repeated_stems([Path("tpmscad/brep/loops.py"), Path("tpmscad/kernel/loops.py")]) == {"loops": 2}
     assert repeated_classes(["class Grid: ...", "class Grid: ..."]) == {"Grid": 2}
+
+
+def list_compiled(words: str) -> set[str]:
+    """The modules of the cut and of erosion in which a compiled function has one of the words in its name."""
+    found = set()
+    for room in ("trimming", "erosion"):
+        for path in (ROOT / "tpmscad" / room).rglob("*.py"):
+            for node in ast.walk(ast.parse(path.read_text())):
+                if isinstance(node, ast.FunctionDef) and re.search(words, node.name):
+                    found |= {path.stem for d in node.decorator_list if "njit" in ast.unparse(d)}
+    return found
+
+
+def test_curves_are_traced_and_surfaces_evaluated_in_one_place() -> None:
+    """A second tracer, or a second table of surfaces, is a second way to cut."""
+    assert list_compiled("trace|march|follow") == {"face_face"}
+    assert list_compiled("evaluate_(face|patch|surface)$") == {"network_tables"}
 
 
 def test_import_of_the_package_loads_no_kernel() -> None:
