@@ -392,7 +392,8 @@ def _make_sectors(
     known = np.flatnonzero(
         np.diff(network.faces.cells.first)[face] > 0
     )  # others are far from all faces of the first network
-    owner, use, t, start, end, edges, face = (own[known] for own in (owner, use, t, start, end, edges, face))
+    owner, use, edges, face = owner[known], use[known], edges[known], face[known]
+    t, start, end = t[known], start[known], end[known]
     uv = evaluate_use_parameters(network.brep, use, t)
     jet = evaluate_faces(patches, face, np.ascontiguousarray(uv))
     normal = np.cross(jet[:, 1], jet[:, 2])
@@ -438,7 +439,8 @@ def find_edges_in_faces(
     if len(e):
         point = brep.edges.motion[e].apply(evaluate_curves(list_spline_curves(brep), brep.edges.curve[e], t)[0])
     inside, _ = locate_in_faces(first, g, _plane_parameters(first.brep, g, point))
-    e, g, piece, t, point = (own[inside] for own in (e, g, piece, t, point))
+    e, g, piece = e[inside], g[inside], piece[inside]
+    t, point = t[inside], point[inside]
     n = len(e)
     sides = _sectors_at_edges(second, np.arange(n), e, t)
     use = second.uses[e].ravel()
