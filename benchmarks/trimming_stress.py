@@ -27,7 +27,7 @@ from scipy.stats import qmc
 from benchmarks.trimming import covering, turned, volume
 from tests.trimming.network_operands import trim
 from tpmscad.brep.boundary_representation import Brep
-from tpmscad.errors import TpmscadError, TrimmingError
+from tpmscad.errors import NothingLeft, TpmscadError, TrimmingError
 from tpmscad.kernel.body_import.body_brep import brep_from_shape
 from tpmscad.kernel.body_import.cad_body import read_body
 from tpmscad.kernel.boolean import boolean_operations
@@ -167,6 +167,10 @@ def outcome(patches: Brep, block: Callable[[], Any], body: RandomBody, by_boolea
                 raise TrimmingError("the kernel's check rejects the trimmed lattice")
         else:
             seconds = time.process_time() - begun
+    except NothingLeft:
+        left = counted(patches, body)
+        word = "fast" if abs(left) < COUNTED * volume(tool) else "wrong"
+        return Outcome(word, "", 0.0, left, time.process_time() - begun)
     except TpmscadError as error:
         return by_kernel(block, patches, shape, str(error), begun)
     found = volume(cut.brep)

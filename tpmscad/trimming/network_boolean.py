@@ -43,7 +43,7 @@ from tpmscad.trimming.rebuild.network_result import CutNetwork, KeptPart, rebuil
 DEFAULT_TOL = 1e-7
 """Tolerance in model units; kernels give every edge at least this tolerance, so that a smaller one has no effect there."""
 
-SHIFT_TOLS = (0.0, 25.0, 60.0)
+SHIFT_TOLS = (0.0, 25.0, 60.0, 250.0, 1000.0)
 """Lengths of the translations of the second network that are tried, in tolerances."""
 
 SHIFT_DIRECTION = np.array([0.23, 0.50, 0.83])

@@ -50,6 +50,10 @@ MAX_RATE_CHANGE = 0.35
 of the distance, so that steps must shrink with it; with steps of the turn alone the spline through the points swings widely
 there."""
 
+STEEP_SINE, MIN_MIDDLE_SINE = 0.5, 0.5
+"""Sine of the angle between both faces below which the middle of a step is looked at, and the part of the sine at its end that
+there must be: beside a point of contact two branches run towards each other, and a step may cross from the one to the other."""
+
 MAX_OVERSHOOT = 0.3
 """Part of the ranges by which a curve may leave a face before it is lost: it passes its end within a step."""
 
@@ -289,7 +293,8 @@ def _trace(
 
     Returns the outcome, the place, and the number of points in `path`.
     """
-    at, new, origin, along, rate = np.empty(4), np.empty(4), np.empty(3), np.empty(3), np.empty(4)
+    at, new, middle, rate = np.empty(4), np.empty(4), np.empty(4), np.empty(4)
+    origin, along = np.empty(3), np.empty(3)
     for c in range(4):
         at[c] = start[c]
     evaluate_face(patches, f, at[0], at[1], work.jet_f)
@@ -326,6 +331,24 @@ def _trace(
         if swerves or _changes(rate, work.rate) > MAX_RATE_CHANGE or _jumps(at, new, rate, h):
             h *= 0.5
             continue
+        if sine < STEEP_SINE:
+            for d in range(3):
+                origin[d] = 0.5 * (path[count - 1, d] + work.jet_f[0, d])
+            for c in range(4):
+                middle[c] = 0.5 * (at[c] + new[c])
+            found = correct_point(patches, f, g, middle, origin, along, work)
+            between = find_tangent(patches, f, g, work)
+            turned = 0.0
+            for d in range(3):
+                turned += work.tangent[d] * along[d]
+                origin[d] = path[count - 1, d] + h * along[d]
+            if not found or between < MIN_MIDDLE_SINE * sine or not turned > np.cos(MAX_TURN):
+                h *= 0.5
+                continue
+            if not correct_point(patches, f, g, new, origin, along, work):
+                h *= 0.5
+                continue
+            find_tangent(patches, f, g, work)
         if sine < MIN_SINE:
             return TANGENT, -1, count
         _store(path, count, new, work)
