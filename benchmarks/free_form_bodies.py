@@ -125,7 +125,7 @@ def run_body(name: str, options: argparse.Namespace) -> None:
         block = build_lattice_block(request, np.eye(3), body, StageTimer(None))
         begun = time.process_time()
         try:
-            cut = trim_on_parameters(block.patches, body, block.max_shift)
+            cut = trim_on_parameters(block, body)
         except TpmscadError as error:
             failures.append(f"{placement}: {error}")
             continue

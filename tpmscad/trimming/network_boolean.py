@@ -59,11 +59,11 @@ FAR_SHIFT_DIRECTION = np.array([-0.53, 0.81, 0.25])
 Operation = Literal["union", "intersection", "difference"]
 
 KEPT_PARTS: dict[Operation, tuple[KeptPart, KeptPart]] = {
-    "union": (KeptPart(0, False), KeptPart(1, False)),
-    "intersection": (KeptPart(0, True), KeptPart(1, True)),
-    "difference": (KeptPart(0, False), KeptPart(1, True, reverse=True)),
+    "union": (KeptPart(1, False), KeptPart(0, False)),
+    "intersection": (KeptPart(1, True), KeptPart(0, True)),
+    "difference": (KeptPart(1, True, reverse=True), KeptPart(0, False)),
 }
-"""What an operation keeps of both networks."""
+"""What an operation keeps of both networks, in the order of the result's faces: those of a lattice before those of a body."""
 
 
 @dataclass(frozen=True, slots=True)

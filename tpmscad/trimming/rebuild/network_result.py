@@ -58,7 +58,7 @@ class KeptPart:
 def rebuild_networks(
     operands: tuple[CutNetwork, CutNetwork], parts: Sequence[KeptPart], arcs: CommonCurves, vertices: Array
 ) -> Brep:
-    """The closed boundary representation of parts of both operands, given in the order of the operands.
+    """The closed boundary representation of parts of both operands, their faces in the order of the parts.
 
     `vertices` (V, 3) are those that the pieces and arcs refer to, those of arcs in its numbering. TrimmingError if a face or the
     whole does not close.
@@ -322,7 +322,7 @@ def _assemble(
         faces = breps[s].faces
         columns.append(
             (
-                faces.carrier[of] + (len(breps[0].carriers) if s else 0),
+                faces.carrier[of] + (0 if s else len(breps[1].carriers)),
                 faces.motion[of],
                 faces.sense[of] * (-1 if part.reverse else 1),
                 faces.tag[of] + (len(breps[0].tags) if s else 0),
@@ -330,7 +330,7 @@ def _assemble(
         )
     carrier, motion, sense, tag = zip(*columns, strict=True)
     return Brep(
-        carriers=(*breps[0].carriers, *breps[1].carriers),
+        carriers=(*breps[1].carriers, *breps[0].carriers),
         curves=(*breps[0].curves, *breps[1].curves, *arcs.curves),
         pcurves=pcurves,
         vertices=vertices[kept],
