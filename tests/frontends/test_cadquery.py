@@ -66,7 +66,9 @@ def test_the_keywords_are_those_of_the_function_with_centered_combine_and_clean(
 def test_the_models_behind_a_chain_stay_with_it(cq: Any, gyroid: Any, schwarz: Any) -> None:
     (model,) = gyroid.faces(">Z").workplane().tpmsModels()
     assert model.certificate.met
-    assert model.certificate.volume == pytest.approx(gyroid.val().Volume(), rel=1e-8)  # CadQuery asks the kernel's quadrature
+    assert model.certificate.volume == pytest.approx(
+        gyroid.val().Volume(), rel=1e-8
+    )  # CadQuery asks the kernel's quadrature
     twice = schwarz.center(50, 0).tpms(**P, combine=False)
     assert [m.name for m in twice.edges("|Z").tpmsModels()] == ["schwarz_p sheet"] * 2
     assert twice.tpmsModels()[0] is schwarz.tpmsModels()[0]
