@@ -37,6 +37,7 @@ from tpmscad.trimming.operands.network_tables import (
     NetworkFaces,
     PatchPolynomials,
     evaluate_face,
+    find_starts,
 )
 
 MAX_TURN = 0.12
@@ -193,12 +194,12 @@ def _trace_closed_curves(
         for i in np.flatnonzero(np.isin(at, rows)).tolist():
             curves.append(TracedCurve(int(at[i]), -1, -1, edges[1][i], -1))
         has_others = np.zeros(len(rows), bool)
-        searched, outside = np.ascontiguousarray(pairs[rows]), list[TracedCurve]()
+        searched, found, outside = np.ascontiguousarray(pairs[rows]), list[TracedCurve](), list[TracedCurve]()
         seed, k = np.empty(4), 0
         while True:
-            ordered = sorted([*curves, *closed, *outside], key=lambda curve: curve.pair)
+            ordered = sorted([*curves, *found, *outside], key=lambda curve: curve.pair)
             points = np.concatenate([np.zeros((0, 10)), *(curve.points for curve in ordered)])
-            bounds = np.concatenate([[0], np.cumsum([len(curve.points) for curve in ordered])]).astype(np.int64)
+            bounds = find_starts([len(curve.points) for curve in ordered])
             of_pair = np.searchsorted([curve.pair for curve in ordered], np.append(rows, len(pairs))).astype(np.int64)
             outcome, k = find_seed(joined, searched, k, of_pair, bounds, points, seed, has_others, match_tol, work)
             if outcome == NONE:
@@ -217,10 +218,11 @@ def _trace_closed_curves(
             curve = TracedCurve(int(rows[k]), -1, -1, path[:count].copy(), -1)
             if all(inside) or count == 1:
                 _check_outcome(outcome, path[count - 1, :3])
-                closed.append(curve)
+                found.append(curve)
             else:
                 outside.append(curve)
         beside[own] = has_others
+        closed += found
     return closed
 
 
