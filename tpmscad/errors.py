@@ -101,10 +101,6 @@ class TrimmingError(TpmscadError):
     """A cut could not be resolved with certainty; the message says where."""
 
 
-class UntracedCurve(TrimmingError):
-    """An intersection curve could not be traced; patches fitted more closely may help, another placement does not."""
-
-
 class NothingLeft(TrimmingError):
     """A cut leaves no face."""
 

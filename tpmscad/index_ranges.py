@@ -13,6 +13,20 @@ def repeat_rows(count: IntArray) -> tuple[IntArray, IntArray]:
     return row, np.arange(len(row)) - np.repeat(np.cumsum(count) - count, count)
 
 
+def list_following(start: IntArray) -> IntArray:
+    """Of elements in cycles that start at `start` (n + 1,), the total last: the one after each, (m,)."""
+    following = np.arange(1, start[-1] + 1)
+    following[start[1:] - 1] = start[:-1]
+    return following
+
+
+def list_preceding(start: IntArray) -> IntArray:
+    """The element before each one, (m,), as in `list_following`."""
+    before = np.arange(-1, start[-1] - 1)
+    before[start[:-1]] = start[1:] - 1
+    return before
+
+
 def expand_ranges(begin: IntArray, end: IntArray) -> tuple[IntArray, IntArray]:
     """The number of each range [begin, end) (n,) as often as it has elements, and its elements: (m,), (m,)."""
     number, step = repeat_rows(np.maximum(end - begin, 0))

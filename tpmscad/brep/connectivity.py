@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from tpmscad._typing import IntArray
 from tpmscad.brep.boundary_representation import Brep
 from tpmscad.brep.linked_items import label_linked, label_sharing
+from tpmscad.index_ranges import list_preceding
 
 
 def find_unmatched_edges(brep: Brep) -> IntArray:
@@ -33,7 +34,7 @@ def find_broken_loops(brep: Brep) -> IntArray:
     forward = uses.sense > 0
     first = np.where(forward, edges.start[uses.edge], edges.end[uses.edge])
     last = np.where(forward, edges.end[uses.edge], edges.start[uses.edge])
-    before = _use_before(brep)
+    before = list_preceding(start)
     loop_of_use = np.repeat(np.arange(len(start) - 1), np.diff(start))
     return np.unique(loop_of_use[first != last[before]])
 
@@ -44,19 +45,12 @@ def label_shells(brep: Brep) -> tuple[int, IntArray]:
     return 1 + int(label.max(initial=-1)), label
 
 
-def _use_before(brep: Brep) -> IntArray:
-    """The edge use before each one in its loop (n,)."""
-    before, start = np.arange(-1, len(brep.uses) - 1), brep.faces.use_start
-    before[start[:-1]] = start[1:] - 1
-    return before
-
-
 def label_fans(brep: Brep) -> tuple[IntArray, IntArray]:
     """The vertex (n,) of each fan of faces round a vertex, and an edge (n,) of it."""
     uses, edges = brep.uses, brep.edges
     against = (uses.sense < 0).astype(np.int64)
     first, last = 2 * uses.edge + against, 2 * uses.edge + 1 - against  # the ends of edges, 0 and 1 of each
-    fan = label_linked(2 * len(edges), np.column_stack([last[_use_before(brep)], first]))
+    fan = label_linked(2 * len(edges), np.column_stack([last[list_preceding(brep.faces.use_start)], first]))
     ends = np.concatenate([first, last])
     _, at = np.unique(fan[ends], return_index=True)
     edge, end = np.divmod(ends[at], 2)

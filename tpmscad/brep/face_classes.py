@@ -21,6 +21,7 @@ from tpmscad.brep.boundary_representation import Brep
 from tpmscad.brep.carriers import Carrier, EdgeCurve, Plane
 from tpmscad.brep.conics import Circle
 from tpmscad.brep.quadrics import ConicalSurface, CylindricalSurface, SphericalSurface
+from tpmscad.index_ranges import list_following
 from tpmscad.rigid_motion import Motion
 from tpmscad.splines.bspline import BSplineCurve, BSplineSurface
 
@@ -70,11 +71,9 @@ def group_translated_faces(brep: Brep, resolution: float) -> FaceClasses:
 def _hash_loops(brep: Brep, uses: Hashes) -> Hashes:
     """Hash of each loop (L, 2), the same wherever the loop begins: a sum over pairs of consecutive uses."""
     start = brep.faces.use_start
-    following = np.arange(1, len(uses) + 1)
-    following[start[1:] - 1] = start[:-1]
     total = np.zeros((len(start) - 1, 2), np.uint64)
     loop = np.repeat(np.arange(len(start) - 1), np.diff(start))
-    np.add.at(total, loop, _mix(7 * uses + 11 * uses[following]))
+    np.add.at(total, loop, _mix(7 * uses + 11 * uses[list_following(start)]))
     return total
 
 

@@ -15,6 +15,7 @@ from tpmscad.brep.loops import LoopError, chain_faces, points_in_polygons
 from tpmscad.brep.restricted_surfaces import restrict_carriers
 from tpmscad.erosion.edge_fits import fit_edges
 from tpmscad.erosion.edge_graph import MERGE_REL_TOL, EdgeGraph
+from tpmscad.erosion.face_regions import MIN_SQUARED_LENGTH
 from tpmscad.erosion.offset_shell import OffsetShell, build_offset_shell
 from tpmscad.erosion.rim_cuts import cut_rim
 from tpmscad.erosion.seeds import find_seeds
@@ -22,7 +23,6 @@ from tpmscad.erosion.tracing import leave_vertices, trace_from_seed
 from tpmscad.errors import TrimmingError, format_point
 from tpmscad.rigid_motion import Motion
 from tpmscad.splines.bspline import BSplineCurve
-from tpmscad.trimming.operands.face_regions import MIN_SQUARED_LENGTH
 
 TAG = "skin"
 """Tag of the faces."""

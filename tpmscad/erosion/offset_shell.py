@@ -18,12 +18,12 @@ from tpmscad._typing import Array, BoolArray, IntArray
 from tpmscad.brep.boundary_representation import Brep
 from tpmscad.brep.carriers import Circle, EdgeCurve
 from tpmscad.brep.free_form_surface import BodyCarrier, FreeFormSurface
+from tpmscad.erosion.face_regions import build_regions
 from tpmscad.erosion.sheets import Sheet, Tube, TubeEnd, make_ball, make_tube, offset_face
 from tpmscad.erosion.sites import BORDER_REL_TOL, BodySites, EdgeSite, FaceSite, OpenSite, Site, VertexSite, depth_limit
 from tpmscad.errors import TrimmingError
 from tpmscad.splines.adaptive_curve_fit import FIT_DEGREE, fit_adaptively
 from tpmscad.splines.bspline import BSplineCurve, BSplineSurface, is_segment, isoparametric_curve, line_segment
-from tpmscad.trimming.operands.face_regions import build_regions
 
 SMOOTH_SINE = 1e-6
 """Sine of the angle at an edge below which its faces count as tangent."""

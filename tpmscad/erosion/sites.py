@@ -18,9 +18,9 @@ from tpmscad.brep.carriers import Circle, EdgeCurve
 from tpmscad.brep.free_form_surface import FreeFormSurface
 from tpmscad.brep.loops import points_in_polygons
 from tpmscad.brep.orthogonal_projection import project_to_curve
+from tpmscad.erosion.face_regions import FaceRegion, shift_to_period
 from tpmscad.erosion.simple_sites import SimpleSites
 from tpmscad.splines.bspline import is_segment
-from tpmscad.trimming.operands.face_regions import FaceRegion, shift_to_period
 
 BORDER_REL_TOL = 1e-5
 """In body sizes: how far beyond the border of a face a foot may lie. The loops are polygons."""

@@ -264,10 +264,7 @@ def _cut_translated(shift: Array, of: _Operands, finish: Callable[[CutNetworks],
     crossing = contacts.vertex < 0
     first_hits = n_first + n_second, n_first + n_second + n_hits[0]
     number = np.where(crossing, first_hits[1] + n_hits[1] + np.cumsum(crossing) - 1, n_first + contacts.vertex)
-    at_contacts = collect_contact_ends(first, second, contacts)
-    (g, f), (of_first, of_second) = at_contacts.faces.T, np.split(at_contacts.parameters, 2, axis=1)
-    others = (g, f, of_first, of_second, at_contacts.enters, number[at_contacts.contact])
-    ends = collect_curve_ends(first, second, hits, [others] if len(g) else [], tol)
+    ends = collect_curve_ends(first, second, hits, collect_contact_ends(first, second, contacts, number), tol)
     points = np.concatenate(
         [first.brep.vertices, second.brep.vertices, hits[0].point, hits[1].point, contacts.point[crossing]]
     )

@@ -15,7 +15,7 @@ import numpy as np
 
 from tpmscad._typing import Array, IntArray
 from tpmscad.brep.loops import follow_paths
-from tpmscad.index_ranges import expand_ranges
+from tpmscad.index_ranges import expand_ranges, list_preceding
 from tpmscad.kernel.export.solid_mesh import mesh_parametrically
 from tpmscad.kernel.occt.bounding_boxes import box_diagonal
 from tpmscad.kernel.occt.exploration import unwrap
@@ -131,9 +131,7 @@ def join_contours(parts: Sequence[LayerContours], levels_of: Sequence[IntArray],
         [np.zeros(0, np.int64), *(own[part.layer] for part, own in zip(parts, levels_of, strict=True))]
     )
     contour = np.repeat(np.arange(len(layer)), np.diff(starts))
-    before = np.arange(len(points)) - 1
-    before[starts[:-1]] = starts[1:] - 1
-    kept = (points != points[before]).any(axis=1) if len(points) else np.zeros(0, bool)
+    kept = (points != points[list_preceding(starts)]).any(axis=1) if len(points) else np.zeros(0, bool)
     sizes = np.bincount(contour[kept], minlength=len(layer))
     kept &= (sizes >= 3)[contour]
     sizes = np.where(sizes >= 3, sizes, 0)

@@ -1,8 +1,8 @@
 """Classification of the edges of two networks that cut each other: the pieces of edges inside the other solid.
 
-A hit decides the pieces before and behind it. No vertex of a network lies on the other one, so that all pieces that meet in a
-vertex are on the same side. Components without a hit are told by a ray from one of their points, the edges of a network of
-its own.
+A hit decides the pieces before and behind it. All pieces that meet in a vertex are on the same side, but for contacts, vertices
+that lie on the other network. Components without a hit are told by a ray from one of their points, the edges of a network of its
+own.
 """
 
 from __future__ import annotations
@@ -17,15 +17,15 @@ from tpmscad.brep.orthogonal_projection import project_to_surface
 from tpmscad.errors import TrimmingError, format_point
 from tpmscad.rigid_motion import Motion
 from tpmscad.splines.bspline import line_segment
-from tpmscad.splines.curve_batch import evaluate_curves
 from tpmscad.trimming.classify.propagation import InsideVotes
 from tpmscad.trimming.intersect.edge_face import intersect_edges_with_faces
-from tpmscad.trimming.intersect.network_hits import Hits, Network, evaluate_faces
+from tpmscad.trimming.intersect.network_hits import Hits, Network, evaluate_faces, outward_normals
 from tpmscad.trimming.operands.network_tables import (
     SENSE,
     are_in_regions,
+    evaluate_edges,
     find_overlapping_boxes,
-    list_spline_curves,
+    find_starts,
     tabulate_faces,
     tabulate_segments,
 )
@@ -83,7 +83,7 @@ def split_network_edges(network: Network, splits: EdgeSplits, number: IntArray) 
     e = network.brep.edges
     n, edge = len(e), splits.edge
     cuts = np.bincount(edge, minlength=n)
-    first = np.concatenate([[0], np.cumsum(cuts + 1)])
+    first = find_starts(cuts + 1)
     owner = np.repeat(np.arange(n), cuts + 1)
     after = np.arange(len(edge)) + 1 + edge  # the piece behind each split
     span = np.empty((len(owner), 2))
@@ -125,10 +125,8 @@ def classify_pieces(
         np.minimum.at(first, votes.component[candidates], candidates)
         undecided = undecided[first[undecided] < m]
         one = first[undecided]
-        segment = pieces.segment[one]
-        e = network.brep.edges
-        points = evaluate_curves(list_spline_curves(network.brep), e.curve[segment], pieces.span[one].mean(axis=1))[0]
-        votes.count[undecided, 1] = points_in_network(other, e.motion[segment].apply(np.reshape(points, (-1, 3))))
+        (points,) = evaluate_edges(network.brep, pieces.segment[one], pieces.span[one].mean(axis=1))
+        votes.count[undecided, 1] = points_in_network(other, points)
     return votes.inside()[:m]
 
 
@@ -173,11 +171,10 @@ def points_in_network(network: Network, points: Array) -> BoolArray:
                 moved[:, axis] += step * RAY_CLEARANCE * size
                 doubtful |= are_in_regions(faces.regions, face, moved) != inside
         rows = np.flatnonzero(inside | doubtful)
-        met, nearest = np.unique(ray[rows[np.lexsort((hits.t[rows], ray[rows]))]], return_index=True)
-        nearest = rows[np.lexsort((hits.t[rows], ray[rows]))][nearest]
-        jets = evaluate_faces(faces.patches, face[nearest], uv[nearest])
-        normals = faces.patches.layout[face[nearest], SENSE][:, None] * np.cross(jets[:, 1], jets[:, 2])
-        rise = np.einsum("nd,nd->n", normals, direction[met])
+        rows = rows[np.lexsort((hits.t[rows], ray[rows]))]
+        met, first = np.unique(ray[rows], return_index=True)
+        nearest = rows[first]
+        rise = np.einsum("nd,nd->n", outward_normals(faces, face[nearest], uv[nearest]), direction[met])
         result[left[met]] = rise > 0
         undecided = np.full(n, is_open or is_short)
         undecided[met] = doubtful[nearest]

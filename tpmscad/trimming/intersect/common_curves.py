@@ -15,7 +15,7 @@ from numpy.lib.stride_tricks import sliding_window_view
 from tpmscad._compiled_loops import njit_cached
 from tpmscad._typing import Array, BoolArray, IntArray
 from tpmscad.brep.boundary_representation import Brep
-from tpmscad.errors import UntracedCurve, format_point
+from tpmscad.errors import TrimmingError, format_point
 from tpmscad.index_ranges import repeat_rows
 from tpmscad.rigid_motion import Motion
 from tpmscad.splines.alike_curves import AlikeCurves, interpolate_alike
@@ -24,7 +24,7 @@ from tpmscad.trimming.intersect.common_points import Work, correct_point, find_t
 from tpmscad.trimming.intersect.congruent_pairs import sort_ends
 from tpmscad.trimming.intersect.face_face import trace_curves
 from tpmscad.trimming.intersect.network_hits import CurveEnds, Network, evaluate_faces
-from tpmscad.trimming.operands.network_tables import PatchPolynomials, join_faces
+from tpmscad.trimming.operands.network_tables import PatchPolynomials, find_starts, join_faces
 
 DEGREE = 7
 """Degree of the curves; those of lattices' trims are of the same."""
@@ -216,7 +216,7 @@ def _fit_paths(
     deviation = np.zeros(len(paths))
     if not paths:
         return result, deviation
-    start = np.concatenate([[0], np.cumsum([len(p) for p in paths])])
+    start = find_starts([len(p) for p in paths])
     sites = grade_sites(patches, _join_last_steps(Paths(np.concatenate(paths), start, face)))
     points = np.split(sites.points, sites.start[1:-1])
     at: list[Array] = [np.zeros(0)] * len(paths)
@@ -243,7 +243,7 @@ def _fit_paths(
         if not len(left):
             return result, deviation
     worst = int(left[np.argmax(deviation[left])])
-    raise UntracedCurve(
+    raise TrimmingError(
         f"a common curve of two faces near {format_point(points[worst][0, :3])} is still {deviation[worst]:.2g} off them at "
         f"{len(points[worst])} points, over {tol:.2g}: the faces are nearly tangent there, or one of them is not smooth"
     )
@@ -288,7 +288,7 @@ def _join_last_steps(paths: Paths) -> Paths:
     end, steps = paths.start[long + 1] - 1, paths.steps
     drop = end[steps[end - 1] < MIN_LAST_STEP * steps[end - 2]] - 1
     dropped = np.bincount(paths.owner[drop], minlength=len(paths.face))
-    start = paths.start - np.concatenate([[0], np.cumsum(dropped)])
+    start = paths.start - find_starts(dropped)
     return Paths(np.delete(paths.points, drop, axis=0), start, paths.face)
 
 
@@ -319,7 +319,7 @@ def _insert_sites(patches: PatchPolynomials, paths: Paths, parts: IntArray) -> P
     owner = paths.owner[row]
     found = _correct(patches, paths.face[owner], guess, (1 - x) * a[:, 7:] + x * b[:, 7:])
     added = np.bincount(owner, minlength=len(paths.face))
-    start = paths.start + np.concatenate([[0], np.cumsum(added)])
+    start = paths.start + find_starts(added)
     return Paths(np.insert(paths.points, row + 1, found, axis=0), start, paths.face)
 
 
@@ -354,13 +354,13 @@ def _measure_deviations(patches: PatchPolynomials, face: IntArray, splines: Alik
 
 
 def _correct(patches: PatchPolynomials, face: IntArray, guess: Array, normal: Array) -> Array:
-    """Rows (n, 10) as of a path, in the planes through points (n, 7) near the curve; UntracedCurve if one is not found."""
+    """Rows (n, 10) as of a path, in the planes through points (n, 7) near the curve; TrimmingError if one is not found."""
     found, good = correct_points(
         patches, *(np.ascontiguousarray(column) for column in (face, guess, normal)), make_work()
     )
     if not good.all():
         at = format_point(guess[np.flatnonzero(~good)[0], :3])
-        raise UntracedCurve(f"a common curve of two faces could not be followed near {at}")
+        raise TrimmingError(f"a common curve of two faces could not be followed near {at}")
     return found
 
 

@@ -15,19 +15,26 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from tpmscad._typing import Array, BoolArray, IntArray
+from tpmscad.array_table import ArrayTable
 from tpmscad.brep.boundary_representation import Brep
 from tpmscad.errors import TrimmingError, format_point
-from tpmscad.index_ranges import repeat_rows
+from tpmscad.index_ranges import list_preceding, repeat_rows
 from tpmscad.splines.bspline import is_segment
-from tpmscad.splines.curve_batch import evaluate_curves
 from tpmscad.trimming.intersect.network_hits import (
     SNAP_TOLS,
+    EndRows,
     Network,
     Piercings,
     evaluate_faces,
     locate_in_faces,
 )
-from tpmscad.trimming.operands.network_tables import PLANAR, SENSE, evaluate_use_parameters, list_spline_curves
+from tpmscad.trimming.operands.network_tables import (
+    PLANAR,
+    SENSE,
+    evaluate_edges,
+    evaluate_use_parameters,
+    project_onto_planes,
+)
 
 MIN_SINE = 1e-6
 """Sine of an angle below which two directions are one, or a direction lies in a plane."""
@@ -70,7 +77,7 @@ class Contacts:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class _Sectors:
+class _Sectors(ArrayTable):
     """S sectors of faces round points: from direction `start` counter-clockwise about `normal` to `end`, NaN for all of a plane.
 
     `owner` (S,): the number of the point. `face` (S,); `outward` (S, 3): the normal out of the solid; `uv` (S, 2): the point on
@@ -85,10 +92,6 @@ class _Sectors:
     start: Array
     end: Array
     edges: IntArray
-
-    def take(self, rows: IntArray) -> _Sectors:
-        """The sectors named."""
-        return _Sectors(*(getattr(self, name)[rows] for name in _Sectors.__slots__))
 
     def locate(self, direction: Array) -> IntArray:
         """Of directions (S, 3) in the tangent planes: 1 within the sector, 0 along a side of it, -1 beyond."""
@@ -115,7 +118,7 @@ def find_coplanar_edges(first: Network, second: Network, tol: float) -> IntArray
         origin, normal = _plane_of(first.brep, g)
         rows = near[(np.abs((ends - origin) @ normal) < snap).all(axis=1)]
         if len(rows):
-            points = _points_on_edges(second.brep, rows, EDGE_FRACTIONS)
+            points = _sample_edges(second.brep, rows, EDGE_FRACTIONS)[0]
             rows = rows[(np.abs((points - origin) @ normal) < snap).all(axis=1)]
             found.append(np.column_stack([rows, np.full(len(rows), g)]))
     return np.concatenate(found)
@@ -147,7 +150,7 @@ def find_contacts(first: Network, second: Network, piercings: Piercings, coplana
         return nothing
     points = np.array([row[0] for row in rows])
     face = np.array([row[4] for row in rows])
-    uv = _plane_parameters(first.brep, face, points)
+    uv = project_onto_planes(first.brep, face, points)
     inside, border = locate_in_faces(first, face, uv)
     made: list[tuple[Array, int, int, float, int, int, float, tuple[int, ...]]] = []
     known: dict[tuple[int, int], list[int]] = {}
@@ -214,25 +217,6 @@ def _plane_of(brep: Brep, face: int) -> tuple[Array, Array]:
     return motion.apply(carrier.origin), motion.apply_to_vectors(brep.faces.sense[face] * carrier.normal)
 
 
-def _plane_parameters(brep: Brep, face: IntArray, points: Array) -> Array:
-    """(u, v) (n, 2) of points (n, 3) on the planar faces (n,)."""
-    result = np.empty((len(face), 2))
-    for g in np.unique(face).tolist():
-        own = face == g
-        carrier = brep.carriers[brep.faces.carrier[g]]
-        result[own] = carrier.parameters(brep.faces.motion[g].apply_inverse(points[own]))
-    return result
-
-
-def _points_on_edges(brep: Brep, edges: IntArray, fractions: Array) -> Array:
-    """Points (n, m, 3) of edges (n,) at fractions (m,) of their spans."""
-    low, high = brep.edges.span[edges].T
-    t = (low[:, None] + (high - low)[:, None] * fractions).ravel()
-    row = np.repeat(edges, len(fractions))
-    local = evaluate_curves(list_spline_curves(brep), brep.edges.curve[row], t)[0]
-    return brep.edges.motion[row].apply(local).reshape(len(edges), len(fractions), 3)
-
-
 def _find_on_border(brep: Brep, face: int, point: Array, snap: float) -> tuple[int, int, float, tuple[int, ...]]:
     """The vertex, or the straight edge and the parameter on it, of a face's border where a point lies, and the faces there."""
     faces, uses, e = brep.faces, brep.uses, brep.edges
@@ -254,34 +238,31 @@ def _find_on_border(brep: Brep, face: int, point: Array, snap: float) -> tuple[i
     raise TrimmingError(f"an edge of one network meets an edge of the other within {snap:.2g} at {format_point(point)}")
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class ContactEnds:
-    """E ends of curves at contacts: the faces (E, 2), parameters (E, 4) on both, whether a curve begins, and the contact (E,)."""
+def collect_contact_ends(first: Network, second: Network, contacts: Contacts, number: IntArray) -> EndRows:
+    """The ends of curves at contacts, whose vertices have the numbers (C,).
 
-    faces: IntArray
-    parameters: Array
-    enters: BoolArray
-    contact: IntArray
-
-
-def collect_contact_ends(first: Network, second: Network, contacts: Contacts) -> ContactEnds:
-    """The ends of curves at contacts; TrimmingError where faces are tangent, or a curve runs along an edge that is no contact."""
+    TrimmingError where faces are tangent, or a curve runs along an edge that does not lie in the face.
+    """
     at_vertex, at_edge = contacts.vertex >= 0, contacts.vertex < 0
-    theirs = _join_sectors(
-        _sectors_at_vertices(second, np.flatnonzero(at_vertex), contacts.vertex[at_vertex]),
-        _sectors_at_edges(second, np.flatnonzero(at_edge), contacts.edge[at_edge], contacts.t[at_edge]),
+    theirs = _Sectors.concatenate(
+        [
+            _sectors_at_vertices(second, np.flatnonzero(at_vertex), contacts.vertex[at_vertex]),
+            _sectors_at_edges(second, np.flatnonzero(at_edge), contacts.edge[at_edge], contacts.t[at_edge]),
+        ]
     )
     at_vertex, at_edge = contacts.first_vertex >= 0, contacts.first_edge >= 0
     in_face = ~(at_vertex | at_edge)
-    ours = _join_sectors(
-        _sectors_at_vertices(first, np.flatnonzero(at_vertex), contacts.first_vertex[at_vertex]),
-        _sectors_at_edges(first, np.flatnonzero(at_edge), contacts.first_edge[at_edge], contacts.first_t[at_edge]),
-        _sectors_in_faces(first, np.flatnonzero(in_face), contacts),
+    ours = _Sectors.concatenate(
+        [
+            _sectors_at_vertices(first, np.flatnonzero(at_vertex), contacts.first_vertex[at_vertex]),
+            _sectors_at_edges(first, np.flatnonzero(at_edge), contacts.first_edge[at_edge], contacts.first_t[at_edge]),
+            _sectors_in_faces(first, np.flatnonzero(in_face), contacts),
+        ]
     )
     count = np.bincount(ours.owner, minlength=len(contacts))
     order, begin = np.argsort(ours.owner, kind="stable"), np.cumsum(count) - count
     row, step = repeat_rows(count[theirs.owner])
-    f, g = theirs.take(row), ours.take(order[begin[theirs.owner[row]] + step])
+    f, g = theirs[row], ours[order[begin[theirs.owner[row]] + step]]
     along = np.cross(g.outward, f.outward)
     length = np.linalg.norm(along, axis=1)
     if (length < MIN_SINE).any():
@@ -303,9 +284,17 @@ def collect_contact_ends(first: Network, second: Network, contacts: Contacts) ->
             raise TrimmingError(f"a common curve of two networks runs along an edge at {at}")
         found.append(np.flatnonzero(meets))
     rows, enters = np.concatenate(found), np.repeat([True, False], [len(own) for own in found])
-    return ContactEnds(
-        np.column_stack([g.face, f.face])[rows], np.concatenate([g.uv, f.uv], axis=1)[rows], enters, f.owner[rows]
-    )
+    f, g = f[rows], g[rows]
+    return EndRows(g.face, f.face, g.uv, f.uv, enters, number[f.owner])
+
+
+def _sample_edges(brep: Brep, edges: IntArray, fractions: Array) -> tuple[Array, Array, Array]:
+    """Points and derivatives (n, m, 3) of edges (n,) at fractions (m,) of their spans, and the parameters (n, m)."""
+    low, high = brep.edges.span[edges].T
+    t = low[:, None] + (high - low)[:, None] * fractions
+    found = evaluate_edges(brep, np.repeat(edges, len(fractions)), t.ravel(), (0, 1))
+    points, slope = (values.reshape(len(edges), len(fractions), 3) for values in found)
+    return points, slope, t
 
 
 def sample_edges_in_planes(first: Network, second: Network, coplanar: IntArray) -> tuple[IntArray, Array]:
@@ -320,35 +309,25 @@ def sample_edges_in_planes(first: Network, second: Network, coplanar: IntArray) 
     n, m = len(use), len(PATH_FRACTIONS)
     if not n:
         return np.zeros((0, 2), np.int64), np.zeros((0, m, 10))
-    low, high = brep.edges.span[edge].T
-    t = (low[:, None] + (high - low)[:, None] * PATH_FRACTIONS).ravel()
-    row = np.repeat(edge, m)
-    found = evaluate_curves(list_spline_curves(brep), brep.edges.curve[row], t, (0, 1))
-    points, slope = brep.edges.motion[row].apply(found[0]), brep.edges.motion[row].apply_to_vectors(found[1])
-    on_first = _plane_parameters(first.brep, np.repeat(g, m), points)
+    points, slope, t = _sample_edges(brep, edge, PATH_FRACTIONS)
+    points, slope, t = points.reshape(-1, 3), slope.reshape(-1, 3), t.ravel()
+    on_first = project_onto_planes(first.brep, np.repeat(g, m), points)
     on_second = evaluate_use_parameters(brep, np.repeat(use, m), t)
     tangent = slope / np.linalg.norm(slope, axis=1, keepdims=True)
     paths = np.concatenate([points, on_first, on_second, tangent], axis=1).reshape(n, m, 10)
     return np.column_stack([g, brep.face_of_use[use]]), paths
 
 
-def _join_sectors(*parts: _Sectors) -> _Sectors:
-    """Sectors one after another."""
-    return _Sectors(*(np.concatenate([getattr(own, name) for own in parts]) for name in _Sectors.__slots__))
-
-
 def _sectors_at_vertices(network: Network, owner: IntArray, vertex: IntArray) -> _Sectors:
     """The sectors of the faces round vertices (n,); owner (n,): the numbers of these points."""
-    uses, e, start = network.brep.uses, network.brep.edges, network.brep.faces.use_start
+    uses, e = network.brep.uses, network.brep.edges
     ahead = uses.sense > 0
-    before = np.arange(-1, len(uses) - 1)
-    before[start[:-1]] = start[1:] - 1
     begins = np.where(ahead, e.start[uses.edge], e.end[uses.edge])
     order = np.argsort(begins, kind="stable")
     low, high = np.searchsorted(begins[order], np.stack([vertex, vertex + 1]))
     row, step = repeat_rows(high - low)
     use = order[low[row] + step]
-    arrived = before[use]
+    arrived = list_preceding(network.brep.faces.use_start)[use]
     span = e.span[uses.edge]
     t, last = np.where(ahead, span[:, 0], span[:, 1])[use], np.where(ahead, span[:, 1], span[:, 0])[arrived]
     edges = np.column_stack([uses.edge[use], uses.edge[arrived]])
@@ -370,17 +349,13 @@ def _sectors_in_faces(network: Network, owner: IntArray, contacts: Contacts) -> 
     """All directions on planar faces about contacts in them."""
     face = np.array([contacts.faces[c][0] for c in owner.tolist()], np.int64)
     outward = np.array([_plane_of(network.brep, g)[1] for g in face.tolist()]).reshape(-1, 3)
-    uv, nothing = _plane_parameters(network.brep, face, contacts.point[owner]), np.full((len(owner), 3), np.nan)
+    uv, nothing = project_onto_planes(network.brep, face, contacts.point[owner]), np.full((len(owner), 3), np.nan)
     return _Sectors(owner, face, outward, outward, uv, nothing, nothing, np.full((len(owner), 2), -1))
 
 
 def _directions(brep: Brep, use: IntArray, t: Array) -> Array:
     """Unit tangents (n, 3) of uses (n,) at parameters of their edges (n,)."""
-    if not len(use):
-        return np.zeros((0, 3))
-    edge = brep.uses.edge[use]
-    slope = evaluate_curves(list_spline_curves(brep), brep.edges.curve[edge], t, (1,))[0]
-    slope = brep.edges.motion[edge].apply_to_vectors(slope) * brep.uses.sense[use][:, None]
+    slope = evaluate_edges(brep, brep.uses.edge[use], t, (1,))[0] * brep.uses.sense[use][:, None]
     return np.asarray(slope / np.linalg.norm(slope, axis=1, keepdims=True))
 
 
@@ -435,10 +410,8 @@ def find_edges_in_faces(
     piece = first_piece[e] + step
     t = span[piece].mean(axis=1)
     brep = second.brep
-    point = np.zeros((0, 3))
-    if len(e):
-        point = brep.edges.motion[e].apply(evaluate_curves(list_spline_curves(brep), brep.edges.curve[e], t)[0])
-    inside, _ = locate_in_faces(first, g, _plane_parameters(first.brep, g, point))
+    (point,) = evaluate_edges(brep, e, t)
+    inside, _ = locate_in_faces(first, g, project_onto_planes(first.brep, g, point))
     e, g, piece = e[inside], g[inside], piece[inside]
     t, point = t[inside], point[inside]
     n = len(e)

@@ -7,8 +7,8 @@ the order of what meets there is round-off: another placement resolves it.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
@@ -17,7 +17,6 @@ from tpmscad._typing import Array, BoolArray, IntArray
 from tpmscad.brep import connectivity
 from tpmscad.brep.boundary_representation import Brep
 from tpmscad.errors import InvalidRequest, TrimmingError, format_point
-from tpmscad.splines.curve_batch import evaluate_curves
 from tpmscad.trimming.intersect.edge_face import intersect_edges_with_faces
 from tpmscad.trimming.operands.network_tables import (
     SENSE,
@@ -27,11 +26,11 @@ from tpmscad.trimming.operands.network_tables import (
     UseSegments,
     bound_faces,
     divide_uses,
+    evaluate_edges,
     evaluate_face,
     evaluate_use_parameters,
     find_overlapping_boxes,
     is_in_region,
-    list_spline_curves,
     tabulate_edges,
     tabulate_faces,
 )
@@ -187,11 +186,7 @@ def find_piercings(one: Network, other: Network, tol: float, left_out: IntArray)
         at = format_point(found.touching[0])
         raise TrimmingError(f"an edge of one network touches a face of the other, or lies in it, at {at}")
     inside, border = locate_in_faces(other, face, found.uv)
-    e = one.brep.edges
-    point, slope = np.zeros((0, 3)), np.zeros((0, 3))
-    if len(edge):
-        point, slope = evaluate_curves(list_spline_curves(one.brep), e.curve[edge], found.t, (0, 1))
-    point, slope = e.motion[edge].apply(point), e.motion[edge].apply_to_vectors(slope)
+    point, slope = evaluate_edges(one.brep, edge, found.t, (0, 1))
     return Piercings(edge, found.t, face, found.uv, point, slope, inside, border)
 
 
@@ -215,11 +210,11 @@ def select_hits(one: Network, other: Network, found: Piercings, resolved: BoolAr
     rows = np.flatnonzero(inside & (found.t > span[:, 0]) & (found.t < span[:, 1]))
     rows = rows[np.lexsort((found.t[rows], found.edge[rows]))]
     face, uv = found.face[rows], found.uv[rows]
-    leaves = np.einsum("nk,nk->n", _outward_normals(other.faces, face, uv), found.slope[rows]) > 0
+    leaves = np.einsum("nk,nk->n", outward_normals(other.faces, face, uv), found.slope[rows]) > 0
     return Hits(found.edge[rows], found.t[rows], face, uv, found.point[rows], leaves)
 
 
-def _outward_normals(faces: NetworkFaces, face: IntArray, uv: Array) -> Array:
+def outward_normals(faces: NetworkFaces, face: IntArray, uv: Array) -> Array:
     """Normals (n, 3) out of the solid, not normalised."""
     jets = evaluate_faces(faces.patches, face, uv)
     return faces.patches.layout[face, SENSE][:, None] * np.cross(jets[:, 1], jets[:, 2])
@@ -302,18 +297,22 @@ def locate_in_faces(network: Network, face: IntArray, uv: Array) -> tuple[BoolAr
     return inside, distance
 
 
-def collect_curve_ends(
-    first: Network,
-    second: Network,
-    hits: tuple[Hits, Hits],
-    others: Sequence[tuple[IntArray, IntArray, Array, Array, BoolArray, IntArray]],
-    tol: float,
-) -> CurveEnds:
-    """The ends of curves at all hits, and all pairs of faces whose boxes overlap.
+class EndRows(NamedTuple):
+    """Ends of curves in any order: faces (E,), (u, v) (E, 2) on both, whether a curve begins (E,), and vertices (E,)."""
 
-    others: further ends, as faces, (u, v) on both, whether a curve begins, and vertices.
-    """
-    parts = list(others)
+    first: IntArray
+    second: IntArray
+    on_first: Array
+    on_second: Array
+    enters: BoolArray
+    vertex: IntArray
+
+
+def collect_curve_ends(
+    first: Network, second: Network, hits: tuple[Hits, Hits], at_contacts: EndRows, tol: float
+) -> CurveEnds:
+    """The ends of curves at all hits and at contacts, and all pairs of faces whose boxes overlap."""
+    parts = [at_contacts]
     offset = len(first.brep.vertices) + len(second.brep.vertices)
     for side, (one, other, own) in enumerate(((first, second, hits[0]), (second, first, hits[1]))):
         n = len(own.edge)
@@ -333,9 +332,7 @@ def collect_curve_ends(
             mine, theirs = np.cross(jet[:, 1], jet[:, 2]), np.cross(opposite[:, 1], opposite[:, 2])
             along = np.cross(mine, theirs) * (one.brep.faces.sense[face] * other.brep.faces.sense[own.face])[:, None]
             along *= 1 if side == 0 else -1
-            e = one.brep.edges
-            slope = evaluate_curves(list_spline_curves(one.brep), e.curve[own.edge], own.t, (1,))[0]
-            slope = e.motion[own.edge].apply_to_vectors(slope) * one.brep.uses.sense[use][:, None]
+            slope = evaluate_edges(one.brep, own.edge, own.t, (1,))[0] * one.brep.uses.sense[use][:, None]
             into = np.cross(mine, slope)
             turn = np.einsum("nk,nk->n", along, into)
             sine = np.abs(turn) / (np.linalg.norm(along, axis=1) * np.linalg.norm(into, axis=1))
@@ -343,19 +340,15 @@ def collect_curve_ends(
                 at = format_point(own.point[np.flatnonzero(~(sine > MIN_GRAZING_SINE))[0]])
                 raise TrimmingError(f"a common curve of two networks runs along an edge at {at}")
             columns = (face, own.face, uv, own.uv) if side == 0 else (own.face, face, own.uv, uv)
-            parts.append((*columns, turn > 0, offset + np.arange(n)))
+            parts.append(EndRows(*columns, turn > 0, offset + np.arange(n)))
         offset += n
     boxes = (first.faces.low, first.faces.high, second.faces.low, second.faces.high)
     pairs = find_overlapping_boxes(*boxes, SNAP_TOLS * tol)
-    if not parts:
-        return CurveEnds(
-            pairs, np.zeros(len(pairs) + 1, np.int64), np.zeros((0, 4)), np.zeros(0, bool), np.zeros(0, np.int64)
-        )
     f, g, uv, sr, enters, vertex = (np.concatenate(column) for column in zip(*parts, strict=True))
     n_second = len(second.brep.faces)
     key, keys = f * n_second + g, pairs[:, 0] * n_second + pairs[:, 1]
     row = np.searchsorted(keys, key)
-    if not np.array_equal(keys[np.minimum(row, len(keys) - 1)], key):
+    if len(key) and not np.array_equal(keys[np.minimum(row, len(keys) - 1)], key):
         raise TrimmingError("an edge pierces a face whose box its own faces do not meet")
     order = np.argsort(row, kind="stable")
     start = np.searchsorted(row[order], np.arange(len(pairs) + 1))

@@ -26,6 +26,7 @@ from tpmscad.brep.carriers import Carrier, Circle, ConicalSurface, Ellipse, Plan
 from tpmscad.brep.foot_surface import span_powers
 from tpmscad.brep.quadrics import MIN_POLE_STEP_ANGLE
 from tpmscad.errors import InvalidRequest
+from tpmscad.index_ranges import list_following
 from tpmscad.rigid_motion import Motion
 from tpmscad.splines.bspline import BSplineCurve, BSplineSurface, is_segment
 from tpmscad.splines.curve_batch import evaluate_curves
@@ -449,8 +450,7 @@ def _step_along_poles(brep: Brep) -> BoolArray:
     has_pole = np.array([_has_pole(c) for c in brep.carriers], bool)
     use = np.flatnonzero(has_pole[faces.carrier][brep.face_of_use])
     if len(use):
-        following = np.arange(1, len(brep.uses) + 1)
-        following[faces.use_start[1:] - 1] = faces.use_start[:-1]
+        following = list_following(faces.use_start)
         end, start = (evaluate_uses(brep, k, np.full(len(use), x)) for k, x in ((use, 1.0), (following[use], 0.0)))
         result[use] = np.abs(end - start)[:, 0] > MIN_POLE_STEP_ANGLE
     return result
@@ -491,23 +491,37 @@ def evaluate_uses(brep: Brep, use: IntArray, fraction: Array) -> Array:
 
 def evaluate_use_parameters(brep: Brep, use: IntArray, t: Array) -> Array:
     """(u, v) (n, 2) of edge uses (n,) at parameters t (n,) of their edges."""
-    uses, edges = brep.uses, brep.edges
-    result = np.empty((len(use), 2))
+    uses, result = brep.uses, np.empty((len(use), 2))
     rows = np.flatnonzero(uses.pcurve[use] >= 0)
     if len(rows):
         result[rows] = evaluate_curves(brep.pcurves, uses.pcurve[use[rows]], t[rows])[0]
     rows = np.flatnonzero(uses.pcurve[use] < 0)
-    if len(rows):
-        face = brep.face_of_use[use[rows]]
-        edge = uses.edge[use[rows]]
-        curves = list_spline_curves(brep)
-        points = edges.motion[edge].apply(evaluate_curves(curves, edges.curve[edge], t[rows])[0])
-        local = brep.faces.motion[face].apply_inverse(points)
-        for c in np.unique(brep.faces.carrier[face]).tolist():
-            plane, own = brep.carriers[c], brep.faces.carrier[face] == c
-            if not isinstance(plane, Plane):
-                raise InvalidRequest("an edge of a face that is no plane lacks its parameter curve")
-            result[rows[own]] = plane.parameters(local[own])
+    (points,) = evaluate_edges(brep, uses.edge[use[rows]], t[rows])
+    result[rows] = project_onto_planes(brep, brep.face_of_use[use[rows]], points)
+    return result
+
+
+def evaluate_edges(brep: Brep, edge: IntArray, t: Array, orders: Sequence[int] = (0,)) -> list[Array]:
+    """Points, or derivatives along the curves, (n, 3) for each order, of edges (n,) at parameters (n,)."""
+    if not len(edge):
+        return [np.zeros((0, 3)) for _ in orders]
+    motion = brep.edges.motion[edge]
+    found = evaluate_curves(list_spline_curves(brep), brep.edges.curve[edge], t, orders)
+    return [
+        motion.apply_to_vectors(values) if order else motion.apply(values)
+        for order, values in zip(orders, found, strict=True)
+    ]
+
+
+def project_onto_planes(brep: Brep, face: IntArray, points: Array) -> Array:
+    """(u, v) (n, 2) of points (n, 3) on the planar faces (n,); InvalidRequest if one is not planar."""
+    result, local = np.empty((len(face), 2)), brep.faces.motion[face].apply_inverse(points)
+    carrier = brep.faces.carrier[face]
+    for c in np.unique(carrier).tolist():
+        plane, own = brep.carriers[c], carrier == c
+        if not isinstance(plane, Plane):
+            raise InvalidRequest("an edge of a face that is no plane lacks its parameter curve")
+        result[own] = plane.parameters(local[own])
     return result
 
 

@@ -16,15 +16,15 @@ from tpmscad.brep import connectivity
 from tpmscad.brep.boundary_representation import Brep, Edges, EdgeUses, Faces, drop_unused_geometry
 from tpmscad.brep.carriers import Plane
 from tpmscad.brep.loops import LoopError, chain_faces, follow_paths
-from tpmscad.errors import InvalidRequest, NothingLeft, TrimmingError, format_point
-from tpmscad.index_ranges import repeat_rows
+from tpmscad.errors import NothingLeft, TrimmingError, format_point
+from tpmscad.index_ranges import list_following, repeat_rows
 from tpmscad.rigid_motion import Motion
 from tpmscad.splines.bspline import BSplineCurve
 from tpmscad.splines.curve_batch import evaluate_curves
 from tpmscad.trimming.classify.network_edges import EdgePieces
 from tpmscad.trimming.intersect.common_curves import CommonCurves
 from tpmscad.trimming.intersect.contacts import EdgesInFaces
-from tpmscad.trimming.operands.network_tables import find_starts, list_spline_curves
+from tpmscad.trimming.operands.network_tables import find_starts, list_spline_curves, project_onto_planes
 
 SAMPLE_FRACTIONS = np.linspace(0.0, 1.0, 13)
 """Fractions of an edge at which the polygons of loops are sampled."""
@@ -216,18 +216,11 @@ def _follow_single_loops(
     order = rows[order]
     on, lengths = face[order[first[:-1]]], np.diff(first)
     x, y = (points[order] - points[np.repeat(order[first[:-1]], lengths), :1]).transpose(2, 0, 1)
-    x_next, y_next = (np.concatenate([c[:, 1:], c[_next_in_loops(first), :1]], axis=1) for c in (x, y))
+    x_next, y_next = (np.concatenate([c[:, 1:], c[list_following(first), :1]], axis=1) for c in (x, y))
     twice_areas = np.add.reduceat((x * y_next - y * x_next).sum(axis=1), first[:-1]) if len(on) else np.zeros(0)
     single = np.bincount(on, minlength=1)[on] == 1
     kept = single & (twice_areas > 0)
     return on[kept], order[np.repeat(kept, lengths)], lengths[kept]
-
-
-def _next_in_loops(first: IntArray) -> IntArray:
-    """The element after each one in loops that start at `first` (n + 1,)."""
-    following = np.arange(1, first[-1] + 1)
-    following[first[1:] - 1] = first[:-1]
-    return following
 
 
 def _join_bounded(parts: Sequence[_BoundedFaces]) -> _BoundedFaces:
@@ -256,13 +249,7 @@ def _sample_uses(
     if len(flat):
         edge = np.repeat(uses[flat, 0], m)
         points = edges.motion[edge].apply(evaluate_curves(curves, edges.curve[edge], t[flat].ravel())[0])
-        local = brep.faces.motion[np.repeat(face[flat], m)].apply_inverse(points).reshape(-1, m, 3)
-        carrier = brep.faces.carrier[face[flat]]
-        for c in np.unique(carrier).tolist():
-            plane = brep.carriers[c]
-            if not isinstance(plane, Plane):
-                raise InvalidRequest("an edge of a face that is no plane lacks its parameter curve")
-            result[flat[carrier == c]] = plane.parameters(local[carrier == c])
+        result[flat] = project_onto_planes(brep, np.repeat(face[flat], m), points).reshape(-1, m, 2)
     return result
 
 
