@@ -26,7 +26,7 @@ from tpmscad.splines.bspline import BSplineSurface
 from tpmscad.trimming.intersect.network_hits import locate_in_faces, prepare_networks
 from tpmscad.trimming.network_boolean import combine_networks
 from tpmscad.trimming.operands.conic_splines import approximate_conic, approximate_quadric
-from tpmscad.trimming.operands.network_tables import divide_uses
+from tpmscad.trimming.operands.edge_uses import divide_uses
 from tpmscad.trimming.operands.polyhedra import box
 
 TILT = Rotation.from_rotvec([0.3, 0.5, -0.2]).as_matrix()

@@ -20,10 +20,10 @@ from tpmscad.splines.bspline import line_segment
 from tpmscad.trimming.classify.propagation import InsideVotes
 from tpmscad.trimming.intersect.edge_face import intersect_edges_with_faces
 from tpmscad.trimming.intersect.network_hits import Hits, Network, evaluate_faces, outward_normals
+from tpmscad.trimming.operands.edge_uses import evaluate_edges
 from tpmscad.trimming.operands.network_tables import (
     SENSE,
     are_in_regions,
-    evaluate_edges,
     find_overlapping_boxes,
     find_starts,
     tabulate_faces,

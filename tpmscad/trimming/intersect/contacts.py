@@ -28,13 +28,8 @@ from tpmscad.trimming.intersect.network_hits import (
     evaluate_faces,
     locate_in_faces,
 )
-from tpmscad.trimming.operands.network_tables import (
-    PLANAR,
-    SENSE,
-    evaluate_edges,
-    evaluate_use_parameters,
-    project_onto_planes,
-)
+from tpmscad.trimming.operands.edge_uses import evaluate_edges, evaluate_use_parameters, project_onto_planes
+from tpmscad.trimming.operands.network_tables import PLANAR, SENSE
 
 MIN_SINE = 1e-6
 """Sine of an angle below which two directions are one, or a direction lies in a plane."""

@@ -18,17 +18,14 @@ from tpmscad.brep import connectivity
 from tpmscad.brep.boundary_representation import Brep
 from tpmscad.errors import InvalidRequest, TrimmingError, format_point
 from tpmscad.trimming.intersect.edge_face import intersect_edges_with_faces
+from tpmscad.trimming.operands.edge_uses import UseSegments, divide_uses, evaluate_edges, evaluate_use_parameters
 from tpmscad.trimming.operands.network_tables import (
     SENSE,
     NetworkEdges,
     NetworkFaces,
     PatchPolynomials,
-    UseSegments,
     bound_faces,
-    divide_uses,
-    evaluate_edges,
     evaluate_face,
-    evaluate_use_parameters,
     find_overlapping_boxes,
     is_in_region,
     tabulate_edges,
@@ -339,8 +336,11 @@ def collect_curve_ends(
             if not (sine > MIN_GRAZING_SINE).all():
                 at = format_point(own.point[np.flatnonzero(~(sine > MIN_GRAZING_SINE))[0]])
                 raise TrimmingError(f"a common curve of two networks runs along an edge at {at}")
-            columns = (face, own.face, uv, own.uv) if side == 0 else (own.face, face, own.uv, uv)
-            parts.append(EndRows(*columns, turn > 0, offset + np.arange(n)))
+            enters, vertex = turn > 0, offset + np.arange(n)
+            if side == 0:
+                parts.append(EndRows(face, own.face, uv, own.uv, enters, vertex))
+            else:
+                parts.append(EndRows(own.face, face, own.uv, uv, enters, vertex))
         offset += n
     boxes = (first.faces.low, first.faces.high, second.faces.low, second.faces.high)
     pairs = find_overlapping_boxes(*boxes, SNAP_TOLS * tol)
