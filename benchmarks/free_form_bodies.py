@@ -28,7 +28,7 @@ from tpmscad.kernel.occt.convert import transform_shape
 from tpmscad.requests.lattice_request import LatticeRequest, read_lattice_request
 from tpmscad.rigid_motion import Motion
 from tpmscad.solids.boolean_strategies import trim_on_parameters
-from tpmscad.solids.lattice_block import build_lattice_block
+from tpmscad.solids.matter.lattice_block import build_lattice_block
 from tpmscad.stage_timer import StageTimer
 
 

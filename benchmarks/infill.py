@@ -37,7 +37,7 @@ from tpmscad.kernel.measure.shape_report import check_shape
 from tpmscad.kernel.occt.bounding_boxes import enclosing_box
 from tpmscad.requests.lattice_request import LatticeRequest, read_lattice_request
 from tpmscad.solids.boolean_strategies import intersect_body_with_lattice
-from tpmscad.solids.lattice_block import build_lattice_block
+from tpmscad.solids.matter.lattice_block import build_lattice_block
 from tpmscad.stage_timer import StageTimer
 
 SIZE = 40.0

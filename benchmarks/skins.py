@@ -32,7 +32,7 @@ from tpmscad.kernel.boolean.hollow_body import find_skin_faces
 from tpmscad.kernel.measure.shape_report import check_shape
 from tpmscad.kernel.measure.skin_depth import SkinDepth, measure_skin_thickness, sample_depths
 from tpmscad.kernel.occt.exploration import faces_of
-from tpmscad.solids.skin import erode_body, find_deepest
+from tpmscad.solids.skins.offset_skin import erode_body, find_deepest
 
 DEVIATION, ANGLE = 1e-3, 0.03
 """Model units and radians: fineness of the body's triangulation."""

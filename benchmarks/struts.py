@@ -26,7 +26,7 @@ from scipy.spatial import Voronoi
 import tpmscad
 from tpmscad import fields
 from tpmscad.fields.kinds.strut_graphs import StrutsField
-from tpmscad.solids.strut_solids import bound_struts_in_box
+from tpmscad.solids.matter.strut_boundaries import bound_struts_in_box
 from tpmscad.strut_cells import KINDS
 
 CELL, DIAMETER, BALL, SAMPLES = 10.0, 1.0, 0.9, 1_000_000

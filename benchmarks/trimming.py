@@ -28,7 +28,7 @@ from tpmscad.kernel.boolean import boolean_operations
 from tpmscad.kernel.build.solids import build_solids
 from tpmscad.kernel.measure.shape_report import check_shape, is_valid
 from tpmscad.requests.lattice_request import read_lattice_request
-from tpmscad.solids.lattice_block import PatchesOverBox, fit_patches_over_box
+from tpmscad.solids.matter.lattice_block import PatchesOverBox, fit_patches_over_box
 from tpmscad.trimming.operands.polyhedra import box
 
 CELL, TOL = 10.0, 1e-3

@@ -21,8 +21,8 @@ from tpmscad.requests.lattice_options import FluidDomainsOptions
 from tpmscad.requests.lattice_request import read_lattice_request
 from tpmscad.results.domain_results import FluidDomains
 from tpmscad.solids._fluid_domains import _resolve_openings
-from tpmscad.solids.closed_channels import _open_fraction, _sample_body, extend_distance
-from tpmscad.solids.field_bodies import FieldBody
+from tpmscad.solids.matter.closed_channels import _open_fraction, _sample_body, extend_distance
+from tpmscad.solids.bodies.fitted_body import FieldBody
 
 pytestmark = pytest.mark.kernel
 

@@ -12,7 +12,7 @@ from tpmscad.kernel.body_import.cad_body import read_body
 from tpmscad.requests.lattice_request import read_lattice_request
 from tpmscad.results.domain_results import MINUS, PLUS, WALL
 from tpmscad.solids._fluid_domains import _trim_domains
-from tpmscad.solids.lattice_block import build_lattice_block
+from tpmscad.solids.matter.lattice_block import build_lattice_block
 from tpmscad.stage_timer import StageTimer
 
 pytestmark = pytest.mark.kernel

@@ -14,7 +14,7 @@ from tpmscad import fields
 from tpmscad.errors import InvalidRequest, LevelSetError
 from tpmscad.results.model import Model
 from tpmscad.solids import field_bodies, field_skin
-from tpmscad.solids.field_bodies import FieldBody, fit_field_body
+from tpmscad.solids.bodies.fitted_body import FieldBody, fit_field_body
 from tpmscad.stage_timer import StageTimer
 
 trimesh = pytest.importorskip("trimesh")

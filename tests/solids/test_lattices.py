@@ -12,7 +12,7 @@ import tpmscad
 from tpmscad import maps, surfaces
 from tpmscad.brep.boundary_representation import Brep
 from tpmscad.errors import TrimmingError
-from tpmscad.solids.lattice_block import (
+from tpmscad.solids.matter.lattice_block import (
     BOX_TRIM_ROUND_OFF_CELLS,
     BOX_TRIM_TOL_CELLS,
     MAX_BOX_TRIM_TOL,

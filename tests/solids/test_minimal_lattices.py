@@ -8,7 +8,7 @@ import pytest
 import tpmscad
 from tpmscad import surfaces
 from tpmscad.minimal_series import MINIMAL_SERIES
-from tpmscad.solids.patch_measures import MEAN_CURVATURE
+from tpmscad.solids.matter.patch_measures import MEAN_CURVATURE
 
 pytestmark = pytest.mark.kernel
 

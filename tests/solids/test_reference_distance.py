@@ -7,7 +7,7 @@ import pytest
 
 from tpmscad import fields, maps, surfaces
 from tpmscad.requests.lattice_request import LatticeRequest, read_lattice_request
-from tpmscad.solids.reference_distance import (
+from tpmscad.solids.matter.reference_distance import (
     field_distance,
     lattice_distance,
 )

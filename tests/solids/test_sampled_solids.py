@@ -11,7 +11,7 @@ import pytest
 import tpmscad
 from tests.cli.test_cli import run
 from tpmscad import fields
-from tpmscad.solids.field_patches import fit_field_patches
+from tpmscad.solids.matter.field_patches import fit_field_patches
 
 pytestmark = pytest.mark.kernel
 

@@ -13,8 +13,8 @@ from tpmscad import fields
 from tpmscad.brep import connectivity
 from tpmscad.errors import LevelSetError
 from tpmscad.solids import field_patches
-from tpmscad.solids.field_patches import FieldPatches, fit_field_patches
-from tpmscad.solids.patch_measures import measure_field_patches
+from tpmscad.solids.matter.field_patches import FieldPatches, fit_field_patches
+from tpmscad.solids.matter.patch_measures import measure_field_patches
 from tpmscad.stage_timer import StageTimer
 
 pytestmark = pytest.mark.kernel  # the room imports it

@@ -16,7 +16,7 @@ from tpmscad.kernel.body_import.cad_body import read_body
 from tpmscad.kernel.boolean.hollow_body import count_closed_cavities, find_skin_faces
 from tpmscad.kernel.measure.skin_depth import SkinDepth, SkinThickness, measure_skin_thickness, sample_depths
 from tpmscad.kernel.occt.exploration import faces_of
-from tpmscad.solids.skin import (
+from tpmscad.solids.skins.offset_skin import (
     DEEP_RATIO,
     DEPTH_SAMPLES,
     INSET_SAMPLES,

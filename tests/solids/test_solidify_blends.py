@@ -16,7 +16,7 @@ from tpmscad.blending.composition.blended_field import BlendedField
 from tpmscad.errors import LevelSetError
 from tpmscad.kernel.measure.shape_report import check_step
 from tpmscad.solids._solidify import solidify
-from tpmscad.solids.field_patches import check_field_in_box, limit_tol_to_walls
+from tpmscad.solids.matter.field_patches import check_field_in_box, limit_tol_to_walls
 from tpmscad.splines.bspline import BSplineSurface
 
 pytestmark = pytest.mark.kernel

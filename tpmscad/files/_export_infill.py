@@ -52,8 +52,8 @@ from tpmscad.result_display import fit_lines, format_html_table, split_columns
 from tpmscad.results.certificate import Certificate
 from tpmscad.results.loose_pieces import KEEP
 from tpmscad.rigid_motion import Motion
-from tpmscad.solids.filled_body import check_wall_thickness
-from tpmscad.solids.skin import erode_body
+from tpmscad.solids.matter.lattice_block import check_wall_thickness
+from tpmscad.solids.skins.offset_skin import erode_body
 from tpmscad.solids.tiled_body import TILE_CORNERS, read_tiled_body
 from tpmscad.stage_timer import StageTimer
 

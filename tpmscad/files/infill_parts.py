@@ -39,9 +39,9 @@ from tpmscad.results.certificate import Certificate
 from tpmscad.results.joined_models import join_models
 from tpmscad.results.loose_pieces import KEEP
 from tpmscad.results.model import Model
+from tpmscad.solids.bodies.kernel_body import KernelBody
 from tpmscad.solids.filled_body import fill_body
-from tpmscad.solids.lattice_block import build_block_over_box
-from tpmscad.solids.reference_distance import lattice_distance
+from tpmscad.solids.matter.lattice_block import build_block_over_box
 from tpmscad.stage_timer import StageTimer
 
 MESH_DEVIATION_CELLS, MESH_ANGLE = 0.01, 0.35
@@ -161,12 +161,11 @@ def make_part(task: PartTask) -> MadePart | None:
     """Fill the solids of a task and write them as one checked file; None if no lattice lies in them. NotMet as `infill`."""
     stages, turn = StageTimer(False), np.eye(3)
     block = build_block_over_box(task.request, turn, *task.box, stages)
-    distance = lattice_distance(task.request, None, turn)
     models: list[Model] = []
     for number, solid in enumerate(solids_of(shape_from_bytes(task.shape)), 1):
         body = replace(read_body(solid), name=f"{task.name}, solid {number}")
         try:
-            models.append(fill_body(block, body, None, (), KEEP, stages, task.name, distance))
+            models.append(fill_body(KernelBody(body), block, None, KEEP, stages, name=task.name))
         except EmptyInfill:
             continue
     if not models:

@@ -19,7 +19,7 @@ from tpmscad.fields.kinds.coordinate_transforms import place_samples
 from tpmscad.fields.kinds.data_domains import bound_by_data
 from tpmscad.fields.kinds.label_partitions import LabelPartition
 from tpmscad.fields.kinds.sampled_data import SampledField
-from tpmscad.solids.field_patches import limit_tol_to_walls
+from tpmscad.solids.matter.field_patches import limit_tol_to_walls
 
 DEFAULT_TOL_CELLS = 0.01
 """In edges of a cell: the tolerance of a graded lattice if none is given; less where its walls are too thin for it."""

@@ -168,6 +168,25 @@ class BodyOptions(WallOptions):
     ] = (0.0, 0.0, 0.0)
 
 
+@dataclass(frozen=True, kw_only=True)
+class PassiveOptions:
+    """What of a filled body is not left to the lattice."""
+
+    keep: Annotated[
+        Any,
+        SHAPE,
+        "CAD solids that the result contains with their own, exact faces, such as bosses and flanges: a build123d or CadQuery "
+        "shape, or the path of a CAD file, all solids of which are kept. They must not overlap each other. Within a skin they "
+        "lie in the body.",
+    ] = None
+    clear: Annotated[
+        Any,
+        SHAPE,
+        "CAD solids that stay empty, such as bolts in their bores: what of the filled body and of `keep` lies in them is cut "
+        "away, with exact faces. Given as `keep`.",
+    ] = None
+
+
 @dataclass(frozen=True)
 class FluidDomainsOptions(BodyOptions):
     """The arguments of `fluid_domains`."""
@@ -200,14 +219,14 @@ class FluidDomainsOptions(BodyOptions):
 
 
 @dataclass(frozen=True)
-class InfillOptions(SolidOptions, BodyOptions):
+class InfillOptions(SolidOptions, PassiveOptions, BodyOptions):
     """The arguments of `infill`."""
 
     surface: Annotated[
         str | Field | Callable[..., Any],
         NAME_OR_FIELD,
         "Name of a surface (see ``tpmscad surfaces``), or a field in the body's coordinates that is negative where solid. A "
-        "field takes `solid`, `tol`, `skin`, `open_faces`, `loose` and `progress` only.",
+        "field takes `solid`, `tol`, `skin`, `open_faces`, `keep`, `clear`, `loose` and `progress` only.",
     ]
     _: KW_ONLY
     solid: Annotated[

@@ -16,42 +16,35 @@ import numpy as np
 from tpmscad.api.public_calls import validate_options
 from tpmscad.brep.boundary_representation import Brep
 from tpmscad.brep.moments import integral_properties
-from tpmscad.errors import InvalidRequest, KernelError, MissingDomain, TrimmingError
+from tpmscad.errors import InvalidRequest, KernelError, MissingDomain
 from tpmscad.fallbacks import Fallback, Fallbacks
-from tpmscad.kernel.body_import.cad_body import CadBody, read_body
+from tpmscad.kernel.body_import.cad_body import CadBody
 from tpmscad.kernel.boolean.body_split import SplitSolid, split_body
 from tpmscad.kernel.boolean.boolean_operations import OcctSolids
 from tpmscad.kernel.boolean.cut_faces import label_cut_solids
 from tpmscad.kernel.build.solids import BrepSolids
-from tpmscad.kernel.measure.envelope import Envelope
 from tpmscad.kernel.occt.exploration import faces_of
 from tpmscad.kernel.step.face_labels import LABEL_OF_TAG, OPENING, label_faces, label_outer_faces
 from tpmscad.requests.channel_openings import ChannelOpenings, resolve_channel_openings
 from tpmscad.requests.lattice_options import FluidDomainsOptions
 from tpmscad.requests.lattice_request import lattice_in_body, resolve_lattice_request, rotation_matrix
-from tpmscad.results.certificate import Certificate, Check, describe_piece, require
+from tpmscad.results.certificate import (
+    Certificate,
+    Check,
+    certify_built_solids,
+    certify_kernel_solids,
+    describe_piece,
+    require,
+)
 from tpmscad.results.domain_results import MINUS, PLUS, WALL, FaceContact, FluidDomains
 from tpmscad.results.model import Model
-from tpmscad.solids.boolean_strategies import (
-    CUT_REMEDY,
-    KERNEL_BOOLEAN,
-    TRIMMED_PATCHES,
-    certify_cut_solids,
-    numerical_failures,
-    read_trimming_body,
-)
-from tpmscad.solids.closed_channels import build_closed_block
+from tpmscad.solids.bodies.body_choice import Body, find_body
+from tpmscad.solids.bodies.fitted_body import FittedBody
+from tpmscad.solids.bodies.kernel_body import KernelBody
+from tpmscad.solids.cut import CUT_REMEDY, KERNEL_BOOLEAN, TRIMMED_PATCHES, numerical_failures
 from tpmscad.solids.divided_body import divide_body
-from tpmscad.solids.field_bodies import (
-    FieldBody,
-    fit_field_body,
-    join_body_measures,
-    reject_box,
-    reject_solid,
-    resolve_field,
-)
-from tpmscad.solids.field_body_infill import reject_empty
-from tpmscad.solids.lattice_block import LatticeBlock, build_lattice_block
+from tpmscad.solids.matter.closed_channels import build_closed_block
+from tpmscad.solids.matter.lattice_block import LatticeBlock, build_lattice_block
 from tpmscad.stage_timer import StageTimer
 
 TOTAL_VOLUME_RTOL = 1e-6
@@ -84,38 +77,25 @@ def fluid_domains(options: FluidDomainsOptions) -> FluidDomains:
     """
     stages = StageTimer(options.progress)
     request = resolve_lattice_request(lattice_in_body(options))
+    body = find_body(options.body, options.box, options.solid, request.tol, stages, is_default=options.tol is None)
     with stages("read"):
-        field = resolve_field(options.body)
-    body = (
-        None
-        if field is None
-        else fit_field_body(field, options.box, request.tol, stages, is_default=options.tol is None)
-    )
-    with stages("read"):
-        if field is None:
-            reject_box(options.box)
-        else:
-            reject_solid(options.solid)
-        read = body.cad if isinstance(body, FieldBody) else read_body(body or options.body, options.solid)
-        openings = _resolve_openings(options, body, read)
+        openings = _resolve_openings(options, body)
     turn = rotation_matrix(options.rotation)
     if openings is None:
-        block = build_lattice_block(request, turn, read, stages)
+        block = build_lattice_block(request, turn, body.cad, stages)
     else:
-        block = build_closed_block(request, turn, read, openings, options.transition, options.skin, stages)
+        block = build_closed_block(request, turn, body.cad, openings, options.transition, options.skin, stages)
     with stages("trim"):
-        found = _divide_field_body(body, block) if isinstance(body, FieldBody) else _compute_domains(block, read)
-    if isinstance(body, FieldBody):
-        block = replace(block, measures=join_body_measures(block.measures, body))
-    labels = body.used_tags if isinstance(body, FieldBody) else dict(enumerate(read.face_labels))
+        found = _compute_domains(block, body)
+    block = replace(block, measures=body.join_measures(block.measures))
     touches = tuple(
         FaceContact(
             face, label, {name: domain.areas[face] for name, domain in found.items() if domain.areas.get(face, 0.0) > 0}
         )
-        for face, label in labels.items()
+        for face, label in body.face_labels.items()
     )
     with stages("check"):
-        certificates, volume = _certify_domains(found, touches, block, read, openings)
+        certificates, volume = _certify_domains(found, touches, block, body, openings)
     models = {
         name: Model(
             name,
@@ -124,7 +104,7 @@ def fluid_domains(options: FluidDomainsOptions) -> FluidDomains:
             domain.built,
             trimmed_by=KERNEL_BOOLEAN if domain.brep is None else TRIMMED_PATCHES,
             is_fluid=name != WALL,
-            envelope=Envelope(read.name, read.volume, read.shape),
+            envelope=body.envelope,
             openings=frozenset() if name == WALL else _find_openings(domain, block),
         )
         for name, domain in found.items()
@@ -148,9 +128,7 @@ class DomainSolids:
     moved: float = 0.0
 
 
-def _resolve_openings(
-    options: FluidDomainsOptions, body: CadBody | FieldBody | None, read: CadBody
-) -> ChannelOpenings | None:
+def _resolve_openings(options: FluidDomainsOptions, body: Body) -> ChannelOpenings | None:
     """The faces at which the channels open; None if they open everywhere."""
     if options.openings is None:
         if options.transition is not None:
@@ -160,9 +138,9 @@ def _resolve_openings(
                 "skin is the wall along faces where channels do not open: give openings=, where they do"
             )
         return None
-    if isinstance(body, FieldBody):
-        raise InvalidRequest(f"openings are faces of a CAD body; {read.name} has none: leave openings out")
-    return resolve_channel_openings(read, options.openings)
+    if isinstance(body, FittedBody):
+        raise InvalidRequest(f"openings are faces of a CAD body; {body.name} has none: leave openings out")
+    return resolve_channel_openings(body.cad, options.openings)
 
 
 def _find_openings(channel: DomainSolids, block: LatticeBlock) -> frozenset[str]:
@@ -172,34 +150,21 @@ def _find_openings(channel: DomainSolids, block: LatticeBlock) -> frozenset[str]
     return frozenset(labels) - {LABEL_OF_TAG.get(tag, tag) for tag in block.patches.tags}
 
 
-def _divide_field_body(body: FieldBody, block: LatticeBlock) -> dict[str, DomainSolids]:
-    """The three domains of a field's solid."""
-    try:
-        return _name_domains(body.cad, body.built.brep, block)
-    except TrimmingError as error:
-        raise reject_empty(error, body) from error
-
-
-def _compute_domains(block: LatticeBlock, body: CadBody) -> dict[str, DomainSolids]:
-    """The three domains of a CAD body: cut on the patches' own parameters if possible, else split by the kernel."""
-    outcome = DOMAIN_METHODS.run(block, body)
+def _compute_domains(block: LatticeBlock, body: Body) -> dict[str, DomainSolids]:
+    """The three domains of a body: cut on the patches' own parameters if possible, else a CAD body is split by the kernel."""
+    methods = (BY_PARAMETERS, BY_KERNEL) if isinstance(body, KernelBody) else (BY_PARAMETERS,)
+    outcome = Fallbacks(methods, remedy=CUT_REMEDY).run(block, body)
     if not outcome.failures:
         return outcome.value
     note = f"split by the kernel: {outcome.reasons}"
     return {name: replace(domain, notes=(note,)) for name, domain in outcome.value.items()}
 
 
-def _trim_domains(block: LatticeBlock, body: CadBody) -> dict[str, DomainSolids]:
-    """The three domains of a CAD body by a cut of its faces and the patches."""
-    read = read_trimming_body(body, block.measures.tol)
+def _trim_domains(block: LatticeBlock, body: Body) -> dict[str, DomainSolids]:
+    """The three domains by a cut of the body's faces and the patches; MissingDomain if one is empty."""
+    read, result = body.read(block.measures.tol), {}
     with numerical_failures():
-        domains = _name_domains(body, read.brep, block)
-    return {name: replace(domain, notes=(*domain.notes, *read.notes)) for name, domain in domains.items()}
-
-
-def _name_domains(body: CadBody, brep: Brep, block: LatticeBlock) -> dict[str, DomainSolids]:
-    """The three domains of a body, by a cut of its boundary representation and the patches; MissingDomain if one is empty."""
-    divided, result = divide_body(brep, block), {}
+        divided = divide_body(read.brep, block)
     for name in (WALL, PLUS, MINUS):
         if name not in divided.domains:
             raise _missing_domain(body, name, block)
@@ -207,21 +172,22 @@ def _name_domains(body: CadBody, brep: Brep, block: LatticeBlock) -> dict[str, D
         area = np.bincount(
             built.brep.faces.tag, integral_properties.integrate_faces(built.brep).area, len(built.brep.tags)
         )
-        on_body = dict(enumerate(area[: len(brep.tags)].tolist()))  # the tags of the first network come first
-        result[name] = DomainSolids(built, built.brep, on_body, divided.notes, divided.moved)
+        on_body = dict(enumerate(area[: len(read.brep.tags)].tolist()))  # the tags of the first network come first
+        notes = (*divided.notes, *read.notes)
+        result[name] = DomainSolids(built, built.brep, on_body, notes, divided.moved)
     return result
 
 
-def _split_domains(block: LatticeBlock, body: CadBody) -> dict[str, DomainSolids]:
+def _split_domains(block: LatticeBlock, body: Body) -> dict[str, DomainSolids]:
     """The three domains from the cells into which the kernel splits the body."""
-    cells = split_body(body.shape, block.shape, _tags_of_kernel_faces(block))
+    cells = split_body(body.cad.shape, block.built.shape, _tags_of_kernel_faces(block))
     result = {}
     for name in (WALL, PLUS, MINUS):
         own = [c for c in cells if classify_cell(c) == name]
         if not own:
             raise _missing_domain(body, name, block)
         areas = {face: sum(c.areas.get(face, 0.0) for c in own) for c in own for face in c.areas}
-        result[name] = DomainSolids(_label_solids(name, own, block, body), None, areas, ())
+        result[name] = DomainSolids(_label_solids(name, own, block, body.cad), None, areas, ())
     return result
 
 
@@ -240,18 +206,13 @@ def _label_solids(domain: str, cells: Sequence[SplitSolid], block: LatticeBlock,
     return replace(labelled, labels=labels)
 
 
-DOMAIN_METHODS = Fallbacks(
-    (
-        Fallback(
-            "trimming on the patches' parameters",
-            _trim_domains,
-            "about a second for ten cells; several with free-form faces",
-        ),
-        Fallback(
-            "splitting by the kernel", _split_domains, "about ten times as long; for free-form faces that leave gaps"
-        ),
-    ),
-    remedy=CUT_REMEDY,
+BY_PARAMETERS: Fallback[[LatticeBlock, Body], dict[str, DomainSolids]] = Fallback(
+    "trimming on the patches' parameters",
+    lambda block, body: _trim_domains(block, body),
+    "about a second for ten cells; several with free-form faces",
+)
+BY_KERNEL: Fallback[[LatticeBlock, Body], dict[str, DomainSolids]] = Fallback(
+    "splitting by the kernel", _split_domains, "about ten times as long; for free-form faces that leave gaps"
 )
 """How a body is divided into the domains."""
 
@@ -273,14 +234,14 @@ def _tags_of_kernel_faces(block: LatticeBlock) -> list[str]:
     """The tag of every face of the kernel's solid of the block, in the kernel's order."""
     tags = [block.closed.tags[t] for t in block.closed.faces.tag.tolist()]
     by_face = {hash(face): tag for face, tag in zip(block.built.faces, tags, strict=True)}
-    return [by_face[hash(face)] for face in faces_of(block.shape)]
+    return [by_face[hash(face)] for face in faces_of(block.built.shape)]
 
 
 def _certify_domains(
     domains: Mapping[str, DomainSolids],
     contacts: tuple[FaceContact, ...],
     block: LatticeBlock,
-    body: CadBody,
+    body: Body,
     openings: ChannelOpenings | None,
 ) -> tuple[dict[str, Certificate], float]:
     """The certificate of each domain, and the volume of all three.
@@ -292,7 +253,7 @@ def _certify_domains(
     lines = [*body.notes, *domains[WALL].notes]
     for name in (PLUS, MINUS):
         domain = domains[name]
-        found[name] = own = certify_cut_solids(block, domain.built, moved=domain.moved, notes=domain.notes)
+        found[name] = own = _certify(block, domain, domain.notes)
         checks += [require(False, f"{name}: {shortfall}") for shortfall in own.shortfalls]
         lines.append(
             f"{name}: volume {own.volume:.9g} mm3, {len(own.pieces)} piece{'s' if len(own.pieces) > 1 else ''}"
@@ -303,7 +264,7 @@ def _certify_domains(
     for contact in contacts:
         areas = ", ".join(f"{name} {area:.4g} mm2" for name, area in contact.areas.items())
         lines.append(f"on {contact.label}: {areas}")
-    wall = certify_cut_solids(block, domains[WALL].built, moved=domains[WALL].moved, notes=tuple(lines))
+    wall = _certify(block, domains[WALL], tuple(lines))
     total = wall.volume + found[PLUS].volume + found[MINUS].volume
     checks.append(
         Check(
@@ -317,6 +278,14 @@ def _certify_domains(
     shortfalls = (*wall.shortfalls, *(text for text in missed if text not in wall.shortfalls))
     found[WALL] = replace(wall, met=not shortfalls, shortfalls=shortfalls)
     return found, total
+
+
+def _certify(block: LatticeBlock, domain: DomainSolids, notes: tuple[str, ...]) -> Certificate:
+    """The certificate of a domain: of trimmed patches, or of solids that the kernel cut."""
+    measures, built = block.measure(domain.built, domain.moved), domain.built
+    if isinstance(built, OcctSolids):
+        return certify_kernel_solids(built.solids, block.patches, measures, notes=notes)
+    return certify_built_solids(built, measures, valid=True, notes=notes)
 
 
 def _check_openings(
@@ -346,7 +315,7 @@ def _check_openings(
     return checks
 
 
-def _missing_domain(body: CadBody, name: str, block: LatticeBlock) -> MissingDomain:
+def _missing_domain(body: Body, name: str, block: LatticeBlock) -> MissingDomain:
     """The error for a body that contains no part of the domain `name` of a block."""
     closed = ", or a shorter `transition`: the closings fill the channel" if block.closes_channels else ""
     return MissingDomain(f"{body.name} holds no {name}: shift the lattice by `phase`, or use a smaller `cell`{closed}")

@@ -38,10 +38,10 @@ from tpmscad.requests.lattice_request import MIN_TOL_CELLS, LatticeRequest, reso
 from tpmscad.results.certificate import certify_built_solids
 from tpmscad.results.loose_pieces import drop_loose_pieces
 from tpmscad.results.model import Model, UnitCell
-from tpmscad.solids.lattice_block import find_trim_tolerance
-from tpmscad.solids.mapped_block import cover_mapped_lattice, exact_source
-from tpmscad.solids.patch_measures import measure_lattice_patches
-from tpmscad.solids.reference_distance import lattice_distance
+from tpmscad.solids.matter.lattice_block import find_trim_tolerance
+from tpmscad.solids.matter.mapped_block import cover_mapped_lattice, exact_source
+from tpmscad.solids.matter.patch_measures import measure_lattice_patches
+from tpmscad.solids.matter.reference_distance import lattice_distance
 from tpmscad.stage_timer import StageTimer
 from tpmscad.trimming.network_boolean import combine_networks
 from tpmscad.trimming.operands.polyhedra import box

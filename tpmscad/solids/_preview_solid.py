@@ -21,8 +21,8 @@ from tpmscad.kernel.body_import.cad_body import read_body
 from tpmscad.kernel.occt.bounding_boxes import enclosing_box
 from tpmscad.levelset.field_solid import validate_box
 from tpmscad.solids._solidify import is_numeric_box, parse_corners
-from tpmscad.solids.field_patches import check_field_in_box
-from tpmscad.solids.lattice_block import expand_body_box
+from tpmscad.solids.matter.field_matter import expand_body_box
+from tpmscad.solids.matter.field_patches import check_field_in_box
 
 PREVIEW_SAMPLES = 48
 """Samples along each axis for the volume fraction: accurate to a per cent if a cell is ten samples wide."""

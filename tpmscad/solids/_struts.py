@@ -17,7 +17,7 @@ from tpmscad.requests.lattice_request import size_of_cells
 from tpmscad.requests.strut_options import StrutOptions
 from tpmscad.results.model import Model
 from tpmscad.solids._solidify import solidify_crossing
-from tpmscad.solids.strut_solids import bound_struts_in_box, require_struts_apart
+from tpmscad.solids.matter.strut_boundaries import bound_struts_in_box, require_struts_apart
 from tpmscad.stage_timer import StageTimer
 
 DEFAULT_TOL_CELLS = 1e-3
@@ -74,7 +74,7 @@ def struts(options: StrutOptions) -> Model:
         notes = (f"struts of {2 * field.radius:.9g} mm fill {fraction:g} of the box",)
     require_struts_apart(field)
     tol = DEFAULT_TOL_CELLS * float(edges.min()) if options.tol is None else options.tol
-    model = solidify_crossing(field, ((0.0, 0.0, 0.0), tuple(hi.tolist())), tol, options.loose, stages)
+    model = solidify_crossing(field, (np.zeros(3), hi), tol, options.loose, stages)
     return replace(
         model,
         name=f"{options.kind} struts",

@@ -22,7 +22,7 @@ from tpmscad.kernel.measure.validity import is_brep_valid
 from tpmscad.kernel.step.face_labels import OPENING
 from tpmscad.results.domain_results import MINUS, PLUS, WALL
 from tpmscad.solids.dead_ends import absorb_dead_ends
-from tpmscad.solids.lattice_block import LatticeBlock
+from tpmscad.solids.matter.lattice_block import LatticeBlock
 from tpmscad.trimming.network_boolean import DividedNetwork, divide_network
 from tpmscad.trimming.rebuild.network_result import check_closed
 

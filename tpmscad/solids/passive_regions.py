@@ -9,12 +9,15 @@ of points in the bodies, which no boolean takes part in.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import partial, reduce
 from typing import Any
+
+import numpy as np
 
 from tpmscad._typing import Array, BoolArray
 from tpmscad.brep.boundary_representation import Brep
-from tpmscad.errors import InvalidRequest, KernelError, TrimmingError
+from tpmscad.errors import InvalidRequest, KernelError, NothingLeft, TrimmingError
 from tpmscad.fallbacks import Fallback, Fallbacks
 from tpmscad.kernel.body_import.cad_body import BodyFile, CadBody, read_bodies
 from tpmscad.kernel.body_import.solid_choice import ALL
@@ -27,14 +30,11 @@ from tpmscad.kernel.measure.shape_sampling import contains_points
 from tpmscad.kernel.occt.construction import make_compound
 from tpmscad.kernel.occt.exploration import faces_of
 from tpmscad.results.certificate import Check
-from tpmscad.solids.boolean_strategies import (
-    MAX_KERNEL_FACES,
-    build_valid_solids,
-    estimate_fraction,
-    numerical_failures,
-    read_trimming_body,
-    sample_body,
-)
+from tpmscad.solids.bodies.kernel_body import read_trimming_body
+from tpmscad.solids.cut import MadeSolids, build_valid_solids, numerical_failures, require_few_faces
+from tpmscad.solids.matter.crossing_fields import Remake
+from tpmscad.solids.matter.patch_measures import move_patch_measures
+from tpmscad.solids.volume_samples import estimate_fraction, sample_body
 from tpmscad.trimming.network_boolean import Operation, combine_networks
 
 VOLUME_RTOL = 1e-5
@@ -56,7 +56,7 @@ class PassiveRegions:
     @classmethod
     def read(cls, keep: Any = None, clear: Any = None) -> PassiveRegions:
         """All solids of shapes or CAD files, of which each may be None; errors as `read_bodies`."""
-        return cls(_read_all(keep), _read_all(clear))
+        return cls(_read_all(keep, "kept"), _read_all(clear, "cleared"))
 
     @property
     def bodies(self) -> tuple[CadBody, ...]:
@@ -70,41 +70,90 @@ class PassiveRegions:
             for number, body in enumerate(self.bodies)
         )
 
-    def combine(self, built: Solids, is_inside: Callable[[Array], BoolArray]) -> CombinedRegions:
+    def hold(self, points: Array) -> BoolArray:
+        """Whether points (n, 3) lie in one of the bodies that are kept."""
+        return np.any([contains_points(body.shape, points) for body in self.kept], axis=0)
+
+    def touch(self, brep: Brep) -> bool:
+        """Whether faces of a body lie in those of a solid, so that no placement of what fills it lets both be combined."""
+        try:
+            self.finish(brep)
+        except NothingLeft:
+            return False
+        except (TrimmingError, InvalidRequest):
+            return True
+        return False
+
+    def combine(self, made: MadeSolids, remake: Remake | None = None) -> MadeSolids:
         """The union of solids with the bodies that are kept, without those that are cleared.
 
-        is_inside: whether points (n, 3) lie in the solids, by the field.
-        KernelError if a body can neither be united nor subtracted.
+        remake: makes the solids again, moved a little, where faces of a body touch theirs without crossing. KernelError if a body
+        can neither be united nor subtracted.
         """
-        expected, allowed, notes = _measure_volume(built), 0.0, []
+        outcome = METHODS.run(self, made, remake)
+        built, moved = outcome.value
+        reasons = f": {outcome.reasons}" if outcome.failures else ""
+        measures = move_patch_measures(made.measures, moved) if moved else made.measures
+        combined = replace(
+            made,
+            built=built,
+            patches=built.brep if isinstance(built, BrepSolids) else made.patches,
+            measures=measures,
+            label=partial(self._label, made),
+            valid=True,
+            is_cut=True,
+        )
+        return self.check(combined, _measure_volume(made.built), made.contains, f"{outcome.name}{reasons}")
+
+    def check(self, made: MadeSolids, before: float, contains: Callable[[Array], BoolArray], how: str) -> MadeSolids:
+        """Solids with notes on the bodies, and the check of their volume, `before` without them, by even samples of points.
+
+        contains: whether points (n, 3) lay in the solids before, by what they were made from.
+        """
+        expected, allowed, notes = before, 0.0, []
         for number, body in enumerate(self.bodies):
             kept = number < len(self.kept)
-            outcome = METHODS.run(built, body, "union" if kept else "difference")
-            built = outcome.value
             points = sample_body(body)
-            inside = is_inside(points)
+            inside = contains(points)
             for other in self.kept[:number]:
                 inside[~inside] = contains_points(other.shape, points[~inside])
             fraction, error = estimate_fraction(inside)
             expected += ((1.0 - fraction) if kept else -fraction) * body.volume
             allowed += error * body.volume
             what = f"{'contained' if kept else 'empty'}, {100.0 * fraction:.3g} % of it was solid before"
-            reasons = f": {outcome.reasons}" if outcome.failures else ""
-            notes += [f"{body.name} is {what}; {outcome.name}{reasons}", *body.notes]
-        found = _measure_volume(built)
+            notes += [f"{body.name} is {what}; {how}", *body.notes]
+        found = _measure_volume(made.built)
         check = Check(
             "volume with the passive regions",
             abs(found - expected),
             allowed + VOLUME_RTOL * expected,
             f"the volume with the passive regions is {found:.6g}, but {expected:.6g} +- {allowed:.2g} by a sample of points",
         )
-        return CombinedRegions(built, tuple(notes), check)
+        return replace(made, notes=(*made.notes, *notes), checks=(*made.checks, check))
 
-    def label(self, solids: Sequence[Any], patches: Brep, box: OcctSolids) -> OcctSolids:
-        """Solids that the kernel made, with the labels of the bodies' faces, and elsewhere those of `box`, of the same solids."""
-        labels = box.labels
+    def finish(self, brep: Brep) -> BrepSolids:
+        """The valid solids of a boundary representation with what is kept, without what is cleared, by cuts of their faces."""
+        for number, body in enumerate(self.bodies):
+            operation: Operation = "union" if number < len(self.kept) else "difference"
+            brep = _combine(brep, body, operation)
+        return build_valid_solids(brep)
+
+    def carve(self, voids: Brep) -> BrepSolids:
+        """Voids without what is kept; NothingLeft if that holds them."""
+        return build_valid_solids(reduce(lambda brep, body: _combine(brep, body, "difference"), self.kept, voids))
+
+    def finish_one_by_one(self, built: Solids) -> Solids:
+        """The same as `finish`, each body by the kernel where the cut fails; faces in one plane are then made one."""
+        for number, body in enumerate(self.bodies):
+            built = ONE_BODY.run(built, body, "union" if number < len(self.kept) else "difference").value
+        return built
+
+    def _label(self, made: MadeSolids, solids: tuple[Any, ...]) -> OcctSolids:
+        """Solids that the kernel made, with the labels of the bodies' faces, and elsewhere those of what was made before."""
+        found = made.label(solids)
+        labels = found.labels
         for body in self.bodies:
-            own = label_cut_solids(solids, [patches], body).labels
+            own = label_cut_solids(solids, [made.patches], body).labels
             labels = tuple(
                 tuple(name if name in body.face_labels else old for name, old in zip(*pair, strict=True))
                 for pair in zip(own, labels, strict=True)
@@ -121,22 +170,17 @@ class PassiveRegions:
                 )
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class CombinedRegions:
-    """The solids of a field and of bodies, largest first; what is to be told of them, and the check of their volume."""
-
-    built: Solids
-    notes: tuple[str, ...]
-    check: Check
-
-
 NO_REGIONS = PassiveRegions()
 
 
-def _read_all(source: Any) -> tuple[CadBody, ...]:
+def _read_all(source: Any, role: str) -> tuple[CadBody, ...]:
+    """All solids of a source, their faces labelled by a role, and by a number if there are several."""
     if source is None:
         return ()
-    return read_bodies(source, None if isinstance(source, CadBody | BodyFile) else ALL)
+    bodies = read_bodies(source, None if isinstance(source, CadBody | BodyFile) else ALL)
+    if len(bodies) == 1:
+        return (replace(bodies[0], role=role),)
+    return tuple(replace(body, role=f"{role} {number}") for number, body in enumerate(bodies, 1))
 
 
 def _measure_volume(built: Solids) -> float:
@@ -145,24 +189,35 @@ def _measure_volume(built: Solids) -> float:
     return sum(map(estimate_volume, built.solids))
 
 
-def _combine_networks(built: Solids, body: CadBody, operation: Operation) -> Solids:
-    """The union or difference by cuts of the patches of the solids and the faces of the body by each other."""
-    if not isinstance(built, BrepSolids):
-        raise TrimmingError("the kernel made the solid, which has no patches of its own")
-    read = read_trimming_body(body)
+def _combine(brep: Brep, body: CadBody, operation: Operation) -> Brep:
+    """A union or difference by cuts of the faces by each other, neither being moved."""
     with numerical_failures():
-        result = combine_networks(built.brep, read.brep, operation, build=build_valid_solids, may_move=False)
-    combined: BrepSolids = result.built
-    return combined
+        return combine_networks(brep, read_trimming_body(body).brep, operation, may_move=False).brep
+
+
+Finished = tuple[Solids, float]
+"""Solids, and the length by which they were moved."""
+
+
+def _finish_on_patches(regions: PassiveRegions, made: MadeSolids, remake: Remake | None) -> Finished:
+    if not isinstance(made.built, BrepSolids):
+        raise TrimmingError("the kernel made the solid, which has no patches of its own")
+    return regions.finish(made.built.brep), 0.0
+
+
+def _finish_moved(regions: PassiveRegions, made: MadeSolids, remake: Remake | None) -> Finished:
+    if remake is None:
+        raise InvalidRequest("the solid is not moved")
+    return remake(regions.finish)
+
+
+def _finish_one_by_one(regions: PassiveRegions, made: MadeSolids, remake: Remake | None) -> Finished:
+    return regions.finish_one_by_one(made.built), 0.0
 
 
 def _combine_in_kernel(built: Solids, body: CadBody, operation: Operation) -> Solids:
     """The union or difference by the kernel, faces in one plane made one; KernelError if its own check rejects that."""
-    count = sum(len(faces_of(solid)) for solid in built.solids)
-    if count > MAX_KERNEL_FACES:
-        raise KernelError(
-            "passive region", f"the solid has {count} faces, more than the {MAX_KERNEL_FACES} that its boolean is given"
-        )
+    require_few_faces(sum(len(faces_of(solid)) for solid in built.solids))
     both = SolidSet(built.shape), SolidSet(body.shape, complement=operation == "difference")
     solids = list_solids(merge_faces(combine_sets(-1 if operation == "union" else 1, both).shape))
     if not is_valid(make_compound(solids)):
@@ -170,11 +225,28 @@ def _combine_in_kernel(built: Solids, body: CadBody, operation: Operation) -> So
     return OcctSolids(solids)
 
 
-METHODS: Fallbacks[[Solids, CadBody, Operation], Solids] = Fallbacks(
-    (
-        Fallback("on the parameters of the patches", _combine_networks, "a second for a few thousand patches"),
-        Fallback("by the kernel's boolean", _combine_in_kernel, "10 ms for each patch"),
-    ),
-    remedy="move or resize the body a little, so that none of its faces touches the solid's, or change `tol`",
+def _combine_patches(built: Solids, body: CadBody, operation: Operation) -> Solids:
+    """The union or difference by cuts of the faces by each other."""
+    if not isinstance(built, BrepSolids):
+        raise TrimmingError("the kernel made the solid, which has no patches of its own")
+    return build_valid_solids(_combine(built.brep, body, operation))
+
+
+REMEDY = "move or resize the body a little, so that none of its faces touches the solid's, or change `tol`"
+
+ONE_BODY: Fallbacks[[Solids, CadBody, Operation], Solids] = Fallbacks(
+    (Fallback("on the patches", _combine_patches), Fallback("by the kernel", _combine_in_kernel))
 )
-"""How a body is united with a solid, or subtracted from it."""
+"""How one body is united with a solid, or subtracted from it."""
+
+METHODS: Fallbacks[[PassiveRegions, MadeSolids, Remake | None], Finished] = Fallbacks(
+    (
+        Fallback("on the parameters of the patches", _finish_on_patches, "a second for a few thousand patches"),
+        Fallback(
+            "on their parameters, the solid moved within its tolerance", _finish_moved, "as much for each placement"
+        ),
+        Fallback("by the kernel's boolean", _finish_one_by_one, "10 ms for each patch"),
+    ),
+    remedy=REMEDY,
+)
+"""How bodies are united with a solid, and subtracted from it."""

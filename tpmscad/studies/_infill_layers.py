@@ -35,8 +35,8 @@ from tpmscad.kernel.slicing.surface_triangulation import SurfaceTriangulation
 from tpmscad.parallel import task_runner
 from tpmscad.requests.lattice_request import LatticeRequest, rotation_matrix
 from tpmscad.requests.study_options import InfillLayersOptions
-from tpmscad.solids.lattice_block import find_trim_tolerance, fit_patches_over_box
-from tpmscad.solids.skin import erode_body
+from tpmscad.solids.matter.lattice_block import find_trim_tolerance, fit_patches_over_box
+from tpmscad.solids.skins.offset_skin import erode_body
 from tpmscad.solids.tiled_body import TILE_CORNERS, read_tiled_body
 from tpmscad.stage_timer import StageTimer
 from tpmscad.studies.layer_slices import Slices, choose_chord_error, collect_layers, divide_into_layers

@@ -21,8 +21,8 @@ from tpmscad.requests.lattice_request import LatticeRequest
 from tpmscad.requests.study_options import InfillTrianglesOptions
 from tpmscad.results.loose_pieces import select_pieces
 from tpmscad.results.triangulated_infill import TriangulatedInfill
-from tpmscad.solids.lattice_block import fit_patches_over_box
-from tpmscad.solids.skin import erode_body
+from tpmscad.solids.matter.lattice_block import fit_patches_over_box
+from tpmscad.solids.skins.offset_skin import erode_body
 from tpmscad.solids.tiled_body import TILE_CORNERS, read_tiled_body
 from tpmscad.stage_timer import StageTimer
 

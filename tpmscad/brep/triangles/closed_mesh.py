@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -82,7 +82,7 @@ def narrow_indices(values: Any) -> Any:
     return np.asarray(values).astype(np.int32)
 
 
-def join_meshes(meshes: list[SolidMesh]) -> SolidMesh:
+def join_meshes(meshes: Sequence[SolidMesh]) -> SolidMesh:
     """Meshes side by side; points are not identified, faces keep their numbers."""
     starts = np.cumsum([0, *(len(mesh.points) for mesh in meshes)])
     return SolidMesh(

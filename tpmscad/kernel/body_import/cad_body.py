@@ -32,7 +32,8 @@ class CadBody:
     """One valid, closed solid with the report of its check, a name for messages, and notes on the file that it came from.
 
     face_names: of the solid's faces in the order of `faces_of`, as the file states them, "" where it names none.
-    title: of the solid among several, for the names of what is made of it. accuracy: what the file states, mm.
+    title: of the solid among several, for the names of what is made of it. accuracy: what the file states, mm. role: the first
+    word of the labels of its faces.
     """
 
     shape: TopoDS_Solid
@@ -42,12 +43,13 @@ class CadBody:
     face_names: tuple[str, ...] = ()
     title: str = "body"
     accuracy: float | None = None
+    role: str = "body"
 
     @property
     def face_labels(self) -> tuple[str, ...]:
         """Labels of the faces in the order of `faces_of`, "body 0" and so on, with their names in the file."""
         names = self.face_names or [""] * len(faces_of(self.shape))
-        return tuple(name_body_face(index, name) for index, name in enumerate(names))
+        return tuple(name_body_face(index, name, self.role) for index, name in enumerate(names))
 
     @property
     def volume(self) -> float:

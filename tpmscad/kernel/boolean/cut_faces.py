@@ -16,24 +16,19 @@ from OCP.BRepBuilderAPI import BRepBuilderAPI_MakeVertex
 from OCP.BRepExtrema import BRepExtrema_DistShapeShape
 from OCP.gp import gp_Pnt
 from OCP.TopoDS import TopoDS_Face
-from scipy.spatial import cKDTree
 
 from tpmscad._typing import Array, IntArray
-from tpmscad.brep.boundary_representation import Brep, spline_faces
-from tpmscad.brep.orthogonal_projection import project_to_patch
+from tpmscad.brep.boundary_representation import Brep
+from tpmscad.brep.patch_nodes import place_nodes, project_from_nodes
 from tpmscad.kernel.body_import.cad_body import CadBody
 from tpmscad.kernel.boolean.boolean_operations import OcctSolids
 from tpmscad.kernel.measure.shape_sampling import interior_points
 from tpmscad.kernel.occt.bounding_boxes import enclosing_box
 from tpmscad.kernel.occt.exploration import ShapeKey, faces_of
 from tpmscad.kernel.step.face_labels import LABEL_OF_TAG
-from tpmscad.splines.bspline import BSplineSurface
 
 SKIN, UNKNOWN = "skin", "other"
 """Labels of the faces that lie neither on the lattice nor on the body: with a skin its inner side, else the kernel's own."""
-
-NODES_PER_DIRECTION = 7
-"""Nodes of every patch along u and v from which the foot point of a point is sought."""
 
 NEAREST_NODES = 16
 """Nodes that are tried: near the side of a patch the nearest one may be its neighbour's."""
@@ -95,26 +90,8 @@ def _is_b_spline(face: TopoDS_Face) -> bool:
 
 def find_patch_tags(patches: Brep, points: Array) -> list[str | None]:
     """Tag of the B-spline patch on which each point (n, 3) lies, None if it lies on none."""
-    faces, nodes, of_face, parameters = patches.faces, [], [], []
-    size = 0.0
-    for own, carrier in spline_faces(patches):
-        axes = (np.linspace(*domain, NODES_PER_DIRECTION) for domain in carrier.domain)
-        u, v = (grid.ravel() for grid in np.meshgrid(*axes, indexing="ij"))
-        local = carrier(u, v)
-        size = max(size, float(np.ptp(local, axis=0).max()))
-        nodes.append(faces.motion[own][:, None].apply(local).reshape(-1, 3))
-        of_face.append(np.repeat(own, len(u)))
-        parameters.append(np.tile(np.column_stack([u, v]), (len(own), 1)))
-    if not nodes or not len(points):
-        return [None] * len(points)
-    face, start = np.concatenate(of_face), np.concatenate(parameters)
-    _, nearest = cKDTree(np.concatenate(nodes)).query(points, min(NEAREST_NODES, len(face)))
-    found = np.full(len(points), -1)
-    for node in nearest.reshape(len(points), -1).T:
-        for index in np.unique(faces.carrier[face[node[found < 0]]]).tolist():
-            at = np.flatnonzero((found < 0) & (faces.carrier[face[node]] == index))
-            patch, local = patches.carriers[index], faces.motion[face[node[at]]].apply_inverse(points[at])
-            assert isinstance(patch, BSplineSurface)
-            near = project_to_patch(patch, local, *start[node[at]].T)[0] < ON_PATCH_REL_TOL * size
-            found[at[near]] = face[node[at[near]]]
-    return [patches.tags[int(faces.tag[f])] if f >= 0 else None for f in found.tolist()]
+    nodes, found = place_nodes(patches), np.full(len(points), -1)
+    if len(nodes.points) and len(points):
+        for face, distance in project_from_nodes(patches, nodes, points, NEAREST_NODES):
+            found = np.where((found < 0) & (distance < ON_PATCH_REL_TOL * nodes.size), face, found)
+    return [patches.tags[int(patches.faces.tag[f])] if f >= 0 else None for f in found.tolist()]

@@ -43,6 +43,8 @@ LABEL_COLOURS: Mapping[str, Colour] = {
     "gap": (0.62, 0.64, 0.66),
     "cap": (0.78, 0.80, 0.82),
     "body": (0.60, 0.70, 0.58),
+    "kept": (0.52, 0.62, 0.50),
+    "cleared": (0.66, 0.70, 0.58),
     "skin": (0.72, 0.62, 0.52),
     "opening": (0.82, 0.78, 0.50),
 }
@@ -104,14 +106,14 @@ def _add_axis(label: str, normal: Array) -> str:
     return label if axis is None else f"{label} {axis}"
 
 
-def name_body_face(index: int, name: str = "") -> str:
+def name_body_face(index: int, name: str = "", role: str = "body") -> str:
     """Label of a face of a body, by its index and its name in the file: "body 3 mounting face" for index 3.
 
     The number is that of `open_faces` and of `faces()` of the shape. Of the name, letters, digits and the signs _ . - are kept,
     which mesh formats allow, as many as set names hold.
     """
     words = " ".join(re.findall(r"[\w.-]+", name))[:MAX_NAME_CHARACTERS]
-    return f"body {index} {words}".rstrip()
+    return f"{role} {index} {words}".rstrip()
 
 
 def order_labels(shape: Any, faces: Sequence[TopoDS_Face], labels: Sequence[str]) -> tuple[str, ...]:

@@ -8,26 +8,26 @@ than the body's.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
-from dataclasses import dataclass, replace
+from collections.abc import Callable
+from dataclasses import dataclass
 from functools import cached_property
 from math import ceil, floor
 from typing import Any
 
 import numpy as np
 
-from tpmscad._typing import Array, FractionProgress
+from tpmscad._typing import Array, BoolArray, FractionProgress
 from tpmscad.brep.boundary_representation import (
     Brep,
     move_brep,
     scale_brep,
-    select_spline_faces,
     translate_brep,
 )
-from tpmscad.errors import InvalidRequest, OutsideSpan, format_point
-from tpmscad.fields.field import Field
+from tpmscad.brep.patch_nodes import signed_distances_to_nodes
+from tpmscad.errors import InvalidRequest
+from tpmscad.kernel.body_import.body_brep import FreeFormBody
 from tpmscad.kernel.body_import.cad_body import CadBody
+from tpmscad.kernel.boolean.boolean_operations import OcctSolids, intersect_solids
 from tpmscad.kernel.build.solids import BrepSolids, build_solids
 from tpmscad.kernel.occt.bounding_boxes import enclosing_box
 from tpmscad.kernel.occt.convert import transform_shape
@@ -38,20 +38,24 @@ from tpmscad.lattices.mapped_surface import MappedSurface
 from tpmscad.lattices.offset_surfaces import LayersFit
 from tpmscad.memory_limit import require_memory
 from tpmscad.requests.lattice_request import LatticeRequest
-from tpmscad.results.certificate import PatchMeasures, require
+from tpmscad.results.certificate import PatchMeasures
 from tpmscad.rigid_motion import Motion
-from tpmscad.solids.field_patches import fit_field_patches
-from tpmscad.solids.mapped_block import exact_source
-from tpmscad.solids.patch_measures import measure_field_patches, measure_lattice_patches
+from tpmscad.solids.cut import DistanceFunction, Finish, require_few_faces
+from tpmscad.solids.matter.mapped_block import exact_source
+from tpmscad.solids.matter.patch_measures import (
+    measure_lattice_patches,
+    move_patch_measures,
+)
+from tpmscad.solids.matter.reference_distance import lattice_distance
 from tpmscad.stage_timer import StageTimer
-from tpmscad.trimming.network_boolean import combine_networks
+from tpmscad.trimming.network_boolean import NetworkResult, Operation, combine_networks
 from tpmscad.trimming.operands.polyhedra import box
 
 BLOCK_MARGIN_CELLS = 0.1237
 """In cells: how far a block reaches beyond the body's box. The odd value keeps its faces out of symmetry planes."""
 
-FIELD_BLOCK_MARGIN_FRACTION = 0.0137
-"""Fraction of the body's extent by which a field's block reaches beyond the body's box."""
+MIN_WALL_THICKNESS = 1e-5
+"""Model units: a hundred times the kernel's tolerance, at which the trimmed edges of the two walls are still distinct."""
 
 MAX_CELLS_IN_BOX = 100_000
 """Cells that the box of a body may span; each needs about a hundred patches in memory."""
@@ -134,14 +138,16 @@ MAX_SHIFT_FRACTION = 0.99
 
 @dataclass(frozen=True, eq=False)
 class LatticeBlock:
-    """The open patches that cover a body, in its coordinates, and what was measured on them.
+    """The open patches that cover a body, in its coordinates, what was measured on them, and points' distance from their surface.
 
     `trim_to_box` makes the closed boundary representation of the same lattice cut flat outside the body. `closed` and `built`,
     the kernel's solid of it, are made on first use. `closes_channels`: the channels beside the wall end inside the body.
     """
 
+    name: str
     patches: Brep
     measures: PatchMeasures
+    distance: DistanceFunction
     trim_to_box: Callable[[], Brep]
     closes_channels: bool = False
 
@@ -163,10 +169,24 @@ class LatticeBlock:
         """
         return MAX_SHIFT_FRACTION * max(0.0, self.measures.tol - self.measures.deviation.max)
 
-    @property
-    def shape(self) -> Any:
-        """The TopoDS shape of `built`."""
-        return self.built.shape
+    def contains(self, points: Array) -> BoolArray:
+        """Whether points (n, 3) in the body lie in the lattice, by the nearest nodes of its patches."""
+        return signed_distances_to_nodes(self.patches, points) < 0
+
+    def cut(self, domain: FreeFormBody, operation: Operation, finish: Finish) -> NetworkResult:
+        """A body and the patches cut by each other as two networks."""
+        return combine_networks(
+            domain.brep, self.patches, operation, build=finish, max_shift=self.max_shift, is_cover=True
+        )
+
+    def intersect_in_kernel(self, shape: Any) -> tuple[Any, ...]:
+        """What the kernel's boolean leaves of the lattice in a shape."""
+        require_few_faces(len(self.patches.faces))
+        return intersect_solids(self.built.shape, shape)
+
+    def measure(self, solids: BrepSolids | OcctSolids, moved: float) -> PatchMeasures:
+        """The measures of the patches after a translation by a length."""
+        return move_patch_measures(self.measures, moved)
 
 
 def build_lattice_block(request: LatticeRequest, rotation: Array, body: CadBody, stages: StageTimer) -> LatticeBlock:
@@ -193,6 +213,7 @@ def build_block_over_box(
 ) -> LatticeBlock:
     """The lattice over a box in lattice coordinates, of corners (3,), turned by `rotation` (3, 3)."""
     motion = Motion(rotation, np.zeros(3))
+    check_wall_thickness(request)
     with stages("fit") as done:
         cover = fit_patches_over_box(request, low, high, done)
     with stages("assemble"):
@@ -204,38 +225,14 @@ def build_block_over_box(
         cut = combine_networks(box(cover.low, cover.high), cover.patches, "intersection", tol, is_cover=True)
         return move_brep(cut.brep, motion)
 
-    return LatticeBlock(patches, measures, trim_to_box)
+    distance = lattice_distance(request, None, rotation)
+    return LatticeBlock(f"{request.surface} infill", patches, measures, distance, trim_to_box)
 
 
-def build_field_block(
-    field: Field | Callable[..., Any], body: CadBody, tol: float | None, stages: StageTimer
-) -> LatticeBlock:
-    """The solid of a field in the body's bounding box and a margin around it."""
-    if tol is None:
-        raise InvalidRequest("the solid of a field needs tol=, its greatest deviation from the field")
-    low, high = expand_body_box(*enclosing_box(body.shape))
-    with name_box_of_body(body):
-        found = fit_field_patches(field, low, high, tol, stages)
-    measures = measure_field_patches(found)
-    closed = require(found.properties.closed, "the field's patches do not close in the body's box")
-    measures = replace(measures, checks=(*measures.checks, closed))
-    patches = select_spline_faces(found.fitted.brep)  # the caps lie outside the body
-    return LatticeBlock(patches, measures, lambda: found.fitted.brep)
-
-
-@contextmanager
-def name_box_of_body(body: CadBody) -> Iterator[None]:
-    """Add to an error that names a place where the field of a body is evaluated: the place may lie outside the body."""
-    try:
-        yield
-    except OutsideSpan as error:
-        low, high = (format_point(corner) for corner in expand_body_box(*enclosing_box(body.shape)))
+def check_wall_thickness(request: LatticeRequest) -> None:
+    """InvalidRequest if the wall of a sheet is too thin for the kernel to trim."""
+    if request.kind == "sheet" and np.ptp(request.offset) < MIN_WALL_THICKNESS:
         raise InvalidRequest(
-            f"{error}. The field is made in the whole box from {low} to {high} around {body.name}, its corners included"
-        ) from error
-
-
-def expand_body_box(low: Array, high: Array) -> tuple[Array, Array]:
-    """The box in which a field is fitted for a body: the body's own box and a margin around it."""
-    margin = FIELD_BLOCK_MARGIN_FRACTION * float((high - low).max())
-    return low - margin, high + margin
+            f"a wall of {np.ptp(request.offset):g} is thinner than {MIN_WALL_THICKNESS:g}, "
+            "a hundred times the kernel's tolerance"
+        )

@@ -21,7 +21,7 @@ from tpmscad.lattices.offset_surfaces import LayersFit
 from tpmscad.minimal_series import MINIMAL_SERIES
 from tpmscad.requests.lattice_request import LatticeRequest
 from tpmscad.results.certificate import Check, PatchMeasures, require
-from tpmscad.solids.field_patches import FieldPatches
+from tpmscad.solids.matter.field_patches import FieldPatches
 from tpmscad.sources.level_set_source import LevelSetSource
 
 OFFSET_TAGS = ("offset+", "offset-")

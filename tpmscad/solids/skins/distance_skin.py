@@ -1,4 +1,7 @@
-"""The part of a field's solid that is deeper than a skin, as patches.
+"""The part of a body that is deeper than a skin, as a level set of the distance from the body.
+
+Offset faces give a skin its exact thickness, but where they meet at creases, in points of tangency or in corners too sharp, no
+arrangement of them closes, and the solid of a field has too many patches for them.
 
 The distance from the body's boundary is sampled on a grid, exactly from triangles of its patches, and interpolated by a cubic
 spline; its level set at the depth of the skin is fitted like any other. The distance has ridges where two sides of the body are
@@ -11,7 +14,6 @@ to their feet on the patches of the body.
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any
@@ -25,23 +27,23 @@ from scipy.ndimage import (
     grey_closing,
     label,
 )
-from scipy.spatial import cKDTree
 
-from tpmscad._typing import Array, IntArray
-from tpmscad.brep.boundary_representation import Brep, spline_faces
-from tpmscad.brep.orthogonal_projection import project_to_patch
-from tpmscad.brep.triangles.closed_mesh import SolidMesh
+from tpmscad._typing import Array, BoolArray
+from tpmscad.brep.boundary_representation import Brep
+from tpmscad.brep.moments import integral_properties
+from tpmscad.brep.patch_nodes import place_nodes
 from tpmscad.errors import InvalidRequest, LevelSetError, format_point
 from tpmscad.fallbacks import Fallback, Fallbacks
 from tpmscad.fields.data.triangle_distance import TriangleTree, build_triangle_tree, grid_winding_numbers
 from tpmscad.fields.field import Field
-from tpmscad.fields.kinds.sampled_data import interpolate_samples
+from tpmscad.fields.kinds.sampled_data import SampledField, interpolate_samples
+from tpmscad.kernel.body_import.body_brep import FreeFormBody
 from tpmscad.results.certificate import Check
-from tpmscad.solids.combined_solids import CAP
-from tpmscad.solids.field_bodies import BODY, FieldBody
-from tpmscad.solids.field_patches import fit_field_patches
-from tpmscad.solids.skin import MIN_THICKNESS_RATIO
-from tpmscad.splines.bspline import BSplineSurface
+from tpmscad.solids.bodies.body_choice import Body
+from tpmscad.solids.bodies.fitted_body import BODY
+from tpmscad.solids.matter.field_patches import fit_field_patches
+from tpmscad.solids.skins.offset_skin import MIN_THICKNESS_RATIO
+from tpmscad.solids.volume_samples import sample_box
 from tpmscad.stage_timer import StageTimer
 
 SPACINGS_PER_SKIN = 3.0
@@ -103,37 +105,37 @@ PROJECTED_POINTS = 2000
 """Points of the cavity where the skin is thinnest and thickest by triangles, each, whose feet on the patches are sought. Those of
 all points took 110 s with 7700 patches, a fourth of the whole."""
 
-NODES_PER_DIRECTION, NEAREST_NODES = 7, 4
-"""Nodes of each patch of the body along u and v, and the number of them from which a foot point is sought."""
-
 
 @dataclass(frozen=True, slots=True, eq=False)
-class ErosionSource:
-    """A body to be eroded: its name, its tolerance, triangles within a deviation of it, and distances (n,) of points (n, 3)."""
+class DistanceCavity:
+    """What is deeper than the skin of a body of a name: patches, the field that is negative there, and what was measured."""
 
     name: str
-    tol: float
-    mesh: Callable[[float], SolidMesh]
-    distances: Callable[[Array], Array]
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class ErodedFieldBody:
-    """The patches of what is deeper than the skin, the field that is negative there, and what was measured."""
-
     brep: Brep
-    field: Field
+    field: SampledField
     checks: tuple[Check, ...]
     notes: tuple[str, ...]
 
+    @property
+    def volume(self) -> float:
+        """Volume in model units cubed."""
+        return float(integral_properties.volume(integral_properties.integrate_faces(self.brep))[0])
 
-def erode_field_body(body: FieldBody, skin: float) -> ErodedFieldBody:
-    """The part of a field's solid deeper than its skin, with the errors of `erode_by_distance`."""
-    distances = partial(_project_to_body, body=body)
-    return erode_by_distance(ErosionSource(body.name, body.measures.tol, body.mesh, distances), skin)
+    def read(self, tol: float) -> FreeFormBody:
+        """The boundary representation, whatever the tolerance of what it is cut with."""
+        return FreeFormBody(self.brep, {})
+
+    def sample(self) -> Array:
+        """An even sample (n, 3) of points in the cavity."""
+        points = sample_box(self.brep.vertices.min(axis=0), self.brep.vertices.max(axis=0))
+        return points[self.contains(points)]
+
+    def contains(self, points: Array) -> BoolArray:
+        """Whether points (n, 3) lie in the cavity, by its field."""
+        return self.field(points) < 0
 
 
-def erode_by_distance(body: ErosionSource, skin: float) -> ErodedFieldBody:
+def erode_by_distance(body: Body, skin: float) -> DistanceCavity:
     """The part of a body deeper than its skin; InvalidRequest if there is none, LevelSetError if it cannot be fitted."""
     outcome = CAVITY_FITS.run(body, skin, _sample_depth(body, skin))
     if not outcome.failures:
@@ -142,7 +144,7 @@ def erode_by_distance(body: ErosionSource, skin: float) -> ErodedFieldBody:
     return replace(outcome.value, notes=(*outcome.value.notes, rounded))
 
 
-def _fit_rounded_cavity(width: float, body: ErosionSource, skin: float, depth: _SampledDepth) -> ErodedFieldBody:
+def _fit_rounded_cavity(width: float, body: Body, skin: float, depth: _SampledDepth) -> DistanceCavity:
     """The cavity of the distance after opening and a Gaussian of a width in skins."""
     rounded = replace(depth, values=_round_ridges(depth.values, width * skin / depth.spacing))
     return _fit_cavity(
@@ -167,7 +169,7 @@ def _round_ridges(values: Array, width: float) -> Array:
     return np.asarray(smooth)
 
 
-CAVITY_FITS: Fallbacks[[ErosionSource, float, Any], ErodedFieldBody] = Fallbacks(
+CAVITY_FITS: Fallbacks[[Body, float, Any], DistanceCavity] = Fallbacks(
     tuple(
         Fallback(f"a Gaussian of {width:g} skins", partial(_fit_rounded_cavity, width)) for width in SMOOTHING_WIDTHS
     ),
@@ -191,7 +193,7 @@ class _SampledDepth:
     deepest: float
 
 
-def _sample_depth(body: ErosionSource, skin: float) -> _SampledDepth:
+def _sample_depth(body: Body, skin: float) -> _SampledDepth:
     """The distances from the body's boundary on a grid that holds it."""
     made = body.mesh(TRIANGLE_DEVIATION * skin)
     low, high = made.points.min(axis=0), made.points.max(axis=0)
@@ -242,9 +244,7 @@ def _find_level_points(spline: Field, depth: _SampledDepth, skin: float) -> Arra
     return points[np.abs(spline(points) + skin) < 1e-3 * skin]
 
 
-def _fit_cavity(
-    excess: float, body: ErosionSource, skin: float, depth: _SampledDepth, deeper: float
-) -> ErodedFieldBody:
+def _fit_cavity(excess: float, body: Body, skin: float, depth: _SampledDepth, deeper: float) -> DistanceCavity:
     """The cavity at (1 + excess) skins; LevelSetError if it cannot be fitted.
 
     deeper: volume of all that is deeper than the skin, which a note compares with that of the cavity.
@@ -286,7 +286,7 @@ def _fit_cavity(
         f"{deeper:.4g} mm3: its edges are rounded, and what is narrow is left solid",
         *left_out,
     )
-    return ErodedFieldBody(brep, field, checks, notes)
+    return DistanceCavity(body.name, brep, field, checks, notes)
 
 
 def _fill_small_parts(values: Array, spacing: float) -> tuple[Array, tuple[str, ...]]:
@@ -310,41 +310,11 @@ def _fill_small_parts(values: Array, spacing: float) -> tuple[Array, tuple[str, 
     return filled, (note,)
 
 
-def _measure_thickness(cavity: Brep, body: ErosionSource, tree: TriangleTree) -> tuple[Array, Array]:
+def _measure_thickness(cavity: Brep, body: Body, tree: TriangleTree) -> tuple[Array, Array]:
     """Distances (n,) of points (n, 3) of the cavity's patches from the body, the extremes exactly."""
-    points = np.concatenate([own.reshape(-1, 3) for own, _, _ in _place_nodes(cavity)])
+    points = place_nodes(cavity).points
     thickness = tree.distances(points)
     order = np.argsort(thickness)
     extreme = np.unique(np.concatenate([order[:PROJECTED_POINTS], order[-PROJECTED_POINTS:]]))
     thickness[extreme] = body.distances(points[extreme])
     return thickness, points
-
-
-def _project_to_body(points: Array, body: FieldBody) -> Array:
-    """Distances (n,) of points (n, 3) from the patches and caps of a body."""
-    nodes, of_face, parameters = zip(*_place_nodes(body.built.brep), strict=True)
-    face, start = np.concatenate(of_face), np.concatenate(parameters)
-    first, nearest = cKDTree(np.concatenate(nodes)).query(points, NEAREST_NODES)
-    best = first[:, 0].copy()
-    brep = body.built.brep
-    for column in nearest.T:
-        for f in np.unique(face[column]).tolist():
-            at = np.flatnonzero(face[column] == f)
-            patch = brep.carriers[brep.faces.carrier[f]]
-            assert isinstance(patch, BSplineSurface)
-            local = brep.faces.motion[np.full(len(at), f)].apply_inverse(points[at])
-            best[at] = np.minimum(best[at], project_to_patch(patch, local, *start[column[at]].T)[0])
-    if CAP in brep.tags and len(brep.faces_with_tag(CAP)):  # beyond a cap's rim the level set is nearer than its plane
-        best = np.minimum(best, np.minimum(points - body.low, body.high - points).min(axis=1))
-    return best
-
-
-def _place_nodes(brep: Brep) -> list[tuple[Array, IntArray, Array]]:
-    """Nodes (n, 3) of the spline faces of each carrier, the face (n,) of each, and its parameters (n, 2)."""
-    found = []
-    for own, carrier in spline_faces(brep):
-        axes = (np.linspace(*domain, NODES_PER_DIRECTION) for domain in carrier.domain)
-        u, v = (grid.ravel() for grid in np.meshgrid(*axes, indexing="ij"))
-        placed = brep.faces.motion[own][:, None].apply(carrier(u, v)).reshape(-1, 3)
-        found.append((placed, np.repeat(own, len(u)), np.tile(np.column_stack([u, v]), (len(own), 1))))
-    return found

@@ -7,16 +7,16 @@ points of both surfaces. A field of exact planes, spheres and cylinders that the
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 
-from tpmscad._typing import Array, BoxCorners
+from tpmscad._typing import Array, BoolArray, BoxCorners
 from tpmscad.brep.boundary_representation import Brep
+from tpmscad.brep.patch_nodes import measure_patch_distances
 from tpmscad.brep.solid_properties import measure_solid
-from tpmscad.brep.triangles.closed_mesh import SolidMesh
+from tpmscad.brep.triangles.closed_mesh import SolidMesh, join_meshes
 from tpmscad.errors import CrossingSurfaces, InvalidRequest, KernelError, LevelSetError
 from tpmscad.fields.analysis.solid_bounds import bound_solid
 from tpmscad.fields.data.field_notes import DEFAULT_TOL_SPACINGS, find_least_spacing
@@ -25,18 +25,22 @@ from tpmscad.fields.data.triangle_mesh import is_mesh_object, is_mesh_path
 from tpmscad.fields.field import Field
 from tpmscad.fields.kinds.data_domains import settle_data
 from tpmscad.fields.kinds.triangle_meshes import MeshField, mesh, resample_mesh
+from tpmscad.kernel.body_import.body_brep import FreeFormBody
 from tpmscad.kernel.body_import.cad_body import CadBody, read_body
 from tpmscad.kernel.build.primitive_solids import PrimitiveRegion
 from tpmscad.kernel.build.solids import BrepSolids, build_solids
 from tpmscad.kernel.export.solid_mesh import mesh_solids
+from tpmscad.kernel.measure.envelope import Envelope
 from tpmscad.kernel.measure.shape_report import ShapeReport
 from tpmscad.kernel.measure.validity import is_brep_valid
 from tpmscad.kernel.occt.bounding_boxes import enclosing_box
 from tpmscad.levelset.crossing_operands import has_meeting_quadrics
 from tpmscad.results.certificate import Check, PatchMeasures
-from tpmscad.solids.combined_solids import SURFACE, combine_field_solids
-from tpmscad.solids.field_patches import fit_field_patches
-from tpmscad.solids.patch_measures import FROM_FIELD, TO_FIELD, measure_field_patches
+from tpmscad.solids.bodies.kernel_body import MESH_ANGLE
+from tpmscad.solids.matter.crossing_fields import CAP, SURFACE, combine_field_solids, contains_in_box
+from tpmscad.solids.matter.field_patches import fit_field_patches
+from tpmscad.solids.matter.patch_measures import FROM_FIELD, TO_FIELD, measure_field_patches
+from tpmscad.solids.volume_samples import sample_box
 from tpmscad.stage_timer import StageTimer
 
 BOX_MARGIN_FRACTION = 0.03
@@ -54,15 +58,15 @@ edges, is not fitted. Of five spacings from .7 to 1.4 two were fitted for two ba
 MEASURED_POINTS = 20_000
 """Points of each surface at which its distance from the other one is measured."""
 
-MESH_DEVIATION_TOLS, MESH_ANGLE = 0.1, 0.5
-"""Fineness of the triangles of a body's patches, in tolerances of the fit and radians."""
+MESH_DEVIATION_TOLS = 0.1
+"""Fineness of the triangles of a body's patches, in tolerances of the fit."""
 
 BODY = "body"
 """Tag of the faces of a body."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class FieldBody:
+class FittedBody:
     """The solid of a field in the box [low, high] as patches, with what was measured on them; `cad` is the kernel's solid."""
 
     field: Field
@@ -78,25 +82,98 @@ class FieldBody:
         return self.cad.name
 
     @property
-    def used_tags(self) -> dict[int, str]:
+    def volume(self) -> float:
+        """Volume in model units cubed."""
+        return self.cad.volume
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """None of its own: its measures have some."""
+        return ()
+
+    @property
+    def tol(self) -> float:
+        """The tolerance of its patches, model units."""
+        return self.measures.tol
+
+    @property
+    def envelope(self) -> Envelope:
+        """What void counts in."""
+        return Envelope(self.name, self.volume, self.cad.shape)
+
+    @property
+    def face_labels(self) -> dict[int, str]:
         """The tags of its faces by their numbers."""
         brep = self.built.brep
         return {number: brep.tags[number] for number in np.unique(brep.faces.tag).tolist()}
+
+    @property
+    def is_open(self) -> list[bool]:
+        """Every face carries the skin: (number of tags,)."""
+        return [False] * len(self.built.brep.tags)
+
+    def read(self, tol: float | None) -> FreeFormBody:
+        """The boundary representation, whatever the tolerance of what it is cut with."""
+        return FreeFormBody(self.built.brep, {})
+
+    def sample(self) -> Array:
+        """An even sample (n, 3) of points in the body."""
+        low, high = (np.array(corner) for corner in self.cad.report.bounds)
+        points = sample_box(low, high)
+        return points[self.contains(points)]
+
+    def contains(self, points: Array) -> BoolArray:
+        """Whether points (n, 3) lie in the body, by its field and the box that it was fitted in."""
+        return contains_in_box(self.field, self.low, self.high, points)
 
     def mesh(self, deviation: float) -> SolidMesh:
         """Triangles of the patches, up to a distance from them."""
         return join_meshes(mesh_solids(self.built.shape, deviation, MESH_ANGLE))
 
+    def distances(self, points: Array) -> Array:
+        """Distances (n,) of points (n, 3) from the patches and caps."""
+        brep = self.built.brep
+        best = measure_patch_distances(brep, points)
+        if CAP in brep.tags and len(
+            brep.faces_with_tag(CAP)
+        ):  # beyond a cap's rim the level set is nearer than its plane
+            best = np.minimum(best, np.minimum(points - self.low, self.high - points).min(axis=1))
+        return best
 
-def join_meshes(meshes: Sequence[SolidMesh]) -> SolidMesh:
-    """The meshes of several solids as one."""
-    first = np.cumsum([0, *(len(each.points) for each in meshes)])
-    faces = np.cumsum([0, *(int(each.face.max()) + 1 for each in meshes)])
-    return SolidMesh(
-        np.concatenate([each.points for each in meshes]),
-        np.concatenate([each.triangles + k for each, k in zip(meshes, first, strict=False)]),
-        np.concatenate([each.face + k for each, k in zip(meshes, faces, strict=False)]),
-    )
+    def count_closed_cavities(self) -> int:
+        """Cavities that it has of its own."""
+        return len(self.built.nesting.volume) - self.built.n_solids
+
+    def join_measures(self, measures: PatchMeasures) -> PatchMeasures:
+        """The measures of what is made of the body, and its own: each against its own tolerance."""
+        own = self.measures
+        figures = {
+            "deviation of the lattice from its surface": measures.deviation.max,
+            "deviation of the body from its field": own.deviation.to_reference,
+            "deviation of the field from the body": own.deviation.from_reference,
+        }
+        figures |= {name: value for name, value in own.figures.items() if name not in (TO_FIELD, FROM_FIELD)}
+        largest = own.deviation if own.deviation.max > measures.deviation.max else measures.deviation
+        continuity = replace(
+            measures.continuity,
+            gap=max(measures.continuity.gap, own.continuity.gap),
+            tangent_jump_deg=max(measures.continuity.tangent_jump_deg, own.continuity.tangent_jump_deg),
+            curvature_jump=max(measures.continuity.curvature_jump, own.continuity.curvature_jump),
+        )
+        return replace(
+            measures,
+            tol=max(measures.tol, own.tol),
+            deviation=replace(largest, rms=max(measures.deviation.rms, own.deviation.rms)),
+            reference=f"{measures.reference}, and {self.name} as body",
+            continuity=continuity,
+            figures={**measures.figures, **figures},
+            checks=(
+                *measures.checks,
+                Check("deviation of the lattice", measures.deviation.max, measures.tol),
+                *own.checks,
+            ),
+            notes=(*measures.notes, *own.notes),
+        )
 
 
 def resolve_field(source: Any) -> Field | None:
@@ -104,20 +181,6 @@ def resolve_field(source: Any) -> Field | None:
     if isinstance(source, Field):
         return None if isinstance(source, PrimitiveRegion) else source
     return mesh(source) if is_mesh_path(source) or is_mesh_object(source) else None
-
-
-def reject_box(box: BoxCorners | None) -> None:
-    """InvalidRequest for a box together with a CAD body."""
-    if box is not None:
-        raise InvalidRequest("`box` holds the solid of a field or mesh; a CAD body has bounds of its own: leave it out")
-
-
-def reject_solid(solid: int | str | None) -> None:
-    """InvalidRequest for the number of a solid together with a field or mesh."""
-    if solid is not None:
-        raise InvalidRequest(
-            f"solid={solid!r} chooses among the solids of a CAD file; a field or mesh is one body: leave it out"
-        )
 
 
 def find_field_box(field: Field, box: BoxCorners | None, name: str) -> tuple[Array, Array]:
@@ -138,7 +201,7 @@ def find_field_box(field: Field, box: BoxCorners | None, name: str) -> tuple[Arr
 
 def fit_field_body(
     field: Field, box: BoxCorners | None, tol: float, stages: StageTimer, *, is_default: bool
-) -> FieldBody | CadBody:
+) -> FittedBody | CadBody:
     """The body of a field, as patches within `tol` of its level set, or of a CAD body if all of its faces are exact.
 
     A mesh is followed no closer than its field follows the triangles, and data, where `tol` `is_default`, not to the last digit.
@@ -151,17 +214,17 @@ def fit_field_body(
         if not isinstance(field, MeshField) or field.is_spacing_given:
             raise
         body = _fit_resampled(field, box, tol, stages, is_default)
-    if not told or not isinstance(body, FieldBody):
+    if not told or not isinstance(body, FittedBody):
         return body
     return replace(body, measures=replace(body.measures, notes=(*body.measures.notes, *told)))
 
 
 def _fit_resampled(
     field: MeshField, box: BoxCorners | None, tol: float, stages: StageTimer, is_default: bool
-) -> FieldBody | CadBody:
+) -> FittedBody | CadBody:
     """The body of a mesh at the first other spacing at which it is fitted; the last error if there is none."""
 
-    def fit(factor: float) -> FieldBody | CadBody:
+    def fit(factor: float) -> FittedBody | CadBody:
         with stages("read"):
             other = resample_mesh(field, factor)
         low, high = find_field_box(other, box, other.mesh.name)
@@ -178,7 +241,7 @@ def _fit_resampled(
 
 def _fit_body(
     field: Field, low: Array, high: Array, tol: float, stages: StageTimer, name: str, is_default: bool
-) -> FieldBody | CadBody:
+) -> FittedBody | CadBody:
     """The body of a field in a box."""
     spacing = find_least_spacing(field) if is_default else None
     closest = tol if spacing is None else max(tol, DEFAULT_TOL_SPACINGS * spacing)
@@ -210,9 +273,9 @@ def _fit_body(
     return _make_body(field, low, high, name, built, measure_field_patches(found))
 
 
-def _combine(field: Field, low: Array, high: Array, tol: float, stages: StageTimer, name: str) -> FieldBody | CadBody:
+def _combine(field: Field, low: Array, high: Array, tol: float, stages: StageTimer, name: str) -> FittedBody | CadBody:
     """The body of a field whose level sets cross."""
-    combined = combine_field_solids(field, low, high, tol, stages)
+    combined, _ = combine_field_solids(field, low, high, tol, stages)
     if not isinstance(combined.built, BrepSolids):
         solids = combined.built.solids
         if len(solids) > 1:
@@ -226,7 +289,7 @@ def _tag_as_body(brep: Brep) -> Brep:
     return replace(brep, tags=tuple(BODY if tag == SURFACE else tag for tag in brep.tags))
 
 
-def _make_body(field: Field, lo: Array, hi: Array, name: str, built: BrepSolids, measures: PatchMeasures) -> FieldBody:
+def _make_body(field: Field, lo: Array, hi: Array, name: str, built: BrepSolids, measures: PatchMeasures) -> FittedBody:
     """The body of patches, with the distances from the triangles of a mesh."""
     brep, properties = built.brep, measure_solid(built.brep, built.nesting.moments)
     low, high = enclosing_box(built.shape)  # by the poles of the patches, which reach beyond the sides that cut these
@@ -246,11 +309,11 @@ def _make_body(field: Field, lo: Array, hi: Array, name: str, built: BrepSolids,
         volumes=tuple(piece.volume for piece in properties.pieces),
         max_tolerance=float(brep.edges.deviation.max(initial=0.0)),
     )
-    body = FieldBody(field, lo, hi, built, measures, CadBody(built.shape, report, name))
+    body = FittedBody(field, lo, hi, built, measures, CadBody(built.shape, report, name))
     return replace(body, measures=_measure_distances(body)) if isinstance(field, MeshField) else body
 
 
-def _measure_distances(body: FieldBody) -> PatchMeasures:
+def _measure_distances(body: FittedBody) -> PatchMeasures:
     """The measures with the distances between the patches and the triangles of the mesh, both ways."""
     assert isinstance(body.field, MeshField)
     source, made = body.field.mesh, body.mesh(MESH_DEVIATION_TOLS * body.measures.tol)
@@ -272,35 +335,3 @@ def _measure_distances(body: FieldBody) -> PatchMeasures:
         f"{figures['root mean square of both']:.2g} in the root mean square, measured at {MEASURED_POINTS} points of each"
     )
     return replace(body.measures, figures={**body.measures.figures, **figures}, notes=(*body.measures.notes, note))
-
-
-def join_body_measures(lattice: PatchMeasures, body: FieldBody) -> PatchMeasures:
-    """The measures of a lattice and of the body that it was cut by: each against its own tolerance."""
-    own = body.measures
-    figures = {
-        "deviation of the lattice from its surface": lattice.deviation.max,
-        "deviation of the body from its field": own.deviation.to_reference,
-        "deviation of the field from the body": own.deviation.from_reference,
-    }
-    figures |= {name: value for name, value in own.figures.items() if name not in (TO_FIELD, FROM_FIELD)}
-    largest = own.deviation if own.deviation.max > lattice.deviation.max else lattice.deviation
-    continuity = replace(
-        lattice.continuity,
-        gap=max(lattice.continuity.gap, own.continuity.gap),
-        tangent_jump_deg=max(lattice.continuity.tangent_jump_deg, own.continuity.tangent_jump_deg),
-        curvature_jump=max(lattice.continuity.curvature_jump, own.continuity.curvature_jump),
-    )
-    return replace(
-        lattice,
-        tol=max(lattice.tol, own.tol),
-        deviation=replace(largest, rms=max(lattice.deviation.rms, own.deviation.rms)),
-        reference=f"{lattice.reference}, and {body.name} as body",
-        continuity=continuity,
-        figures={**lattice.figures, **figures},
-        checks=(
-            *lattice.checks,
-            Check("deviation of the lattice", lattice.deviation.max, lattice.tol),
-            *own.checks,
-        ),
-        notes=(*lattice.notes, *own.notes),
-    )

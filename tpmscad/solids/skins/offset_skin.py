@@ -1,9 +1,7 @@
-"""A body filled with a lattice behind a solid skin.
+"""The part of a CAD body that is deeper than a skin, by an arrangement of offset faces in arrays (`tpmscad.erosion`).
 
-The body is eroded by the skin, the lattice is subtracted from what is left, and the voids that remain are subtracted from the
-body. It is eroded by an arrangement of offset faces in arrays (`tpmscad.erosion`); the skin has the thickness asked for
-everywhere, round concave edges too. Where offset faces touch without crossing, the skin is made thicker
-by 1e-4. The thickness is measured, on the offset body and on the result.
+The skin has the thickness asked for everywhere, round concave edges too. Where offset faces touch without crossing, the skin is
+made thicker by 1e-4. The thickness is measured, on the offset body and on the result.
 """
 
 from __future__ import annotations
@@ -23,16 +21,13 @@ from tpmscad.errors import InvalidRequest, KernelError, format_point
 from tpmscad.fallbacks import Fallback, Fallbacks
 from tpmscad.kernel.body_import.body_brep import read_free_form_body
 from tpmscad.kernel.body_import.cad_body import CadBody, read_body
-from tpmscad.kernel.boolean.hollow_body import count_closed_cavities, find_skin_faces
+from tpmscad.kernel.boolean.hollow_body import find_skin_faces
 from tpmscad.kernel.build.solids import build_solids
 from tpmscad.kernel.export.solid_mesh import mesh_solids
 from tpmscad.kernel.measure.skin_depth import SkinDepth, SkinThickness, measure_skin_thickness, sample_depths
 from tpmscad.kernel.occt.bounding_boxes import enclosing_box
 from tpmscad.kernel.occt.exploration import faces_of
 from tpmscad.results.certificate import Check
-from tpmscad.solids.boolean_strategies import BooleanResult, trim_on_parameters
-from tpmscad.solids.hollowing import subtract_trimmed_voids
-from tpmscad.solids.lattice_block import LatticeBlock
 
 MIN_THICKNESS_RATIO = 0.98
 MAX_THICKNESS_RATIO = 1.45
@@ -73,31 +68,6 @@ class ErodedBody:
 
     parts: tuple[CadBody, ...]
     depth: SkinDepth
-
-
-def fill_within_skin(block: LatticeBlock, body: CadBody, skin: float, open_faces: Sequence[Any] = ()) -> BooleanResult:
-    """The body without the voids that the lattice leaves in it deeper than the skin.
-
-    The voids become shells inside one solid, or reach the outside through the open faces. The checks of the result hold the
-    measured thickness of the skin.
-    """
-    eroded = erode_body(body, skin, open_faces)
-    results = [trim_on_parameters(block, part, "difference") for part in eroded.parts]
-    if not any(result.built.n_solids for result in results):
-        raise InvalidRequest(f"the lattice leaves no void within a skin of {skin:g}: the body would stay as it is")
-    hollowed = subtract_trimmed_voids(body, eroded.parts, results, open_faces)
-    measured = measure_skin_thickness(hollowed.skin_faces, eroded.depth)
-    own = count_closed_cavities(body, open_faces)
-    closed = describe_closed_voids(hollowed.closed_cavities, own, bool(open_faces))
-    notes = dict.fromkeys(note for result in results for note in result.notes)
-    return BooleanResult(
-        hollowed.built,
-        hollowed.brep,
-        results[0].method,
-        (*notes, _describe_thickness(measured, skin), *closed),
-        check_skin_thickness(measured, skin),
-        tuple(dict.fromkeys(shift for result in results for shift in result.shifts)),
-    )
 
 
 def erode_body(body: CadBody, skin: float, open_faces: Sequence[Any] = ()) -> ErodedBody:
@@ -226,7 +196,7 @@ def check_skin_thickness(measured: SkinThickness, skin: float) -> tuple[Check, .
     )
 
 
-def _describe_thickness(measured: SkinThickness, skin: float) -> str:
+def describe_thickness(measured: SkinThickness, skin: float) -> str:
     """The note on the measured thickness of the skin."""
     n = len(measured.thickness)
     if not n:
@@ -237,25 +207,3 @@ def _describe_thickness(measured: SkinThickness, skin: float) -> str:
         f"skin of {skin:g} by an arrangement of offset faces: {measured.least:.4g} to {measured.greatest:.4g} thick, "
         f"measured at {n} points of its inner faces{mitres}"
     )
-
-
-def describe_closed_voids(voids: int, own: int, opened: bool) -> tuple[str, ...]:
-    """Notes on closed voids of the result: `own` of them are cavities of the body itself, the others channels.
-
-    opened: whether the skin has open faces, which the channels then do not reach.
-    """
-    notes = []
-    if voids > own:
-        one = voids == own + 1
-        count = "a channel" if one else f"{voids - own} channels that do not meet"
-        cut_off = (" that no open face reaches" if one else " and that no open face reaches") if opened else ""
-        bounded = "it is bounded by a shell" if one else "each is bounded by a shell"
-        name = "open another face" if opened else "name open_faces"
-        notes.append(
-            f"the skin closes off {count}{cut_off}: {bounded} of its own inside the solid; "
-            f"{name}, or bore through the skin, to let powder or fluid out"
-        )
-    if own:
-        count = "the body's own cavity stays" if own == 1 else f"the body's own {own} cavities stay"
-        notes.append(f"{count} closed: bore into {'it' if own == 1 else 'them'} to let powder or fluid out")
-    return tuple(notes)

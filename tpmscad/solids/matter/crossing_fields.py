@@ -11,22 +11,23 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
-from functools import partial, reduce
+from functools import cached_property, partial, reduce
 from typing import Any, TypeVar
 
 import numpy as np
 
-from tpmscad._typing import Array
+from tpmscad._typing import Array, BoolArray
 from tpmscad.brep.boundary_representation import (
     Brep,
     join_breps,
     select_spline_faces,
+    translate_brep,
 )
 from tpmscad.brep.carriers import Plane
 from tpmscad.brep.deviation import Deviation, combine_deviations
 from tpmscad.brep.edge_continuity import EdgeContinuity
 from tpmscad.brep.solid_properties import measure_solid
-from tpmscad.errors import InvalidRequest, LevelSetError, format_point
+from tpmscad.errors import InvalidRequest, LevelSetError, NothingLeft, TrimmingError, format_point
 from tpmscad.fallbacks import Fallback, Fallbacks
 from tpmscad.fields.analysis import volume_quadrature
 from tpmscad.fields.analysis.betti_numbers import Betti, compute_betti_numbers
@@ -40,8 +41,7 @@ from tpmscad.fields.data.field_notes import collect_notes
 from tpmscad.fields.field import Field
 from tpmscad.fields.kinds.data_domains import list_bounded
 from tpmscad.fields.kinds.linear_extension import extend_level_sets_linearly
-from tpmscad.kernel.body_import.body_brep import brep_from_shape
-from tpmscad.kernel.body_import.cad_body import CadBody
+from tpmscad.kernel.body_import.body_brep import FreeFormBody, brep_from_shape
 from tpmscad.kernel.boolean.boolean_operations import OcctSolids
 from tpmscad.kernel.boolean.solid_trees import (
     SolidSet,
@@ -61,12 +61,32 @@ from tpmscad.kernel.step.face_labels import label_outer_faces
 from tpmscad.levelset.crossing_operands import Combination, list_fields, split_crossing_operands, widen_box
 from tpmscad.levelset.field_solid import find_sample_spacing
 from tpmscad.results.certificate import PatchMeasures
-from tpmscad.solids.boolean_strategies import build_valid_solids, compare_with_sample, sample_body
-from tpmscad.solids.field_patches import N_QUADRATURE_LINES, FieldPatches, fit_field_patches
-from tpmscad.solids.patch_measures import FROM_FIELD, TO_FIELD, check_field_tangent_jump, check_volume
-from tpmscad.solids.strut_solids import bound_struts, bound_struts_in_box, require_few_strut_sets, require_struts_apart
+from tpmscad.solids.cut import DistanceFunction, Finish, MadeSolids, build_valid_solids
+from tpmscad.solids.matter.field_patches import N_QUADRATURE_LINES, FieldPatches, fit_field_patches
+from tpmscad.solids.matter.patch_measures import (
+    FROM_FIELD,
+    TO_FIELD,
+    check_field_tangent_jump,
+    check_volume,
+    move_patch_measures,
+)
+from tpmscad.solids.matter.reference_distance import field_distance
+from tpmscad.solids.matter.strut_boundaries import (
+    bound_struts,
+    bound_struts_in_box,
+    require_few_strut_sets,
+    require_struts_apart,
+)
 from tpmscad.stage_timer import StageTimer
-from tpmscad.trimming.network_boolean import Operation, combine_networks
+from tpmscad.trimming.network_boolean import (
+    DEFAULT_TOL,
+    SHIFT_DIRECTION,
+    SHIFT_TOLS,
+    NetworkReport,
+    NetworkResult,
+    Operation,
+    combine_networks,
+)
 
 T = TypeVar("T")
 
@@ -77,18 +97,12 @@ ON_SIDE_TOL = 1e-5
 """Model units: distance from a side of the box at which a planar face lies in it, a hundred times the kernel's tolerance."""
 
 
+MAX_SHIFT_TOLS = 0.1
+"""In tolerances: how far a field may be moved where its surfaces touch what they are combined with."""
+
 CREASE_LENGTH_RTOL = 0.01
 """Relative difference of the solid's creases from the field's in length, above which it is noted: the solid's are off by about
 the tolerance over the sine of the wedge. Creases that are missing are seen in their number, too."""
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class CombinedSolids:
-    """The solids, the patches that bound them, or of which they keep parts if the kernel made them, and what was measured."""
-
-    built: BrepSolids | OcctSolids
-    patches: Brep
-    measures: PatchMeasures
 
 
 Operand = FieldPatches | QuadricLeaf | StrutLeaf
@@ -99,31 +113,120 @@ ExactOrCut = SolidSet | tuple[Brep, bool]
 """A set while it is combined: exact, of the kernel, or a boundary representation and whether its complement is meant."""
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class _Request:
-    """A tree, its operands in the order of `list_fields`, and the box, or the body in it, in which they are combined."""
+@dataclass(frozen=True, eq=False)
+class CrossingFields:
+    """A field whose level sets cross, its tree, and what its leaves were made into, in the order of `list_fields`.
 
+    What is cut by them lies in the box [lo, hi].
+    """
+
+    field: Field
     tree: Combination | Field
     operands: Sequence[Operand]
     lo: Array
     hi: Array
-    domain: SolidSet
+    tol: float
+    name: str = "field infill"
 
-    def evaluate(self, sets: Iterable[T], domain: T, combine: Callable[[int, Sequence[T]], T]) -> T:
-        """What the tree makes of the sets of its operands within the domain: one operation for both if it is an intersection."""
+    @property
+    def fitted(self) -> list[FieldPatches]:
+        """The operands that are not exact."""
+        return [each for each in self.operands if isinstance(each, FieldPatches)]
+
+    @cached_property
+    def patches(self) -> Brep:
+        """The patches of all operands, without the caps of their boxes."""
+        return join_breps([select_spline_faces(found.fitted.brep) for found in self.fitted])
+
+    @cached_property
+    def measures(self) -> PatchMeasures:
+        """What was measured on the operands."""
+        return _measure(self.field, self.tol, self.operands)
+
+    @property
+    def distance(self) -> DistanceFunction:
+        """Of points from the level set."""
+        return field_distance(self.field)
+
+    def contains(self, points: Array) -> BoolArray:
+        """Whether points (n, 3) lie in the solid of the field."""
+        return self.field(points) < 0
+
+    def cut(self, domain: FreeFormBody, operation: Operation, finish: Finish) -> NetworkResult:
+        """What a solid in the box and that of the field have in common, or what the field leaves of it."""
+        return self.combine((domain.brep, False), operation, finish)
+
+    def combine(self, domain: ExactOrCut, operation: Operation, finish: Finish) -> NetworkResult:
+        """The same of a domain that may be exact, at the first placement of the field at which it succeeds.
+
+        InvalidRequest where the kernel has to combine all: planes, spheres and cylinders with an exact domain.
+        """
+        if isinstance(domain, SolidSet) and all(isinstance(operand, QuadricLeaf) for operand in self.operands):
+            raise InvalidRequest("planes, spheres and cylinders alone are combined by the kernel, which is exact")
+        shifts = [length * DEFAULT_TOL * SHIFT_DIRECTION for length in SHIFT_TOLS]
+        shifts = [shift for shift in shifts if np.linalg.norm(shift) <= MAX_SHIFT_TOLS * self.tol]
+        placements = tuple(
+            Fallback(f"the field moved by {np.linalg.norm(s):.2g}", partial(self._combine_at, s)) for s in shifts
+        )
+        outcome = Fallbacks(placements, retry_on=(TrimmingError,), final=(NothingLeft,)).run(domain, operation, finish)
+        reason = str(outcome.failures[0]) if outcome.failures else ""
+        return replace(outcome.value, report=replace(outcome.value.report, reason=reason))
+
+    def _combine_at(self, shift: Array, domain: ExactOrCut, operation: Operation, finish: Finish) -> NetworkResult:
+        """What is combined once the field is translated by a vector."""
+        moved = replace(self, operands=[_move_operand(each, shift) for each in self.operands]) if shift.any() else self
+        found = moved.evaluate(moved.bound_operands(), domain, _combine_mixed, _complement, operation)
+        assert not isinstance(found, SolidSet)  # as the domain or an operand is not
+        report = NetworkReport(0, 0, float(found[0].edges.deviation.max(initial=0.0)), shift, "")
+        return NetworkResult(found[0], report, finish(found[0]))
+
+    def intersect_in_kernel(self, shape: Any) -> tuple[Any, ...]:
+        """The solids in a shape by the kernel's general fuse."""
+        return self.combine_in_kernel(SolidSet(shape))
+
+    def combine_in_kernel(self, domain: SolidSet) -> tuple[Any, ...]:
+        """The solids in a domain by the kernel's general fuse, largest first."""
+        sets = [
+            each if isinstance(each, SolidSet) else SolidSet(build_solids(each[0]).shape, each[1])
+            for each in self.bound_operands()
+        ]
+        return list_solids(self.evaluate(sets, domain, combine_sets).shape)
+
+    def measure(self, solids: BrepSolids | OcctSolids, moved: float) -> PatchMeasures:
+        """The measures of the operands, and the creases of what a cut has left."""
+        measures, creases = move_patch_measures(self.measures, moved), measure_creases(solids.solids, None)
+        return replace(measures, figures={**measures.figures, **_describe_creases(creases)})
+
+    def bound_operands(self) -> list[ExactOrCut]:
+        """The boundaries of all operands."""
+        return [
+            _make_quadric(self, operand, number) if isinstance(operand, QuadricLeaf) else _bound_operand(operand)
+            for number, operand in enumerate(self.operands)
+        ]
+
+    def evaluate(
+        self,
+        sets: Iterable[T],
+        domain: T,
+        combine: Callable[[int, Sequence[T]], T],
+        complement: Callable[[T], T] | None = None,
+        operation: Operation = "intersection",
+    ) -> T:
+        """What the domain has in common with the tree of the sets, or without it if the operation is a difference.
+
+        One operation for both if the tree is an intersection.
+        """
         left = iter(sets)
+        if operation == "difference":
+            assert complement is not None
+            return combine(+1, [domain, complement(_evaluate(self.tree, left, combine))])
         if isinstance(self.tree, Combination) and self.tree.sign > 0:
-            return combine(+1, [*(_evaluate(part, left, combine) for part in self.tree.parts), domain])
-        return combine(+1, [_evaluate(self.tree, left, combine), domain])
+            return combine(+1, [domain, *(_evaluate(part, left, combine) for part in self.tree.parts)])
+        return combine(+1, [domain, _evaluate(self.tree, left, combine)])
 
 
-def combine_field_solids(
-    field: Field, lo: Array, hi: Array, tol: float, stages: StageTimer, body: CadBody | None = None
-) -> CombinedSolids:
-    """The solid {field < 0} in the box [lo, hi], or in a body that lies in the box.
-
-    LevelSetError if an operand cannot be fitted, KernelError if they cannot be combined.
-    """
+def fit_crossing_fields(field: Field, lo: Array, hi: Array, tol: float, stages: StageTimer) -> CrossingFields:
+    """The operands of a field whose level sets cross, for the box [lo, hi]; LevelSetError if one cannot be fitted."""
     with stages("split"):
         tree = split_crossing_operands(field, lo, hi, tol, find_sample_spacing(field, lo, hi))
     exact = [find_exact(each) for each in list_fields(tree)]
@@ -135,53 +238,95 @@ def combine_field_solids(
         known or _fit_operand(each, lo, hi, tol, stages, number)
         for number, (each, known) in enumerate(zip(list_fields(tree), exact, strict=True))
     ]
-    fitted = [each for each in operands if isinstance(each, FieldPatches)]
+    return CrossingFields(field, tree, operands, lo, hi, tol)
+
+
+def combine_field_solids(
+    field: Field,
+    lo: Array,
+    hi: Array,
+    tol: float,
+    stages: StageTimer,
+) -> tuple[MadeSolids, Remake]:
+    """The solid {field < 0} in the box [lo, hi], and what makes it again and finishes it otherwise.
+
+    LevelSetError if an operand cannot be fitted, KernelError if they cannot be combined.
+    """
+    matter = fit_crossing_fields(field, lo, hi, tol, stages)
     with stages("combine"):
-        domain = make_box_set(lo, hi) if body is None else SolidSet(body.shape)
-        alone = operands[0] if body is None and not isinstance(tree, Combination) else None
+        alone = matter.operands[0] if not isinstance(matter.tree, Combination) else None
         in_box = isinstance(alone, StrutLeaf) and alone.sign > 0
-        outcome = (STRUT_METHODS if in_box else METHODS).run(_Request(tree, operands, lo, hi, domain))
-    built = outcome.value
+        outcome = (STRUT_METHODS if in_box else METHODS).run(matter)
+    built, moved = outcome.value
     if not built.n_solids:
         raise InvalidRequest("nothing of the field's solid lies in the domain: check its sign and the domain")
     with stages("check"):
         reasons = f": {outcome.reasons}" if outcome.failures else ""
         how = f"surfaces that cross were cut by each other, {outcome.name}{reasons}"
-        measures = _measure(field, tol, operands, how)
-        betti, volume = _measure_built(built)
-        if body is None:
-            measures = _compare_with_field(measures, field, lo, hi, volume, betti)
-        else:
-            measures = _compare_with_sample(measures, field, body, volume)
-        own = measure_creases(built.solids, None if body is not None else (lo, hi))
+        if moved:
+            how = f"{how}; the field was moved by {moved:.2g}"
+        measures = move_patch_measures(matter.measures, moved)
+        measures = replace(measures, notes=(*measures.notes, how))
+        measures = _compare_with_field(measures, field, lo, hi, *_measure_built(built))
+        own = measure_creases(built.solids, (lo, hi))
         measures = replace(measures, figures={**measures.figures, **_describe_creases(own)})
         # sides of data bound them as those of the box do; to prove their creases took five times as long as the solid
-        if body is None and fitted and not list_bounded(field):
+        if matter.fitted and not list_bounded(field):
             measures = compare_creases(measures, own, trace_creases(field, lo, hi))
-    patches = built.brep if isinstance(built, BrepSolids) else _join_patches(fitted)
-    return CombinedSolids(built, patches, measures)
+    patches = built.brep if isinstance(built, BrepSolids) else matter.patches
+    made = MadeSolids(
+        built,
+        patches,
+        measures,
+        partial(contains_in_box, field, lo, hi),
+        label=lambda solids: label_combined_solids(solids, lo, hi),
+    )
+    return made, partial(_combine_networks_of, matter)
 
 
-def _close_struts_in_box(request: _Request) -> BrepSolids:
+def contains_in_box(field: Field, lo: Array, hi: Array, points: Array) -> BoolArray:
+    """Whether points (n, 3) lie in the solid of a field in the box [lo, hi]."""
+    inside = np.asarray(((points > lo) & (points < hi)).all(axis=1))
+    inside[inside] = field(points[inside]) < 0
+    return inside
+
+
+Combined = tuple[BrepSolids | OcctSolids, float]
+"""Solids in a box, and the length by which the field was moved."""
+
+Remake = Callable[[Finish], Combined]
+"""Solids made of what a cut leaves, with the matter moved where that is needed."""
+
+
+def _close_struts_in_box(matter: CrossingFields) -> Combined:
     """The solids of struts alone in a box, by their nodes; TrimmingError if sides of the box cut them elsewhere."""
-    (leaf,) = request.operands
+    (leaf,) = matter.operands
     assert isinstance(leaf, StrutLeaf)
-    return build_valid_solids(bound_struts_in_box(leaf.struts, request.lo, request.hi))
+    return build_valid_solids(bound_struts_in_box(leaf.struts, matter.lo, matter.hi)), 0.0
 
 
-def _combine_networks_of(request: _Request) -> BrepSolids:
+def _combine_networks_of(matter: CrossingFields, finish: Finish = build_valid_solids) -> Combined:
     """The solids by cuts of patches, planes and quadrics by each other; InvalidRequest if all operands are single quadrics."""
-    if all(isinstance(operand, QuadricLeaf) for operand in request.operands):
-        raise InvalidRequest("planes, spheres and cylinders alone are combined by the kernel, which is exact")
-    sets: list[ExactOrCut] = []
-    for number, operand in enumerate(request.operands):
-        if isinstance(operand, QuadricLeaf):
-            sets.append(_make_quadric(request, operand, number))
-        else:
-            sets.append(_bound_operand(operand))
-    found = request.evaluate(sets, request.domain, _combine_mixed)
-    assert not isinstance(found, SolidSet)
-    return build_valid_solids(_tag_sides(found[0], request.lo, request.hi))
+    box = make_box_set(matter.lo, matter.hi)
+    found = matter.combine(box, "intersection", lambda brep: finish(_tag_sides(brep, matter.lo, matter.hi)))
+    return found.built, found.report.shifted
+
+
+def _combine_in_kernel(matter: CrossingFields) -> Combined:
+    """The solids by the kernel's general fuse, without labels."""
+    return OcctSolids(matter.combine_in_kernel(make_box_set(matter.lo, matter.hi))), 0.0
+
+
+def _move_operand(operand: Operand, shift: Array) -> Operand:
+    """An operand translated by a vector."""
+    if isinstance(operand, QuadricLeaf | StrutLeaf):
+        return operand.move(np.eye(3), -shift, 1.0)
+    return replace(operand, fitted=replace(operand.fitted, brep=translate_brep(operand.fitted.brep, shift)))
+
+
+def _complement(of: ExactOrCut) -> ExactOrCut:
+    """The complement of a set."""
+    return SolidSet(of.shape, not of.complement) if isinstance(of, SolidSet) else (of[0], not of[1])
 
 
 def _bound_operand(operand: FieldPatches | StrutLeaf) -> tuple[Brep, bool]:
@@ -200,7 +345,11 @@ def _combine_mixed(sign: int, sets: Sequence[ExactOrCut]) -> ExactOrCut:
     combined = combine_sets(sign, exact)
     if not cut:
         return combined
-    return _combine_breps(sign, [(brep_from_shape(combined.shape), combined.complement), *cut])
+    brep = brep_from_shape(combined.shape)
+    brep = replace(brep, tags=(SURFACE,) * len(brep.tags))
+    both = brep, combined.complement
+    # the first one is not moved: the domain
+    return _combine_breps(sign, [both, *cut] if isinstance(sets[0], SolidSet) else [*cut, both])
 
 
 def _combine_breps(sign: int, sets: Sequence[tuple[Brep, bool]]) -> tuple[Brep, bool]:
@@ -238,19 +387,7 @@ def _tag_sides(brep: Brep, lo: Array, hi: Array) -> Brep:
     return replace(brep, faces=replace(faces, tag=is_cap.astype(np.int64)), tags=(SURFACE, CAP))
 
 
-def _combine_in_kernel(request: _Request) -> OcctSolids:
-    """The solids by the kernel's general fuse, without labels."""
-    sets = []
-    for number, operand in enumerate(request.operands):
-        if isinstance(operand, QuadricLeaf):
-            sets.append(_make_quadric(request, operand, number))
-        else:
-            brep, complement = _bound_operand(operand)
-            sets.append(SolidSet(build_solids(brep).shape, complement))
-    return OcctSolids(list_solids(request.evaluate(sets, request.domain, combine_sets).shape))
-
-
-def _make_quadric(request: _Request, q: QuadricLeaf, number: int) -> SolidSet:
+def _make_quadric(request: CrossingFields, q: QuadricLeaf, number: int) -> SolidSet:
     """An exact operand, as far as it reaches in the box; the seam of a sphere where few others cross it."""
     frame = {}
     if q.kind == "sphere":
@@ -269,7 +406,7 @@ def _make_quadric(request: _Request, q: QuadricLeaf, number: int) -> SolidSet:
     return SolidSet(made.shape, q.sign < 0)
 
 
-METHODS: Fallbacks[[_Request], BrepSolids | OcctSolids] = Fallbacks(
+METHODS: Fallbacks[[CrossingFields], Combined] = Fallbacks(
     (
         Fallback("on the parameters of their patches", _combine_networks_of, "a second for a thousand patches"),
         Fallback("by the kernel's boolean", _combine_in_kernel, "10 ms for each patch that is cut"),
@@ -278,7 +415,7 @@ METHODS: Fallbacks[[_Request], BrepSolids | OcctSolids] = Fallbacks(
 )
 """How the operands are combined."""
 
-STRUT_METHODS: Fallbacks[[_Request], BrepSolids | OcctSolids] = Fallbacks(
+STRUT_METHODS: Fallbacks[[CrossingFields], Combined] = Fallbacks(
     (Fallback("node by node", _close_struts_in_box, "a hundredth of a second for each strut"), *METHODS.methods),
     remedy=METHODS.remedy,
 )
@@ -302,7 +439,7 @@ def _fit_operand(field: Field, lo: Array, hi: Array, tol: float, stages: StageTi
         return fit_field_patches(extend_level_sets_linearly(field, lo, hi), *wide, tol, stages)
 
 
-def _measure(field: Field, tol: float, operands: Sequence[Operand], how: str) -> PatchMeasures:
+def _measure(field: Field, tol: float, operands: Sequence[Operand]) -> PatchMeasures:
     """The worst measures of the operands, and the deviation of each; exact ones deviate by nothing."""
     each = [operand.fitted for operand in operands if isinstance(operand, FieldPatches)]
     deviation = combine_deviations([f.deviation for f in each]) if each else Deviation(0.0, 0.0, 0.0, 0.0)
@@ -320,7 +457,7 @@ def _measure(field: Field, tol: float, operands: Sequence[Operand], how: str) ->
         continuity,
         figures={TO_FIELD: deviation.to_reference, FROM_FIELD: deviation.from_reference, **_list_deviations(operands)},
         checks=(check_field_tangent_jump(continuity.tangent_jump_deg),),
-        notes=(*notes, how),
+        notes=tuple(notes),
     )
 
 
@@ -334,7 +471,7 @@ def _list_deviations(operands: Sequence[Operand]) -> dict[str, float]:
 
 
 def _compare_with_field(
-    measures: PatchMeasures, field: Field, lo: Array, hi: Array, own: float, own_betti: Betti
+    measures: PatchMeasures, field: Field, lo: Array, hi: Array, own_betti: Betti, own: float
 ) -> PatchMeasures:
     """The measures with the field's volume, and a note if grids count other Betti numbers than the solid's."""
     notes = measures.notes
@@ -356,12 +493,6 @@ def _compare_with_field(
         notes = (*notes, f"Betti numbers {own_betti} are counted on the solid; those of the field {words}")
     figures = {**measures.figures, "volume of the field": volume, "uncertainty of that volume": error}
     return replace(measures, checks=(*measures.checks, check), notes=notes, figures=figures)
-
-
-def _compare_with_sample(measures: PatchMeasures, field: Field, body: CadBody, own: float) -> PatchMeasures:
-    """The measures with a check of the volume against an even sample of points in the body."""
-    check = compare_with_sample(own / body.volume, field(sample_body(body)) < 0, body.name)
-    return replace(measures, checks=(*measures.checks, check))
 
 
 def _describe_creases(creases: SolidCreases) -> dict[str, float]:
@@ -402,11 +533,6 @@ def compare_creases(measures: PatchMeasures, own: SolidCreases, expected: Crease
             f"surfaces touch or coincide near {at}, or are rough: the creases of the field are not resolved there",
         )
     return replace(measures, notes=notes, figures=figures)
-
-
-def _join_patches(fitted: list[FieldPatches]) -> Brep:
-    """The patches of all operands, without the caps of their boxes."""
-    return join_breps([select_spline_faces(found.fitted.brep) for found in fitted])
 
 
 def label_combined_solids(solids: tuple[Any, ...], lo: Array, hi: Array) -> OcctSolids:

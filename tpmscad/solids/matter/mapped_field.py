@@ -1,8 +1,8 @@
 """The solid of a field in a design domain of free form: fitted in the box of the domain, then carried over by its spline.
 
-In the box everything is as for any field (`tpmscad.solids.field_patches`): adaptive mesh, patches, caps, Betti numbers. The
-spline then maps the finished boundary representation (`tpmscad.brep.mapped_brep`), so that the solid has the topology of the one
-in the box, and its caps lie in the boundary surfaces of the domain. What the certificate says is measured in the model.
+In the box everything is as for any field (`field_patches`): adaptive mesh, patches, caps, Betti numbers. The spline then maps
+the finished boundary representation (`tpmscad.brep.mapped_brep`), so that the solid has the topology of the one in the box, and
+its caps lie in the boundary surfaces of the domain. What the certificate says is measured in the model.
 """
 
 from __future__ import annotations
@@ -24,8 +24,8 @@ from tpmscad.lattices.spline_maps import SplineMap
 from tpmscad.results.certificate import PatchMeasures, certify_built_solids, require
 from tpmscad.results.loose_pieces import drop_loose_pieces
 from tpmscad.results.model import Model
-from tpmscad.solids.field_patches import FieldPatches, fit_field_patches
-from tpmscad.solids.patch_measures import check_field_tangent_jump
+from tpmscad.solids.matter.field_patches import FieldPatches, fit_field_patches
+from tpmscad.solids.matter.patch_measures import check_field_tangent_jump
 from tpmscad.stage_timer import StageTimer
 
 STRETCH_SAMPLES = 17

@@ -46,9 +46,11 @@ from tpmscad.kernel.recognise.face_carriers import recognise_carrier
 from tpmscad.requests.channel_openings import ChannelOpenings
 from tpmscad.requests.lattice_request import LatticeRequest
 from tpmscad.results.certificate import require
-from tpmscad.solids.field_patches import fit_field_patches
-from tpmscad.solids.lattice_block import LatticeBlock, expand_body_box
-from tpmscad.solids.patch_measures import measure_field_patches, move_patch_measures
+from tpmscad.solids.matter.field_matter import expand_body_box
+from tpmscad.solids.matter.field_patches import fit_field_patches
+from tpmscad.solids.matter.lattice_block import LatticeBlock
+from tpmscad.solids.matter.patch_measures import measure_field_patches, move_patch_measures
+from tpmscad.solids.matter.reference_distance import field_distance
 from tpmscad.stage_timer import StageTimer
 
 MAX_SLOPE = 1.0
@@ -157,6 +159,7 @@ def build_closed_block(
     patches = _tag_sides(select_spline_faces(found.fitted.brep), placed, sum(request.offset) / 2)
     patches, notes = _drop_loose_sheets(patches)
     return LatticeBlock(
+        f"{request.surface} exchanger",
         patches,
         replace(
             measures,
@@ -171,6 +174,7 @@ def build_closed_block(
                 *notes,
             ),
         ),
+        field_distance(wall),
         lambda: found.fitted.brep,
         closes_channels=True,
     )
