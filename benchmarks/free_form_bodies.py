@@ -27,7 +27,8 @@ from tpmscad.kernel.measure.mass_properties import solid_moments
 from tpmscad.kernel.occt.convert import transform_shape
 from tpmscad.requests.lattice_request import LatticeRequest, read_lattice_request
 from tpmscad.rigid_motion import Motion
-from tpmscad.solids.boolean_strategies import trim_on_parameters
+from tpmscad.solids.bodies.kernel_body import KernelBody
+from tpmscad.solids.cut import cut_on_parameters
 from tpmscad.solids.matter.lattice_block import build_lattice_block
 from tpmscad.stage_timer import StageTimer
 
@@ -125,20 +126,19 @@ def run_body(name: str, options: argparse.Namespace) -> None:
         block = build_lattice_block(request, np.eye(3), body, StageTimer(None))
         begun = time.process_time()
         try:
-            cut = trim_on_parameters(block, body)
+            cut = cut_on_parameters(KernelBody(body), block)
         except TpmscadError as error:
             failures.append(f"{placement}: {error}")
             continue
         finally:
             seconds.append(time.process_time() - begun)
         valid += 1
-        assert cut.brep is not None
-        volume = float(integral_properties.volume(integral_properties.integrate_faces(cut.brep))[0])
+        volume = float(integral_properties.volume(integral_properties.integrate_faces(cut.built.brep))[0])
         apart.append(abs(sum(solid_moments(solid)[1] for solid in cut.built.solids) / volume - 1))
         if placement < options.boolean:
-            begun, move = time.process_time(), Motion(np.eye(3), np.sum(cut.shifts, axis=0))
+            begun, move = time.process_time(), Motion(np.eye(3), cut.shift)
             try:
-                solids = intersect_solids(transform_shape(block.shape, move), body.shape)
+                solids = intersect_solids(transform_shape(block.built.shape, move), body.shape)
                 apart_kernel.append(abs(sum(solid_moments(solid)[1] for solid in solids) / volume - 1))
             except TpmscadError as error:
                 failures.append(f"boolean of {placement}: {error}")

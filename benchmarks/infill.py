@@ -36,7 +36,8 @@ from tpmscad.kernel.body_import.cad_body import read_body
 from tpmscad.kernel.measure.shape_report import check_shape
 from tpmscad.kernel.occt.bounding_boxes import enclosing_box
 from tpmscad.requests.lattice_request import LatticeRequest, read_lattice_request
-from tpmscad.solids.boolean_strategies import intersect_body_with_lattice
+from tpmscad.solids.bodies.kernel_body import KernelBody
+from tpmscad.solids.cut import intersect
 from tpmscad.solids.matter.lattice_block import build_lattice_block
 from tpmscad.stage_timer import StageTimer
 
@@ -210,14 +211,14 @@ def main(arguments: list[str] | None = None) -> None:
             request = wanted(surface, SIZE / options.cells)
             block = build_lattice_block(request, np.eye(3), body, StageTimer(None))
             begun = time.process_time()
-            cut = intersect_body_with_lattice(block, body)
+            cut = intersect(KernelBody(body), block, body)
             shape = cut.built.shape  # made when it is asked for
             own = time.process_time() - begun
             report = check_shape(shape)
             assert report.ok, report
             plain, check, apart, ratio = float("nan"), float("nan"), float("nan"), ""
             if options.plain:
-                found = intersect_by_kernel(block.shape, body.shape, options.limit * own)
+                found = intersect_by_kernel(block.built.shape, body.shape, options.limit * own)
                 if found is None:
                     ratio = f"> {options.limit:g}"
                 else:
@@ -229,7 +230,7 @@ def main(arguments: list[str] | None = None) -> None:
                 counted = quadrature(body.shape, body.volume, block.patches, options.lines, step)
                 lines = counted / report.volume - 1
             print(
-                f"{body_name:>9} {surface:>10} {cut.method:>8} {report.faces:>6} {own:7.2f} {plain:8.2f} {check:7.2f} "
+                f"{body_name:>9} {surface:>10} {cut.trimmed_by:>8} {report.faces:>6} {own:7.2f} {plain:8.2f} {check:7.2f} "
                 f"{ratio:>6} {report.volume:12.4f} {apart:12.1e} {lines:13.1e} "
                 f"{time.process_time() - first:6.0f}",
                 flush=True,

@@ -31,11 +31,12 @@ from OCP.TopLoc import TopLoc_Location
 from OCP.TopoDS import TopoDS_Face
 
 import tpmscad
-from tpmscad.errors import TpmscadError
+from tpmscad.errors import KernelError, TpmscadError
+from tpmscad.fallbacks import Fallback
 from tpmscad.kernel.body_import.free_form_carriers import convert_box, convert_curve
 from tpmscad.kernel.occt import convert
 from tpmscad.kernel.occt.exploration import edges_of, faces_of, first_vertex, last_vertex
-from tpmscad.solids import boolean_strategies
+from tpmscad.solids import cut
 
 GAPS = (1e-6, 1e-5, 1e-4, 1e-3, 5e-3)
 """Grids, in model units, to which poles are rounded."""
@@ -171,6 +172,11 @@ def judge(make: Callable[[np.random.Generator], bd.Shape], seed: int) -> tuple[s
     return "met", f"{what}: {model.volume - expected:.1e} of {expected:.6g}; {'; '.join(model.certificate.notes[1:])}"
 
 
+def _refuse(*_: Any) -> Any:
+    """In place of the kernel's boolean, which would hide what is asked here."""
+    raise KernelError("trim", "the kernel's boolean is left out")
+
+
 def main(arguments: list[str] | None = None) -> None:
     """Print a line for each body, and how many have each outcome."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
@@ -178,9 +184,7 @@ def main(arguments: list[str] | None = None) -> None:
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--only", default="")
     given = parser.parse_args(arguments)
-    boolean_strategies.BOOLEAN_METHODS = replace(
-        boolean_strategies.BOOLEAN_METHODS, methods=boolean_strategies.BOOLEAN_METHODS.methods[:1]
-    )
+    cut.BY_KERNEL = Fallback("nothing else", _refuse)
     names = [name for name in BODIES if given.only in name]
     counts: Counter[str] = Counter()
     for k in range(given.seed, given.seed + given.count):

@@ -27,6 +27,7 @@ from scipy.stats import qmc
 from benchmarks.trimming import covering, turned, volume
 from tests.trimming.network_operands import trim
 from tpmscad.brep.boundary_representation import Brep
+from tpmscad.brep.patch_nodes import signed_distances_to_nodes
 from tpmscad.errors import NothingLeft, TpmscadError, TrimmingError
 from tpmscad.kernel.body_import.body_brep import brep_from_shape
 from tpmscad.kernel.body_import.cad_body import read_body
@@ -34,7 +35,6 @@ from tpmscad.kernel.boolean import boolean_operations
 from tpmscad.kernel.build.solids import build_solids
 from tpmscad.kernel.measure.shape_report import check_shape
 from tpmscad.kernel.occt.bounding_boxes import enclosing_box
-from tpmscad.solids.boolean_strategies import signed_distances_to_nodes
 from tpmscad.trimming.operands.polyhedra import box
 
 KINDS = ("box", "cylinder", "sphere", "cone", "torus")

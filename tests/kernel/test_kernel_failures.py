@@ -5,6 +5,7 @@ from __future__ import annotations
 from types import SimpleNamespace
 from typing import Any
 
+import numpy as np
 import pytest
 
 pytestmark = pytest.mark.kernel
@@ -15,7 +16,7 @@ from OCP.TopoDS import TopoDS_Shape, TopoDS_Vertex
 
 from tpmscad.errors import KernelError
 from tpmscad.kernel.boolean import body_split, boolean_operations
-from tpmscad.solids import boolean_strategies
+from tpmscad.solids import cut
 
 BODY = bd.Box(3, 4, 5).solid().wrapped
 
@@ -76,27 +77,30 @@ def test_an_exception_of_the_kernel_is_translated_and_others_are_not() -> None:
 
 
 PATCHES: Any = SimpleNamespace(faces=range(10))
-BLOCK: Any = SimpleNamespace(patches=PATCHES, shape=BODY)
 
 
 def test_the_kernels_boolean_is_not_tried_with_tens_of_thousands_of_patches() -> None:
-    patches = SimpleNamespace(faces=range(boolean_strategies.MAX_KERNEL_FACES + 1))
-    many, body = SimpleNamespace(patches=patches), SimpleNamespace(shape=BODY)
     with pytest.raises(KernelError, match="has 20001 patches"):
-        boolean_strategies.intersect_in_kernel(many, body)  # type: ignore[arg-type]
+        cut.require_few_faces(cut.MAX_KERNEL_FACES + 1)
 
 
 def test_the_kernels_boolean_is_checked_and_its_volume_compared_with_a_sample(monkeypatch: pytest.MonkeyPatch) -> None:
-    body: Any = SimpleNamespace(shape=BODY, volume=100.0, name="the body")
-    fraction = boolean_strategies.estimate_volume(BODY) / 100
-    monkeypatch.setattr(boolean_strategies, "intersect_solids", lambda *_: (BODY,))
-    monkeypatch.setattr(boolean_strategies, "sample_lattice_fraction", lambda *_: (fraction, 0.01))
-    monkeypatch.setattr(boolean_strategies, "intersect_solids", lambda *_: (BODY,))
-    made = boolean_strategies.intersect_in_kernel(BLOCK, body)
-    assert made.solids == (BODY,)
-    monkeypatch.setattr(boolean_strategies, "sample_lattice_fraction", lambda *_: (fraction + 0.1, 0.01))
-    with pytest.raises(KernelError, match=r"of the body, but 0\.\d+ \+- 0\.01 of a sample"):
-        boolean_strategies.intersect_in_kernel(BLOCK, body)
-    monkeypatch.setattr(boolean_strategies, "is_valid", lambda _: False)
+    sample, cad = np.zeros((100, 3)), SimpleNamespace(shape=BODY)
+    body: Any = SimpleNamespace(volume=100.0, name="the body", sample=lambda: sample)
+    filled = round(boolean_operations.estimate_volume(BODY))  # of a hundred
+
+    def matter(count: int) -> Any:
+        return SimpleNamespace(
+            patches=None,
+            contains=lambda points: np.arange(len(points)) < count,
+            intersect_in_kernel=lambda _: (BODY,),
+            measure=lambda *_: None,
+        )
+
+    made = cut.BY_KERNEL.run(body, matter(filled), cad)  # type: ignore[arg-type]
+    assert made.built.solids == (BODY,)
+    with pytest.raises(KernelError, match=r"it fills 0.6 of the body, but 1 \+- 0\.\d+ of a sample"):
+        cut.BY_KERNEL.run(body, matter(100), cad)  # type: ignore[arg-type]
+    monkeypatch.setattr(cut, "is_valid", lambda _: False)
     with pytest.raises(KernelError, match="check rejects what its own boolean made"):
-        boolean_strategies.intersect_in_kernel(BLOCK, body)
+        cut.BY_KERNEL.run(body, matter(filled), cad)  # type: ignore[arg-type]

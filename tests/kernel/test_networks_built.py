@@ -14,7 +14,7 @@ from tpmscad import fields
 from tpmscad.kernel.build.solids import BrepSolids
 from tpmscad.kernel.measure.shape_report import check_shape
 from tpmscad.results.model import Model
-from tpmscad.solids.boolean_strategies import build_valid_solids
+from tpmscad.solids.cut import build_valid_solids
 from tpmscad.trimming.network_boolean import KEPT_PARTS, Operation, combine_networks
 
 pytestmark = [pytest.mark.kernel, pytest.mark.slow]

@@ -21,8 +21,8 @@ from tpmscad.requests.lattice_options import FluidDomainsOptions
 from tpmscad.requests.lattice_request import read_lattice_request
 from tpmscad.results.domain_results import FluidDomains
 from tpmscad.solids._fluid_domains import _resolve_openings
+from tpmscad.solids.bodies.fitted_body import FittedBody
 from tpmscad.solids.matter.closed_channels import _open_fraction, _sample_body, extend_distance
-from tpmscad.solids.bodies.fitted_body import FieldBody
 
 pytestmark = pytest.mark.kernel
 
@@ -133,9 +133,9 @@ def test_refused_openings_name_the_remedy(name: str) -> None:
 
 def test_the_body_of_a_field_has_no_faces_to_open() -> None:
     options = FluidDomainsOptions("part.step", "gyroid", openings=OPENINGS)
-    body = FieldBody.__new__(FieldBody)
+    body = FittedBody(*[None] * 5, SimpleNamespace(name="the egg"))  # type: ignore[arg-type]
     with pytest.raises(tpmscad.InvalidRequest, match="openings are faces of a CAD body; the egg has none"):
-        _resolve_openings(options, body, SimpleNamespace(name="the egg"))  # type: ignore[arg-type]
+        _resolve_openings(options, body)
 
 
 def test_openings_may_share_a_face() -> None:

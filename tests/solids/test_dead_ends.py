@@ -12,6 +12,7 @@ from tpmscad.kernel.body_import.cad_body import read_body
 from tpmscad.requests.lattice_request import read_lattice_request
 from tpmscad.results.domain_results import MINUS, PLUS, WALL
 from tpmscad.solids._fluid_domains import _trim_domains
+from tpmscad.solids.bodies.kernel_body import KernelBody
 from tpmscad.solids.matter.lattice_block import build_lattice_block
 from tpmscad.stage_timer import StageTimer
 
@@ -19,9 +20,9 @@ pytestmark = pytest.mark.kernel
 
 
 def test_the_wall_takes_in_the_chips_of_channels_that_close() -> None:
-    body = read_body(bd.Box(12, 10, 9))
+    body = KernelBody(read_body(bd.Box(12, 10, 9)))
     request = read_lattice_request("gyroid", cell=10, thickness=1, tol=0.1, phase=(0.4, 0.15, 0.2))
-    block = build_lattice_block(request, np.eye(3), body, StageTimer(False))
+    block = build_lattice_block(request, np.eye(3), body.cad, StageTimer(False))
     opened, closing = (_trim_domains(replace(block, closes_channels=closes), body) for closes in (False, True))
     volumes = {name: opened[name].built.nesting.volume for name in opened}
     greatest, chip = volumes[PLUS]

@@ -12,8 +12,7 @@ import pytest
 import tpmscad
 from tpmscad.errors import KernelError, LevelSetError
 from tpmscad.results.model import Model
-from tpmscad.solids import distance_skin, field_skin
-from tpmscad.solids import skin as offset_skins
+from tpmscad.solids.skins import distance_skin, filled_skin
 
 pytestmark = [pytest.mark.kernel, pytest.mark.slow]
 
@@ -39,7 +38,7 @@ def refuse(*_: Any, **__: Any) -> Any:
 @pytest.fixture(scope="module")
 def filled() -> Any:
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(offset_skins, "erode_body", refuse)
+        patch.setattr(filled_skin, "erode_body", refuse)
         return tpmscad.infill(block(), **P, skin=SKIN)
 
 
@@ -72,7 +71,7 @@ def test_the_volume_is_that_of_the_skin_and_the_wall(filled: Model) -> None:
 
 
 def test_open_faces_need_offset_faces(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(offset_skins, "erode_body", refuse)
+    monkeypatch.setattr(filled_skin, "erode_body", refuse)
     body = block()
     with pytest.raises(KernelError, match=r"refused for this test.*cannot leave out open faces"):
         tpmscad.infill(body, **P, skin=SKIN, open_faces=[body.faces().sort_by(bd.Axis.Z)[-1]])
@@ -88,8 +87,8 @@ def test_a_distance_that_is_not_fitted_leaves_the_reason_of_the_offset_faces(mon
     def fail(*_: Any) -> Any:
         raise LevelSetError("no patches for this test")
 
-    monkeypatch.setattr(offset_skins, "erode_body", refuse)
-    monkeypatch.setattr(distance_skin, "erode_by_distance", fail)
+    monkeypatch.setattr(filled_skin, "erode_body", refuse)
+    monkeypatch.setattr(filled_skin, "erode_by_distance", fail)
     with pytest.raises(KernelError, match=r"refused for this test.*no patches for this test"):
         tpmscad.infill(block(), **P, skin=SKIN)
 
@@ -98,8 +97,8 @@ def test_what_lies_between_the_samples_of_the_distance_is_no_reason_to_call_a_sk
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     """A plate .2 deeper than its skin, with samples that are .3 apart at the least."""
-    monkeypatch.setattr(offset_skins, "erode_body", refuse)
-    monkeypatch.setattr(field_skin, "MAX_SAMPLES", 20_000)
+    monkeypatch.setattr(filled_skin, "erode_body", refuse)
+    monkeypatch.setattr(distance_skin, "MAX_SAMPLES", 20_000)
     with pytest.raises(
         KernelError, match=r"refused for this test.*skin by the distance: a skin of 0\.5 leaves nothing"
     ):

@@ -13,8 +13,9 @@ import tpmscad
 from tpmscad import fields
 from tpmscad.errors import InvalidRequest, LevelSetError
 from tpmscad.results.model import Model
-from tpmscad.solids import field_bodies, field_skin
-from tpmscad.solids.bodies.fitted_body import FieldBody, fit_field_body
+from tpmscad.solids.bodies import fitted_body
+from tpmscad.solids.bodies.fitted_body import FittedBody, fit_field_body
+from tpmscad.solids.skins import distance_skin
 from tpmscad.stage_timer import StageTimer
 
 trimesh = pytest.importorskip("trimesh")
@@ -70,32 +71,32 @@ def test_a_skin_keeps_its_thickness_and_the_lattice_within() -> None:
 def test_where_a_cavity_is_not_fitted_its_edges_are_rounded_more_and_it_is_told(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    round_ridges, widths = field_skin._round_ridges, []
+    round_ridges, widths = distance_skin._round_ridges, []
 
     def watch(values: np.ndarray, width: float) -> np.ndarray:
         widths.append(width)
         return round_ridges(values, width)
 
-    def fail_first(*_: Any) -> field_skin.ErodedFieldBody:
+    def fail_first(*_: Any) -> distance_skin.DistanceCavity:
         if len(widths) == 1:
             raise LevelSetError("3 places could not be fitted")
-        return field_skin.ErodedFieldBody(body.built.brep, body.field, (), ("fitted",))
+        return distance_skin.DistanceCavity("the body", body.built.brep, body.field, (), ("fitted",))
 
     body = fit_field_body(fields.expression("x^2/4 + y^2 + z^2 - 4"), None, 0.1, StageTimer(None), is_default=False)
-    assert isinstance(body, FieldBody)
-    monkeypatch.setattr(field_skin, "_round_ridges", watch)
-    monkeypatch.setattr(field_skin, "_fit_cavity", fail_first)
-    told, rounded = field_skin.erode_field_body(body, 0.5).notes
+    assert isinstance(body, FittedBody)
+    monkeypatch.setattr(distance_skin, "_round_ridges", watch)
+    monkeypatch.setattr(distance_skin, "_fit_cavity", fail_first)
+    told, rounded = distance_skin.erode_by_distance(body, 0.5).notes
     assert told == "fitted"
     assert "a Gaussian of 0.46 skins" in rounded
-    assert widths[1] / widths[0] == pytest.approx(0.46 / field_skin.SMOOTHING_WIDTHS[0])
+    assert widths[1] / widths[0] == pytest.approx(0.46 / distance_skin.SMOOTHING_WIDTHS[0])
 
 
 def test_the_cavity_of_a_wedge_ends_bluntly_and_its_skin_is_nowhere_thinner() -> None:
     """Ten degrees to either side of the bisector x, a spacing of 1: five spacings after its end it is half as wide again."""
     x, y, _ = np.meshgrid(np.arange(0.0, 60.0), np.arange(-15.0, 16.0) + 0.3, np.arange(9.0), indexing="ij")
     wedge = np.abs(y) * np.cos(np.deg2rad(10)) - x * np.sin(np.deg2rad(10))
-    rounded = field_skin._round_ridges(wedge, 0.7)
+    rounded = distance_skin._round_ridges(wedge, 0.7)
     widths = [np.trapezoid(np.clip(0.5 - values[:, :, 4] - 3.0, 0, 1), axis=1) for values in (wedge, rounded)]
     beyond_end = [width[np.flatnonzero(width)[0] + 5] for width in widths]
     assert beyond_end[1] > 1.6 * beyond_end[0] > 2.5
@@ -112,7 +113,7 @@ def test_smoothing_does_not_thin_a_skin_below_a_concave_edge() -> None:
     x, y, _ = np.meshgrid(np.arange(30.0) - 14.6, np.arange(30.0) - 14.7, np.arange(9.0), indexing="ij")
     from_line = np.hypot(x, y)
     ring = (from_line > 2.5) & (from_line < 9)
-    raised = (field_skin._round_ridges(-from_line, 0.7) + from_line)[ring]
+    raised = (distance_skin._round_ridges(-from_line, 0.7) + from_line)[ring]
     assert raised.min() > -0.02
     assert raised.max() < 0.02
 
@@ -148,7 +149,7 @@ def test_the_bounds_of_a_body_stay_in_the_box_that_ends_it() -> None:
     x, y, z = np.meshgrid(*[np.arange(0, 4.1, 1.0)] * 3, indexing="ij")
     data = fields.sampled(np.cos(1.9 * x) + np.cos(1.7 * y + 0.4) + np.sin(1.8 * z), 1.0, (0, 0, 0))
     body = fit_field_body(data, None, 0.05, StageTimer(None), is_default=False)
-    assert isinstance(body, FieldBody)
+    assert isinstance(body, FittedBody)
     low, high = np.array(body.cad.report.bounds)
     assert (low >= 0).all()
     assert (high <= 4).all()
@@ -164,11 +165,11 @@ def test_noisy_data_are_followed_to_a_tenth_of_their_spacing_unless_a_tolerance_
     data = fields.sampled(np.sqrt(x**2 + y**2 + z**2) - 2.2 + noise, 0.5, (-3.5, -3.5, -3.5))
     for field in (data, fields.smooth_intersection(data, fields.sphere((0, 0, 0), 4), width=0.1)):
         body = fit_field_body(field, data.domain, 1e-3, StageTimer(None), is_default=True)
-        assert isinstance(body, FieldBody)
+        assert isinstance(body, FittedBody)
         assert body.measures.tol == pytest.approx(0.05)
         assert body.measures.deviation.max <= 0.05
     asked = fit_field_body(data, None, 0.02, StageTimer(None), is_default=False)
-    assert isinstance(asked, FieldBody)
+    assert isinstance(asked, FittedBody)
     assert asked.measures.tol == 0.02
 
 
@@ -229,7 +230,7 @@ def test_a_mesh_that_is_not_fitted_is_sampled_at_another_spacing_unless_one_is_g
     ball = trimesh.creation.icosphere(2, 5.0)
     both_outward = trimesh.util.concatenate([ball, trimesh.creation.icosphere(2, 3.0)])  # a full ball
     nested, coarse = fields.mesh(both_outward), fields.mesh(both_outward, spacing=0.8)
-    fit, tried = field_bodies._fit_body, []
+    fit, tried = fitted_body._fit_body, []
 
     def refuse_once(field: Any, *args: Any) -> Any:
         tried.append(field)
@@ -237,9 +238,9 @@ def test_a_mesh_that_is_not_fitted_is_sampled_at_another_spacing_unless_one_is_g
             raise LevelSetError("folded")
         return fit(coarse, *args)
 
-    monkeypatch.setattr(field_bodies, "_fit_body", refuse_once)
+    monkeypatch.setattr(fitted_body, "_fit_body", refuse_once)
     body = fit_field_body(nested, None, 0.3, StageTimer(None), is_default=False)
-    assert isinstance(body, FieldBody)
+    assert isinstance(body, FittedBody)
     assert tried[1].spacing[0] == pytest.approx(2**-0.5 * tried[0].spacing[0])
     assert any("sampled at another spacing" in note for note in tried[1].notes)
     assert body.cad.volume == pytest.approx(ball.volume, rel=0.01)

@@ -12,6 +12,7 @@ import pytest
 
 import tpmscad
 from tpmscad import fields
+from tpmscad.brep.patch_nodes import signed_distances_to_nodes
 from tpmscad.files.checked_write import write_checked_solids
 from tpmscad.kernel.export.shape_file import name_solids
 from tpmscad.kernel.measure.shape_report import check_shape
@@ -20,7 +21,6 @@ from tpmscad.kernel.occt.construction import make_solid
 from tpmscad.kernel.occt.exploration import solids_of
 from tpmscad.kernel.step.face_labels import NamedSolid
 from tpmscad.results.domain_results import FluidDomains
-from tpmscad.solids.boolean_strategies import signed_distances_to_nodes
 
 pytestmark = [pytest.mark.kernel, pytest.mark.slow]
 
@@ -89,7 +89,7 @@ def test_both_ways_of_trimming_agree(monkeypatch: pytest.MonkeyPatch) -> None:
     def refuse(*_: Any) -> None:
         raise tpmscad.InvalidRequest("free-form, say")
 
-    monkeypatch.setattr("tpmscad.solids.boolean_strategies.brep_from_shape", refuse)
+    monkeypatch.setattr("tpmscad.solids.bodies.kernel_body.brep_from_shape", refuse)
     slow = tpmscad.infill(body, **P)
     assert (quick.trimmed_by, slow.trimmed_by) == ("patches", "kernel")
     assert quick.certificate.volume == pytest.approx(slow.certificate.volume, rel=1e-6)

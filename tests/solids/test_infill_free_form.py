@@ -16,6 +16,7 @@ from tpmscad.kernel.measure.shape_report import check_shape
 from tpmscad.kernel.measure.shape_sampling import sample_solid
 from tpmscad.kernel.occt.bounding_boxes import enclosing_box
 from tpmscad.kernel.occt.exploration import ShapeKey, faces_of
+from tpmscad.solids.matter.lattice_block import LatticeBlock
 
 pytestmark = [pytest.mark.kernel, pytest.mark.slow]
 
@@ -73,7 +74,7 @@ def test_it_is_the_plain_boolean_and_has_its_groups_of_faces(monkeypatch: pytest
     assert quick.certificate.met
     assert quick.trimmed_by == "patches"
     assert "trimmed on the patches' parameters" in quick.certificate.notes
-    monkeypatch.setattr("tpmscad.solids.boolean_strategies.combine_networks", refuse_to_trim)
+    monkeypatch.setattr(LatticeBlock, "cut", refuse_to_trim)
     slow = tpmscad.infill(body, **P)
     assert any("boolean: not today" in note for note in slow.certificate.notes)
     # Both ways place the cuts within the kernel's tolerance.

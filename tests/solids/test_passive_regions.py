@@ -39,7 +39,7 @@ def cylinder(radius: float, low: float, high: float) -> Any:
 
 
 def body_labels(model: Model) -> set[str]:
-    return {label for solid in model.named_solids() for label in solid.labels if label.startswith("body")}
+    return {label for solid in model.named_solids() for label in solid.labels if label.startswith("kept")}
 
 
 def make(**passive: Any) -> Model:
@@ -105,21 +105,43 @@ def test_a_body_that_touches_nothing_is_refused_not_dropped() -> None:
 
 def test_a_wrong_volume_is_seen_by_the_sample(monkeypatch: pytest.MonkeyPatch) -> None:
     """The body replaced by a thinner one when it is united: the check by points of the right one must notice."""
-    combine = passive_regions._combine_networks
+    combine = passive_regions._combine
     (thin,) = passive_regions.PassiveRegions.read(cylinder(2.0, 1.0, 9.0)).kept
-
-    def combine_thin(built: Any, _: Any, operation: Any) -> Any:
-        return combine(built, thin, operation)
-
-    methods = passive_regions.METHODS
-    wrong = type(methods)((type(methods.methods[0])("wrongly", combine_thin),))
-    monkeypatch.setattr(passive_regions, "METHODS", wrong)
+    monkeypatch.setattr(passive_regions, "_combine", lambda brep, _, operation: combine(brep, thin, operation))
     model = make(keep=cylinder(3.0, 1.0, 9.0))
     assert not model.certificate.met
     assert "the volume with the passive regions is" in model.certificate.shortfalls[0]
 
 
-@pytest.mark.parametrize("name", ["keep", "clear"])
-def test_only_a_box_takes_passive_regions(name: str) -> None:
-    with pytest.raises(InvalidRequest, match="keep and clear are for the solid in a box"):
-        tpmscad.solidify(plate, bd.Box(4, 4, 4), tol=0.02, progress=False, **{name: bd.Box(1, 1, 1)})
+def test_a_map_takes_no_passive_regions() -> None:
+    faces = bd.Box(4, 4, 4).faces().sort_by(bd.Axis.Z)
+    with pytest.raises(InvalidRequest, match="in a box or a body, not under a map"):
+        tpmscad.solidify(plate, tpmscad.maps.between(faces[0], faces[-1]), tol=0.02, keep=bd.Box(1, 1, 1))
+
+
+def test_a_boss_of_a_filled_body_and_its_bolt_hole_have_their_own_faces(tmp_path: Path) -> None:
+    """The boss ends in faces of the body: without a skin the kernel unites them, within one they do not meet the lattice's."""
+    body, boss, bolt = bd.Box(12, 10, 8), bd.Pos(1, 0.5, 0) * bd.Cylinder(2.5, 8), bd.Pos(1, 0.5, 0) * bd.Cylinder(1, 9)
+    wall: dict[str, Any] = {"surface": "gyroid", "cell": 7, "thickness": 0.8, "tol": 0.05, "progress": False}
+    for skin, made_by in ((None, "kernel"), (1.0, "patches")):
+        model = tpmscad.infill(body, **wall, skin=skin, keep=boss, clear=bolt)
+        assert model.certificate.met, model.certificate.shortfalls
+        assert model.trimmed_by == made_by
+        inside = boss - bolt
+        assert (model.solid & inside).volume == pytest.approx(inside.volume, rel=1e-7)
+        assert not model.solid & bolt
+    model.export_step(tmp_path / "boss.step")
+    with pytest.raises(InvalidRequest, match="reaches beyond the body, which has a skin: unite"):
+        tpmscad.infill(body, **wall, skin=1.0, keep=bd.Cylinder(2, 10))
+
+
+def test_a_kept_plate_that_a_strut_touches_from_within_is_united_with_it() -> None:
+    """The strut is as deep as it is thick: it is moved by some millionths, the plate is not."""
+    frame = fields.struts([[0, 0, 0], [10, 0, 0], [5, 0, 8]], [[0, 1], [0, 2], [1, 2]], 1.0)
+    volumes = []
+    for top in (0.5, 0.5001):
+        plate = bd.Pos(5, 0, top - 1) * bd.Box(14, 6, 2)
+        model = tpmscad.solidify(frame, ((-2, -3, -2), (12, 3, 10)), tol=0.02, keep=plate, progress=False)
+        assert model.certificate.met, model.certificate.shortfalls
+        volumes.append(model.volume - plate.volume)
+    assert volumes[0] == pytest.approx(volumes[1], rel=1e-3)

@@ -12,7 +12,7 @@ from threadpoolctl import threadpool_info, threadpool_limits
 from tpmscad import fields
 from tpmscad.brep import connectivity
 from tpmscad.errors import LevelSetError
-from tpmscad.solids import field_patches
+from tpmscad.solids.matter import field_patches
 from tpmscad.solids.matter.field_patches import FieldPatches, fit_field_patches
 from tpmscad.solids.matter.patch_measures import measure_field_patches
 from tpmscad.stage_timer import StageTimer

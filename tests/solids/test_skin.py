@@ -16,6 +16,7 @@ from tpmscad.kernel.body_import.cad_body import read_body
 from tpmscad.kernel.boolean.hollow_body import count_closed_cavities, find_skin_faces
 from tpmscad.kernel.measure.skin_depth import SkinDepth, SkinThickness, measure_skin_thickness, sample_depths
 from tpmscad.kernel.occt.exploration import faces_of
+from tpmscad.solids.skins.filled_skin import describe_closed_voids
 from tpmscad.solids.skins.offset_skin import (
     DEEP_RATIO,
     DEPTH_SAMPLES,
@@ -25,7 +26,6 @@ from tpmscad.solids.skins.offset_skin import (
     ErosionRequest,
     check_eroded,
     check_skin_thickness,
-    describe_closed_voids,
     erode_body,
     erode_in_arrays,
 )

@@ -8,7 +8,7 @@ import pytest
 from tpmscad import fields
 from tpmscad.fields.analysis.betti_numbers import Betti
 from tpmscad.levelset.field_solid import fit_field
-from tpmscad.solids import field_patches
+from tpmscad.solids.matter import field_patches
 
 LO, HI = np.full(3, -1.5), np.full(3, 1.5)
 

@@ -14,6 +14,8 @@ from dataclasses import dataclass, replace
 from traceback import extract_tb
 from typing import Any, Protocol
 
+import numpy as np
+
 from tpmscad._typing import Array, BoolArray
 from tpmscad.brep.boundary_representation import Brep
 from tpmscad.errors import EmptyInfill, KernelError, NothingLeft, TpmscadError, TrimmingError
@@ -131,7 +133,7 @@ class MadeSolids:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Cut:
-    """What a cut on the patches' parameters has left: the solids, how far the matter was moved, what is told, and the check.
+    """What a cut on the patches' parameters has left: the solids, what is told, the check, and the matter's translation `shift` (3,).
 
     volume: of the solids before they were finished, model units cubed. own_tags: of the faces of what was cut.
     """
@@ -139,9 +141,14 @@ class Cut:
     built: BrepSolids
     volume: float
     own_tags: frozenset[str]
-    moved: float
+    shift: Array
     notes: tuple[str, ...]
     check: Check
+
+    @property
+    def moved(self) -> float:
+        """Length of the translation."""
+        return float(np.linalg.norm(self.shift))
 
 
 def build_valid_solids(brep: Brep) -> BrepSolids:
@@ -193,7 +200,7 @@ def cut_on_parameters(
         raise
     solids, volume, check = found.built
     notes = TRIMMED_NOTE, *found.report.notes, *read.notes
-    return Cut(solids, volume, frozenset(read.brep.tags), found.report.shifted, notes, check)
+    return Cut(solids, volume, frozenset(read.brep.tags), found.report.shift, notes, check)
 
 
 def _finish_checked(brep: Brep, finish: Finish, inside: BoolArray, domain: Domain) -> tuple[BrepSolids, float, Check]:

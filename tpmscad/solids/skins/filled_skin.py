@@ -41,7 +41,7 @@ Told = tuple[tuple[str, ...], tuple[Check, ...]]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Cavity:
+class CavityOfSkin:
     """The parts of a body deeper than its skin, and what is told of the skin, measured on the finished solid's faces."""
 
     parts: Sequence[Domain]
@@ -72,7 +72,7 @@ def fill_within_skin(body: Body, matter: Matter, skin: float, finish: Finish = b
     )
 
 
-def _fill_cavity(body: Body, matter: Matter, skin: float, cavity: Cavity, finish: Finish) -> MadeSolids:
+def _fill_cavity(body: Body, matter: Matter, skin: float, cavity: CavityOfSkin, finish: Finish) -> MadeSolids:
     """The body without what the matter leaves of the cavity within its skin."""
     cuts, voids = [], []
     for part in cavity.parts:
@@ -118,7 +118,7 @@ def _fill_by_offset_faces(body: Body, matter: Matter, skin: float, finish: Finis
         measured = measure_skin_thickness(build_faces(inner), eroded.depth)
         return (describe_thickness(measured, skin),), check_skin_thickness(measured, skin)
 
-    return _fill_cavity(body, matter, skin, Cavity(tuple(map(KernelBody, eroded.parts)), describe), finish)
+    return _fill_cavity(body, matter, skin, CavityOfSkin(tuple(map(KernelBody, eroded.parts)), describe), finish)
 
 
 def _fill_by_distance(body: Body, matter: Matter, skin: float, finish: Finish) -> MadeSolids:
@@ -131,7 +131,7 @@ def _fill_by_distance(body: Body, matter: Matter, skin: float, finish: Finish) -
         if isinstance(body, FittedBody):
             raise  # else offset faces found points that are deeper, between these samples
         raise KernelError("skin by the distance", str(error)) from error
-    return _fill_cavity(body, matter, skin, Cavity((cavity,), lambda _: (cavity.notes, cavity.checks)), finish)
+    return _fill_cavity(body, matter, skin, CavityOfSkin((cavity,), lambda _: (cavity.notes, cavity.checks)), finish)
 
 
 OFFSET_FACES = Fallback("offset faces", _fill_by_offset_faces, "one to three seconds")
