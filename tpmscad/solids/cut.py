@@ -133,7 +133,7 @@ class MadeSolids:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Cut:
-    """What a cut on the patches' parameters has left: the solids, what is told, the check, and the matter's translation `shift` (3,).
+    """What a cut on the patches' parameters has left: the solids, the matter's translation `shift` (3,), notes, and the check.
 
     volume: of the solids before they were finished, model units cubed. own_tags: of the faces of what was cut.
     """
