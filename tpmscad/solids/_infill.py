@@ -20,6 +20,7 @@ from tpmscad.requests.lattice_request import lattice_in_body, resolve_lattice_re
 from tpmscad.results.joined_models import join_models
 from tpmscad.results.model import Model
 from tpmscad.solids.bodies.body_choice import Body, find_bodies, leave_open
+from tpmscad.solids.bodies.kernel_body import KernelBody
 from tpmscad.solids.cut import Matter
 from tpmscad.solids.filled_body import fill_body
 from tpmscad.solids.matter.field_matter import build_field_matter
@@ -70,17 +71,17 @@ def infill(options: InfillOptions) -> Model:
     >>> model.export_step("filled.step")  # doctest: +SKIP
     """
     stages = StageTimer(options.progress)
-    tol, passive = _find_tolerance(options), PassiveRegions.read(options.keep, options.clear)
+    tol = _find_tolerance(options)
     bodies = find_bodies(options.body, options.box, options.solid, tol, stages, is_default=options.tol is None)
     if len(bodies) == 1:
-        return _fill(options, bodies[0], tol, passive, stages)
+        return _fill(options, bodies[0], tol, stages)
     if any(not isinstance(face, str) or is_numbered(face) for face in list_given_faces(options.open_faces)):
         raise InvalidRequest(
             "numbers in open_faces are those of one solid: select the open faces of several as '>Z,<Z' does"
         )
-    if passive.bodies:
+    if options.keep is not None or options.clear is not None:
         raise InvalidRequest("keep and clear are for one solid: choose one by its number, or fill them one at a time")
-    models = {body.cad.title: _fill(options, body, tol, passive, stages) for body in bodies}
+    models = {body.cad.title: _fill(options, body, tol, stages) for body in bodies}
     name = f"{options.surface} infill" if isinstance(options.surface, str) else "field infill"
     return join_models(name, models, stages.seconds, "the bodies")
 
@@ -94,8 +95,11 @@ def _find_tolerance(options: InfillOptions) -> float:
     return options.tol
 
 
-def _fill(options: InfillOptions, body: Body, tol: float, passive: PassiveRegions, stages: StageTimer) -> Model:
+def _fill(options: InfillOptions, body: Body, tol: float, stages: StageTimer) -> Model:
     """One body filled."""
+    with stages("read"):
+        is_exact = isinstance(body, KernelBody)
+        passive = PassiveRegions.read_for(body.cad, is_exact, options.keep, options.clear)
     body = leave_open(body, options.open_faces, options.skin, stages)
     if isinstance(options.surface, str):
         request = resolve_lattice_request(lattice_in_body(options))
