@@ -35,7 +35,7 @@ FULL_TURN_RTOL = 1e-6
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Hole:
-    """A round hole: a point (3,) of its axis, the unit direction (3,), the radius, and where along it the hole begins and ends."""
+    """A round hole: a point (3,) of its axis, the unit direction (3,), the radius, and its ends along the axis."""
 
     point: Array
     axis: Array
