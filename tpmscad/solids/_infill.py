@@ -25,6 +25,7 @@ from tpmscad.solids.cut import Matter
 from tpmscad.solids.filled_body import fill_body
 from tpmscad.solids.matter.field_matter import build_field_matter
 from tpmscad.solids.matter.lattice_block import build_lattice_block
+from tpmscad.solids.matter.mapped_cover import build_mapped_block
 from tpmscad.solids.passive_regions import PassiveRegions
 from tpmscad.stage_timer import StageTimer
 
@@ -102,8 +103,12 @@ def _fill(options: InfillOptions, body: Body, tol: float, stages: StageTimer) ->
         passive = PassiveRegions.read_for(body.cad, is_exact, options.keep, options.clear)
     body = leave_open(body, options.open_faces, options.skin, stages)
     if isinstance(options.surface, str):
-        request = resolve_lattice_request(lattice_in_body(options))
-        matter: Matter = build_lattice_block(request, rotation_matrix(options.rotation), body.cad, stages)
+        request, turn = resolve_lattice_request(lattice_in_body(options)), rotation_matrix(options.rotation)
+        matter: Matter
+        if options.map is None:
+            matter = build_lattice_block(request, turn, body.cad, stages)
+        else:
+            matter = build_mapped_block(request, options.map, turn, body.cad, stages)
     else:
         _reject_lattice_options(options)
         field = bound_data_in_body(as_field(options.surface), *enclosing_box(body.cad.shape))

@@ -26,11 +26,9 @@ from tpmscad.fallbacks import Fallback, Fallbacks
 from tpmscad.kernel.build.solids import build_solids
 from tpmscad.kernel.measure.envelope import Envelope
 from tpmscad.lattices import copies, mapped_lattice, mapped_surface
-from tpmscad.lattices.coordinate_maps import Map, as_map, composition, stretching
+from tpmscad.lattices.coordinate_maps import Map
 from tpmscad.lattices.offset_surfaces import LayersFit
-from tpmscad.lattices.rounded_maps import round_over_cells
 from tpmscad.lattices.self_contact import require_no_self_contact
-from tpmscad.lattices.spline_maps import SplineMap
 from tpmscad.lattices.spline_volumes import SplineVolumes, mapped_walls
 from tpmscad.memory_limit import require_memory
 from tpmscad.requests.lattice_options import LatticeOptions
@@ -39,7 +37,7 @@ from tpmscad.results.certificate import certify_built_solids
 from tpmscad.results.loose_pieces import drop_loose_pieces
 from tpmscad.results.model import Model, UnitCell
 from tpmscad.solids.matter.lattice_block import find_trim_tolerance
-from tpmscad.solids.matter.mapped_block import cover_mapped_lattice, exact_source
+from tpmscad.solids.matter.mapped_block import compose_map, cover_mapped_lattice, exact_source
 from tpmscad.solids.matter.patch_measures import measure_lattice_patches
 from tpmscad.solids.matter.reference_distance import lattice_distance
 from tpmscad.stage_timer import StageTimer
@@ -98,7 +96,7 @@ def make_lattice(
     map: Map | Callable[[Array], Array] | None = None,
 ) -> Model:
     """The lattice of a valid request, with or without its loose pieces; errors as for `lattice`."""
-    mapping, map_notes = _compose_map(request, map)
+    mapping, map_notes = compose_map(request, map)
     made = _fit_and_copy(request, stages) if mapping is None else _fit_mapped_patches(request, mapping, stages)
     with stages("build"):
         brep, built, dropped = drop_loose_pieces(made.brep, build_solids(made.brep), loose)
@@ -161,31 +159,6 @@ class LatticePatches:
     notes: tuple[str, ...]
     unit_cell: UnitCell | None = None
     make_spline_volumes: Callable[[], SplineVolumes | None] | None = None
-
-
-def _compose_map(
-    request: LatticeRequest, map: Map | Callable[[Array], Array] | None
-) -> tuple[Map | None, tuple[str, ...]]:
-    """The map from cubic lattice coordinates (cell = the first edge) to the model, None for the identity, and notes on it."""
-    stretch = None
-    if len(set(request.cell)) > 1 and not request.source.follows_cell_edges:
-        stretch = stretching(tuple(edge / request.cell[0] for edge in request.cell))
-    if map is None:
-        return stretch, ()
-    block = np.array(request.cell)
-    notes: tuple[str, ...] = ()
-    if isinstance(map, SplineMap):
-        rounded = round_over_cells(map, request.cells, block, request.tol)
-        wrap = rounded.map
-        edges = " x ".join(f"{edge:.3g}" for edge in map.mean_edges() / request.cells)
-        notes = (f"the {map.name} has cells of {edges} mm on average",)
-        if rounded.moved > 0:
-            notes += (f"it is rounded at its knots, by {rounded.moved:.2g} mm at most",)
-        if map.face_error > 0:
-            notes += (f"its ends are within {map.face_error:.2g} mm of the faces",)
-    else:
-        wrap = as_map(map).over_block(block * request.cells)
-    return (wrap if stretch is None else composition(wrap, stretch, request.cell[0])), notes
 
 
 def _fit_until_traced(request: LatticeRequest, fit_and_trim: Callable[[float], LatticePatches]) -> LatticePatches:

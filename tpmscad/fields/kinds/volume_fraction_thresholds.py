@@ -12,10 +12,10 @@ spline of the threshold as a function of the fraction.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, is_dataclass, replace
 from dataclasses import fields as dataclass_fields
 from functools import partial
-from typing import Annotated, Any
+from typing import Annotated, Any, cast
 
 import numpy as np
 from scipy.interpolate import CubicSpline
@@ -314,11 +314,10 @@ def continue_thresholds(field: Field) -> Field:
 
     if isinstance(field, GradedThreshold):
         return replace(field, fraction=continue_thresholds(field.fraction), is_continued=True)
-    if not hasattr(field, "__dataclass_fields__"):
-        return field
-    own = {f.name: getattr(field, f.name) for f in dataclass_fields(field) if f.init}
+    parts: Any = field
+    own = {f.name: getattr(parts, f.name) for f in dataclass_fields(parts) if f.init} if is_dataclass(parts) else {}
     changed = {name: new for name, value in own.items() if (new := change(value)) is not value}
-    return replace(field, **changed) if changed else field
+    return cast(Field, replace(parts, **changed)) if changed else field
 
 
 @validate_call()
