@@ -13,7 +13,9 @@ from tpmscad.api.public_calls import validate_options
 from tpmscad.errors import InvalidRequest
 from tpmscad.fields.field import as_field
 from tpmscad.fields.kinds.data_domains import bound_data_in_body
+from tpmscad.fields.kinds.strut_graphs import StrutsField, map_struts
 from tpmscad.kernel.occt.bounding_boxes import enclosing_box
+from tpmscad.lattices.coordinate_maps import as_map
 from tpmscad.requests.face_selection import is_numbered, list_given_faces
 from tpmscad.requests.lattice_options import InfillOptions
 from tpmscad.requests.lattice_request import lattice_in_body, resolve_lattice_request, rotation_matrix
@@ -37,6 +39,7 @@ OPTIONS_OF_FIELDS = (
     "skin",
     "open_faces",
     "keep",
+    "map",
     "clear",
     "loose",
     "tol",
@@ -111,7 +114,15 @@ def _fill(options: InfillOptions, body: Body, tol: float, stages: StageTimer) ->
             matter = build_mapped_block(request, options.map, turn, body.cad, stages)
     else:
         _reject_lattice_options(options)
-        field = bound_data_in_body(as_field(options.surface), *enclosing_box(body.cad.shape))
+        field = as_field(options.surface)
+        if options.map is not None:
+            if not isinstance(field, StrutsField):
+                raise InvalidRequest(
+                    "a map takes a surface of the catalogue, or struts, to the model: of another field make the solid with "
+                    "solidify(field, map), which ends in the faces of the map, or put the map into the field"
+                )
+            field = map_struts(field, as_map(options.map))
+        field = bound_data_in_body(field, *enclosing_box(body.cad.shape))
         matter = build_field_matter(field, body.cad, tol, stages)
     return fill_body(body, matter, options.skin, options.loose, stages, passive)
 

@@ -29,6 +29,7 @@ from tpmscad.lattices import copies, mapped_lattice, mapped_surface
 from tpmscad.lattices.coordinate_maps import Map
 from tpmscad.lattices.offset_surfaces import LayersFit
 from tpmscad.lattices.self_contact import require_no_self_contact
+from tpmscad.lattices.spline_maps import SplineMap
 from tpmscad.lattices.spline_volumes import SplineVolumes, mapped_walls
 from tpmscad.memory_limit import require_memory
 from tpmscad.requests.lattice_options import LatticeOptions
@@ -49,6 +50,9 @@ FIT_TOL_FRACTIONS = (1.0, 0.1, 0.01)
 
 LEAST_GAIN = 0.2
 """Least logarithm of the ratio of a cell's longest and shortest edge that is worth advice."""
+
+LEAST_OVERHANG_CELLS = 0.01
+"""Cells by which patches of a natural boundary reach beyond a map before it is told."""
 
 BYTES_PER_CELL = 3.5e6
 """Of a lattice: a thousand cells of the gyroid, with their checks, took 3.7 GiB."""
@@ -97,7 +101,11 @@ def make_lattice(
 ) -> Model:
     """The lattice of a valid request, with or without its loose pieces; errors as for `lattice`."""
     mapping, map_notes = compose_map(request, map)
-    made = _fit_and_copy(request, stages) if mapping is None else _fit_mapped_patches(request, mapping, stages)
+    made = (
+        _fit_and_copy(request, stages)
+        if mapping is None
+        else _fit_mapped_patches(request, mapping, stages, spline_map=isinstance(map, SplineMap))
+    )
     with stages("build"):
         brep, built, dropped = drop_loose_pieces(made.brep, build_solids(made.brep), loose)
     with stages("check"):
@@ -217,7 +225,26 @@ def _copy_primitives(
         return _trim_by_body(brep, box(low, low + np.array(request.cell) * np.array(cells, float)), cell)
 
 
-def _fit_mapped_patches(request: LatticeRequest, mapping: Map, stages: StageTimer) -> LatticePatches:
+def _note_overhang(surface: mapped_surface.MappedSurface, request: LatticeRequest) -> tuple[str, ...]:
+    """How far whole patches reach beyond the ends of a spline map, if they do."""
+    points = mapped_lattice.sample_placements(surface.patch, surface.placements).reshape(-1, 3)
+    ends = np.array(request.cells, float)
+    beyond = np.where(surface.periods, 0.0, np.maximum(-points.min(axis=0), points.max(axis=0) - ends))
+    if beyond.max() < LEAST_OVERHANG_CELLS:
+        return ()
+    axis = int(beyond.argmax())
+    length = float(beyond[axis]) * float(
+        np.linalg.norm(surface.map.jacobian(surface.cell * ends / 2, surface.cell)[:, axis]) * surface.cell
+    )
+    return (
+        f"whole cells reach up to {length:.3g} mm beyond the ends of the map along {'uvw'[axis]}: "
+        "infill(body, ..., map=) and solidify(field, map) end in the faces",
+    )
+
+
+def _fit_mapped_patches(
+    request: LatticeRequest, mapping: Map, stages: StageTimer, *, spline_map: bool = False
+) -> LatticePatches:
     """Patches fitted one by one to the mapped surface."""
     cell, name = request.cell[0], request.surface
     source = exact_source(request)
@@ -254,7 +281,7 @@ def _fit_mapped_patches(request: LatticeRequest, mapping: Map, stages: StageTime
             lower, upper = fit.surfaces
         with stages("assemble"):
             brep = mapped_lattice.assemble_mapped_lattice(surface, lower, upper, natural=cover.body is None)
-        notes: tuple[str, ...] = ()
+        notes = _note_overhang(surface, request) if spline_map and cover.body is None else ()
         if cover.body is not None:
             with stages("trim"):
                 brep, notes = _trim_by_body(brep, cover.body, cell)
