@@ -188,7 +188,7 @@ class PassiveOptions:
 
 
 @dataclass(frozen=True)
-class FluidDomainsOptions(BodyOptions):
+class FluidDomainsOptions(PassiveOptions, BodyOptions):
     """The arguments of `fluid_domains`."""
 
     surface: Surface

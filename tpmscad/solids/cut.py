@@ -13,7 +13,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from functools import partial
 from traceback import extract_tb
-from typing import Any, Protocol
+from typing import Any, Protocol, TypeVar
 
 import numpy as np
 
@@ -34,6 +34,7 @@ from tpmscad.trimming.network_boolean import (
     DEFAULT_TOL,
     SHIFT_DIRECTION,
     SHIFT_TOLS,
+    DividedNetwork,
     NetworkResult,
     Operation,
 )
@@ -49,6 +50,8 @@ CUT_REMEDY = "shift the lattice by `phase`, or change `cell` or `tol` a little"
 
 MAX_KERNEL_FACES = 20_000
 """Patches that the kernel's boolean is given; with 35,000 it took 14 GiB, and had not ended after four minutes."""
+
+N = TypeVar("N", NetworkResult, DividedNetwork)
 
 DistanceFunction = Callable[[Array], Array]
 """Points (n, 3), model units, to distances (n,)."""
@@ -176,7 +179,7 @@ def build_valid_solids(brep: Brep) -> BrepSolids:
     return built
 
 
-def try_placements(run: Callable[[Array], NetworkResult], limit: float) -> NetworkResult:
+def try_placements(run: Callable[[Array], N], limit: float) -> N:
     """What a combination of surfaces gives at the first translation of the matter (3,), up to a length, at which it succeeds."""
     shifts = [shift for each in SHIFT_TOLS if (shift := each * DEFAULT_TOL * SHIFT_DIRECTION) @ shift <= limit**2]
     placements = tuple(Fallback(f"moved by {np.linalg.norm(shift):.2g}", partial(run, shift)) for shift in shifts)

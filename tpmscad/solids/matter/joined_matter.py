@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
 from functools import partial, reduce
 from typing import Any
 
@@ -20,7 +20,7 @@ from tpmscad.kernel.measure.shape_sampling import contains_points
 from tpmscad.results.certificate import PatchMeasures
 from tpmscad.solids.bodies.kernel_body import read_trimming_body
 from tpmscad.solids.cut import DistanceFunction, Finish, Matter, try_placements
-from tpmscad.trimming.network_boolean import NetworkReport, NetworkResult, Operation, combine_networks
+from tpmscad.trimming.network_boolean import DividedNetwork, NetworkResult, Operation, combine_networks, divide_network
 
 MAX_SHIFT_TOLS = 0.1
 """In tolerances: how far the matter may be moved where it touches what is kept or the body."""
@@ -73,8 +73,16 @@ class JoinedMatter:
 
     def _cut_at(self, domain: FreeFormBody, operation: Operation, finish: Finish, shift: Array) -> NetworkResult:
         found = combine_networks(domain.brep, self._unite(shift), operation, may_move=False, build=finish)
-        report = NetworkReport(found.report.hits, found.report.arcs, found.report.max_deviation, shift, "")
-        return NetworkResult(found.brep, report, found.built)
+        return replace(found, report=replace(found.report, shift=shift))
+
+    def divide(self, domain: Brep, build: Callable[[DividedNetwork], Any]) -> DividedNetwork:
+        """A body divided by the union of both into what lies in it and what does not."""
+
+        def divide_at(shift: Array) -> DividedNetwork:
+            found = divide_network(domain, self._unite(shift), build=build, may_move=False)
+            return replace(found, report=replace(found.report, shift=shift))
+
+        return try_placements(divide_at, MAX_SHIFT_TOLS * self.matter.measures.tol)
 
     def _unite(self, shift: Array) -> Brep:
         """The union with the matter translated by a vector."""
