@@ -43,7 +43,7 @@ SECONDS = 60.0
 
 CELL, TOL = 5.0, 0.05
 PHI = fields.tpms("gyroid", CELL)
-CENTRE = np.array([1.1, 0.7, 0.4])
+CENTRE = np.array([-1.5, -0.9, 0.4])
 
 
 def _honeycomb() -> Any:

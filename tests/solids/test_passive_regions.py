@@ -120,18 +120,18 @@ def test_a_map_takes_no_passive_regions() -> None:
 
 
 def test_a_boss_of_a_filled_body_and_its_bolt_hole_have_their_own_faces(tmp_path: Path) -> None:
-    """The boss ends in faces of the body: without a skin the kernel unites them, within one they do not meet the lattice's."""
+    """The boss ends in faces of the body: it is grown beyond them, so that no faces coincide where the cut is made."""
     body, boss, bolt = bd.Box(12, 10, 8), bd.Pos(1, 0.5, 0) * bd.Cylinder(2.5, 8), bd.Pos(1, 0.5, 0) * bd.Cylinder(1, 9)
     wall: dict[str, Any] = {"surface": "gyroid", "cell": 7, "thickness": 0.8, "tol": 0.05, "progress": False}
-    for skin, made_by in ((None, "kernel"), (1.0, "patches")):
+    for skin in (None, 1.0):
         model = tpmscad.infill(body, **wall, skin=skin, keep=boss, clear=bolt)
         assert model.certificate.met, model.certificate.shortfalls
-        assert model.trimmed_by == made_by
+        assert model.trimmed_by == "patches"
         inside = boss - bolt
         assert (model.solid & inside).volume == pytest.approx(inside.volume, rel=1e-7)
         assert not model.solid & bolt
     model.export_step(tmp_path / "boss.step")
-    with pytest.raises(InvalidRequest, match="reaches beyond the body, which has a skin: unite"):
+    with pytest.raises(InvalidRequest, match="the kept solid reaches beyond the body, which has a skin: unite"):
         tpmscad.infill(body, **wall, skin=1.0, keep=bd.Cylinder(2, 10))
 
 
@@ -145,3 +145,18 @@ def test_a_kept_plate_that_a_strut_touches_from_within_is_united_with_it() -> No
         assert model.certificate.met, model.certificate.shortfalls
         volumes.append(model.volume - plate.volume)
     assert volumes[0] == pytest.approx(volumes[1], rel=1e-3)
+
+
+def test_the_surroundings_of_holes_are_kept_by_a_width_or_a_radius() -> None:
+    body = bd.Box(14, 10, 6) - bd.Pos(-3, 1, 0) * bd.Cylinder(1, 20) - bd.Pos(4, -1, 0) * bd.Cylinder(1.5, 20)
+    wall: dict[str, Any] = {"surface": "gyroid", "cell": 6, "thickness": 0.7, "tol": 0.05, "progress": False}
+    both = tpmscad.infill(body, **wall, keep=("bosses", 0.8))
+    one = tpmscad.infill(body, **wall, keep=("bosses", 0.8, 1.5))
+    assert both.trimmed_by == one.trimmed_by == "patches"
+    for model, kept in ((both, ((-3, 1, 1.0), (4, -1, 1.5))), (one, ((4, -1, 1.5),))):
+        for x, y, radius in kept:
+            ring = bd.Pos(x, y, 0) * (bd.Cylinder(radius + 0.8, 6) - bd.Cylinder(radius, 6))
+            assert (model.solid & ring).volume == pytest.approx(ring.volume, rel=1e-6)
+    assert one.volume < both.volume
+    with pytest.raises(InvalidRequest, match=r"its round holes have radii of 1, 1\.5"):
+        tpmscad.infill(body, **wall, keep=("bosses", 0.8, 2.0))

@@ -226,7 +226,8 @@ def _read_all(source: Any, role: str) -> tuple[CadBody, ...]:
         return ()
     bodies = read_bodies(source, None if isinstance(source, CadBody | BodyFile) else ALL)
     if len(bodies) == 1:
-        return (replace(bodies[0], role=role),)
+        name = f"the {role} solid" if bodies[0].name == "the body" else bodies[0].name
+        return (replace(bodies[0], role=role, name=name),)
     return tuple(replace(body, role=f"{role} {number}") for number, body in enumerate(bodies, 1))
 
 

@@ -18,7 +18,7 @@ from tpmscad.brep.boundary_representation import Brep, move_brep
 from tpmscad.errors import InvalidRequest, KernelError, format_point
 from tpmscad.kernel.body_import.cad_body import CadBody
 from tpmscad.kernel.measure.shape_sampling import contains_points, sample_faces
-from tpmscad.kernel.occt.bounding_boxes import box_diagonal
+from tpmscad.kernel.occt.bounding_boxes import box_diagonal, enclosing_box
 from tpmscad.kernel.occt.exploration import faces_of
 from tpmscad.lattices import mapped_lattice
 from tpmscad.lattices.coordinate_maps import Map
@@ -96,13 +96,16 @@ class _Near:
         spacing = min(edge / POINTS_PER_CELL, box_diagonal(body.shape))
         self.tree = cKDTree(sample_faces(faces_of(body.shape), spacing).points)
         self.spacing = spacing
+        self.low, self.high = enclosing_box(body.shape)
 
     def __call__(self, images: Array, margin: float, reach: float = 0.0) -> BoolArray:
         """Of cells or patches by the images (n, m, 3) of their points: within a margin, in their diagonals, and a reach."""
         points = images @ self.rotation.T
         distance = self.tree.query(points)[0].min(axis=1)
         near = np.asarray(distance < self.spacing + reach + margin * _measure_cells(images))
-        near[~near] = contains_points(self.body.shape, points[~near, points.shape[1] // 2])
+        middle = points[:, points.shape[1] // 2]
+        asked = ~near & ((middle > self.low) & (middle < self.high)).all(axis=1)
+        near[asked] = contains_points(self.body.shape, middle[asked])
         return near
 
 
