@@ -66,6 +66,9 @@ def homogenize(**changes: Any) -> Any:
 class Workplane:
     """What is asked of a CadQuery workplane that holds no solid."""
 
+    def vals(self) -> list[Any]:
+        return []
+
     def findSolid(self) -> Any:
         raise ValueError("nothing in the chain")
 

@@ -86,6 +86,23 @@ def test_a_body_may_reach_beyond_the_box_and_a_file_may_hold_several(tmp_path: P
     assert sum("is contained" in note for note in model.certificate.notes) == 2
 
 
+def test_bodies_may_overlap_and_what_is_cleared_is_empty(tmp_path: Path) -> None:
+    """Two crossing bars are kept, and the corner that two boxes share is cleared."""
+    bars = bd.Compound([bd.Pos(9, 8, 6) * bd.Box(12, 2, 2), bd.Pos(9.1, 7.9, 6.1) * bd.Box(2, 12, 2)])
+    holes = bd.Compound([bd.Pos(4.2, 8.1, 6.2) * bd.Box(4, 4, 9), bd.Pos(5.1, 8.3, 6.4) * bd.Box(3, 3, 10)])
+    model = make(keep=bars, clear=holes)
+    kept, cleared = (one.solids()[0] + one.solids()[1] for one in (bars, holes))
+    expected = (bd.Pos(10, 8, 2) * bd.Box(20, 16, 4) + kept - cleared).volume
+    require_sound(model, expected, tmp_path / "crossing.step")
+
+
+def test_messages_name_what_is_kept() -> None:
+    with pytest.raises(InvalidRequest, match=r"the kept shape holds no solid \(compound\)"):
+        make(keep=bd.Rectangle(3, 3))
+    with pytest.raises(InvalidRequest, match=r"there is no file absent\.step"):
+        make(clear="absent.step")
+
+
 def test_what_a_body_joins_is_no_loose_piece() -> None:
     balls = fields.union(fields.sphere((4, 8, 5), 3.0), fields.sphere((14, 8, 5), 0.6))
     apart = tpmscad.solidify(balls, BOX, tol=0.02, progress=False)

@@ -10,6 +10,7 @@ import functools
 import inspect
 from collections.abc import Callable, Mapping
 from inspect import Parameter
+from pathlib import Path
 from typing import Annotated, Any, Literal, TypeAlias
 
 import typer
@@ -33,6 +34,7 @@ from tpmscad.api.shared_kinds import (
     OVERHANG,
     PICTURE_SIZE,
     POSITIVE,
+    SHAPE,
     SOLID,
     TEXT,
     TEXTS,
@@ -136,6 +138,7 @@ WRITTEN: Mapping[Any, tuple[Any, dict[str, Any]]] = {
     OFFSET.read: (Any, {"metavar": "LO,HI", "parser": parse_numbers}),
     POINT.read: (Any, {"metavar": "X,Y,Z", "parser": parse_numbers}),
     FACES.read: (str, {"metavar": "FACES"}),
+    SHAPE.read: (Path | None, {"metavar": "PART.step", "exists": True, "dir_okay": False}),
     FLAG.read: (bool, {}),
     COUNT.read: (int | None, {"metavar": "N"}),
     NOT_NEGATIVE.read: (float | None, {"metavar": "NUMBER"}),

@@ -48,7 +48,7 @@ Solids = BrepSolids | OcctSolids
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PassiveRegions:
-    """Bodies that a solid contains (`kept`), and bodies that stay empty (`cleared`), those after those."""
+    """Bodies that a solid contains (`kept`), and bodies that stay empty (`cleared`), those after those. They may overlap."""
 
     kept: tuple[CadBody, ...] = ()
     cleared: tuple[CadBody, ...] = ()
@@ -63,11 +63,16 @@ class PassiveRegions:
         """All bodies."""
         return self.kept + self.cleared
 
+    @property
+    def steps(self) -> tuple[tuple[Operation, CadBody], ...]:
+        """How each body is combined with the solid, one after the other."""
+        return (*(("union", body) for body in self.kept), *(("difference", body) for body in self.cleared))
+
     def describe(self) -> tuple[str, ...]:
         """What is contained or stays empty, with its volume."""
         return tuple(
-            f"{body.name} {'is contained' if number < len(self.kept) else 'stays empty'}, {body.volume:.6g} mm3"
-            for number, body in enumerate(self.bodies)
+            f"{body.name} {'is contained' if operation == 'union' else 'stays empty'}, {body.volume:.6g} mm3"
+            for operation, body in self.steps
         )
 
     def hold(self, points: Array) -> BoolArray:
@@ -111,12 +116,13 @@ class PassiveRegions:
         contains: whether points (n, 3) lay in the solids before, by what they were made from.
         """
         expected, allowed, notes = before, 0.0, []
-        for number, body in enumerate(self.bodies):
-            kept = number < len(self.kept)
+        for number, (operation, body) in enumerate(self.steps):
+            kept = operation == "union"
             points = sample_body(body)
             inside = contains(points)
-            for other in self.kept[:number]:
-                inside[~inside] = contains_points(other.shape, points[~inside])
+            for earlier, other in self.steps[:number]:
+                within = contains_points(other.shape, points)
+                inside = inside | within if earlier == "union" else inside & ~within
             fraction, error = estimate_fraction(inside)
             expected += ((1.0 - fraction) if kept else -fraction) * body.volume
             allowed += error * body.volume
@@ -133,8 +139,7 @@ class PassiveRegions:
 
     def finish(self, brep: Brep) -> BrepSolids:
         """The valid solids of a boundary representation with what is kept, without what is cleared, by cuts of their faces."""
-        for number, body in enumerate(self.bodies):
-            operation: Operation = "union" if number < len(self.kept) else "difference"
+        for operation, body in self.steps:
             brep = _combine(brep, body, operation)
         return build_valid_solids(brep)
 
@@ -144,8 +149,8 @@ class PassiveRegions:
 
     def finish_one_by_one(self, built: Solids) -> Solids:
         """The same as `finish`, each body by the kernel where the cut fails; faces in one plane are then made one."""
-        for number, body in enumerate(self.bodies):
-            built = ONE_BODY.run(built, body, "union" if number < len(self.kept) else "difference").value
+        for operation, body in self.steps:
+            built = ONE_BODY.run(built, body, operation).value
         return built
 
     def _label(self, made: MadeSolids, solids: tuple[Any, ...]) -> OcctSolids:
@@ -177,7 +182,8 @@ def _read_all(source: Any, role: str) -> tuple[CadBody, ...]:
     """All solids of a source, their faces labelled by a role, and by a number if there are several."""
     if source is None:
         return ()
-    bodies = read_bodies(source, None if isinstance(source, CadBody | BodyFile) else ALL)
+    solid = None if isinstance(source, CadBody | BodyFile) else ALL
+    bodies = read_bodies(source, solid, f"the {role} shape")
     if len(bodies) == 1:
         return (replace(bodies[0], role=role),)
     return tuple(replace(body, role=f"{role} {number}") for number, body in enumerate(bodies, 1))

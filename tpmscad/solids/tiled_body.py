@@ -16,6 +16,7 @@ from tpmscad.requests.lattice_request import LatticeRequest, lattice_in_body, re
 from tpmscad.solids.bodies.body_choice import find_body, leave_open
 from tpmscad.solids.bodies.fitted_body import FittedBody, resolve_field
 from tpmscad.solids.bodies.kernel_body import KernelBody
+from tpmscad.solids.passive_regions import PassiveRegions
 from tpmscad.stage_timer import StageTimer
 
 TILE_CORNERS = np.array([[0.1237, 0.0871, 0.0631], [0.2913, 0.3371, 0.1913], [0.4421, 0.1193, 0.3677]])
@@ -25,12 +26,16 @@ touches a side."""
 
 @dataclass(frozen=True, slots=True, eq=False)
 class TiledBody:
-    """A body, the faces of it that are open, and the lattice that fills it; `turn` (3, 3) takes lattice axes to the body's."""
+    """A body, the faces of it that are open, and the lattice that fills it; `turn` (3, 3) takes lattice axes to the body's.
+
+    passive: what is kept and what is cleared of the filled body.
+    """
 
     body: CadBody | TriangleMesh
     openings: tuple[object, ...]
     request: LatticeRequest
     turn: Array
+    passive: PassiveRegions
 
 
 def read_tiled_body(
@@ -43,13 +48,15 @@ def read_tiled_body(
     if not isinstance(options.surface, str):
         raise InvalidRequest(f"without a solid only a lattice of equal cells can be made: name a surface, or {instead}")
     request, turn = resolve_lattice_request(lattice_in_body(options)), rotation_matrix(options.rotation)
+    passive = PassiveRegions.read(options.keep, options.clear)
     if as_triangles and options.skin is None and not options.open_faces and options.solid is None:
         with stages("read"):
             field = resolve_field(options.body)
         if isinstance(field, MeshField):
-            return TiledBody(field.mesh, (), request, turn)
+            return TiledBody(field.mesh, (), request, turn, passive)
     body = find_body(options.body, options.box, options.solid, request.tol, stages, is_default=options.tol is None)
     if isinstance(body, FittedBody) and options.skin is not None:
         raise InvalidRequest(f"a skin without a solid needs a CAD body: leave skin out, or {instead}")
     body = leave_open(body, options.open_faces, options.skin, stages)
-    return TiledBody(body.cad, tuple(body.open_faces) if isinstance(body, KernelBody) else (), request, turn)
+    openings = tuple(body.open_faces) if isinstance(body, KernelBody) else ()
+    return TiledBody(body.cad, openings, request, turn, passive)
