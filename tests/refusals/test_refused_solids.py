@@ -66,9 +66,6 @@ def homogenize(**changes: Any) -> Any:
 class Workplane:
     """What is asked of a CadQuery workplane that holds no solid."""
 
-    def vals(self) -> list[Any]:
-        return []
-
     def findSolid(self) -> Any:
         raise ValueError("nothing in the chain")
 

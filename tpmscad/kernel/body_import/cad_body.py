@@ -175,10 +175,9 @@ def _resolve_shape(source: Any, unlabelled: str) -> tuple[TopoDS_Shape, str]:
     """TopoDS shape and display name of anything but a file that `read_body` accepts."""
     if isinstance(source, PrimitiveRegion):
         return make_region_solid(source), f"the {type(source).__name__.removesuffix('Region').lower()}"
-    if hasattr(source, "findSolid"):  # a CadQuery Workplane: the solids on its stack, or one in its parents
-        stack = [solid.wrapped for value in source.vals() if hasattr(value, "Solids") for solid in value.Solids()]
+    if hasattr(source, "findSolid"):  # a CadQuery Workplane: the solid on its stack or in its parents
         try:
-            source = make_compound(stack) if len(stack) > 1 else source.findSolid()
+            source = source.findSolid()
         except ValueError as error:
             raise InvalidRequest(f"the workplane holds no solid: {error}") from error
     elif hasattr(source, "part") and not hasattr(source, "wrapped"):  # a build123d builder
