@@ -55,7 +55,8 @@ def infill_triangles(options: InfillTrianglesOptions) -> TriangulatedInfill:
     Raises
     ------
     InvalidRequest
-        If an argument is not understood, the lattice has no equal cells (a field or a map), or manifold3d is missing.
+        If an argument is not understood, the lattice has no equal cells (a field or a map), what is kept is a loose piece that
+        would be left out, or manifold3d is missing.
     OutOfMemory
         If the triangles would not fit into the memory of the machine.
     KernelError
