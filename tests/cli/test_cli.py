@@ -188,7 +188,9 @@ def test_every_option_of_infill_reaches_the_workflow(recorder: Recorder) -> None
         "deviation": 0.05,
     }
     assert {name: called[name] for name in expected} == expected
-    assert run(line.replace("bolts", "absent")) == 2
+    assert run(line.replace("bosses.step", "bosses,3,2.5")) == 0
+    assert recorder.called["keep"] == ("bosses", 3.0, 2.5)
+    assert run(line.replace("bosses.step", "bosses,wide")) == 2
 
 
 def test_domains_asks_for_the_fluid_domains_of_the_body(recorder: Recorder) -> None:

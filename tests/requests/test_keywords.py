@@ -35,7 +35,7 @@ def test_signature_door_and_help_hold_the_same_arguments(function: Callable[...,
 
 def test_fluid_domains_takes_the_keywords_of_infill_that_apply_to_a_sheet() -> None:
     own = {"openings", "transition"}
-    assert keywords(fluid_domains) == keywords(infill) - {"kind", "side", "open_faces", "loose", "keep", "clear"} | own
+    assert keywords(fluid_domains) == keywords(infill) - {"kind", "side", "open_faces", "loose", "map"} | own
 
 
 def test_an_argument_without_a_declaration_is_noticed() -> None:

@@ -39,6 +39,11 @@ CASES: dict[str, tuple[bd.Shape, str, dict[str, Any]]] = {
         "gyroid",
         {"cell": 2, "thickness": 0.3, "skin": 0.2, "keep": bd.Pos(0.3, 0.2, 0) * bd.Cylinder(0.8, 2), "clear": BOLTS},
     ),
+    "bosses": (
+        bd.Box(3.1, 2.5, 1.4) - bd.Pos(0.6, 0.2, 0) * bd.Cylinder(0.3, 3),
+        "gyroid",
+        {"cell": 2, "thickness": 0.3, "keep": ("bosses", 0.4)},
+    ),
 }
 
 

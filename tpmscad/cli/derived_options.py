@@ -116,6 +116,12 @@ def parse_direction(text: str) -> str | tuple[float, ...]:
     return vector if isinstance(vector, tuple) else text
 
 
+def parse_part(text: str) -> Path | tuple[str | float, ...]:
+    """The path of a CAD file, or the surroundings of holes as in bosses,3."""
+    word, *numbers = text.split(",")
+    return (word, *map(float, numbers)) if word == "bosses" and numbers else Path(text)
+
+
 SurfaceArgument = Annotated[
     str,
     typer.Argument(
@@ -138,7 +144,7 @@ WRITTEN: Mapping[Any, tuple[Any, dict[str, Any]]] = {
     OFFSET.read: (Any, {"metavar": "LO,HI", "parser": parse_numbers}),
     POINT.read: (Any, {"metavar": "X,Y,Z", "parser": parse_numbers}),
     FACES.read: (str, {"metavar": "FACES"}),
-    SHAPE.read: (Path | None, {"metavar": "PART.step", "exists": True, "dir_okay": False}),
+    SHAPE.read: (Any, {"metavar": "PART.step|bosses,W", "parser": parse_part}),
     FLAG.read: (bool, {}),
     COUNT.read: (int | None, {"metavar": "N"}),
     NOT_NEGATIVE.read: (float | None, {"metavar": "NUMBER"}),

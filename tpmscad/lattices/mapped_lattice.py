@@ -108,7 +108,7 @@ def select_placements_near_box(
     placements = translate_motions(
         symmetry.cell_motions, cell_origins(cells, SEARCH_MARGIN_CELLS) + (phase - np.floor(phase))
     )
-    points = _sample_placements(patch, placements)
+    points = sample_placements(patch, placements)
     near = ((points.max(axis=1) > -0.5) & (points.min(axis=1) < np.array(cells) + 0.5)).all(axis=1)
     image = map(cell * points[near])
     margin = reach + PATCH_BULGE_FRACTION * np.ptp(image, axis=1).max()
@@ -116,7 +116,7 @@ def select_placements_near_box(
     return placements[np.flatnonzero(near)[inside]]
 
 
-def _sample_placements(patch: SurfacePatch, placements: Motion) -> Array:
+def sample_placements(patch: SurfacePatch, placements: Motion) -> Array:
     """Points (n, 49, 3) of the placed mid patches, in cells."""
     t = np.linspace(0.0, 1.0, 7)
     u, v = (g.ravel() for g in np.meshgrid(t, t))
@@ -142,7 +142,7 @@ def select_placements_in_lattice(
     ]
     origins = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3)
     placements = translate_motions(symmetry.cell_motions, origins + (phase - np.floor(phase)))
-    points = _sample_placements(patch, placements)
+    points = sample_placements(patch, placements)
     margin = margin + PATCH_BULGE_FRACTION * float(np.ptp(points, axis=1).max())
     inside = (points.max(axis=1) > -margin) & (points.min(axis=1) < np.array(cells) + margin)
     keep = (inside | np.array(closed)).all(axis=1)

@@ -52,7 +52,7 @@ CLOSED_TOL_FRACTION = 1e-12
 """A spline closes along an axis if both ends agree to this fraction of its extent, with two derivatives."""
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, repr=False)
 class SplineMap(Map):
     """A trivariate B-spline as a coordinate map: what `trivariate` and `between` make.
 
@@ -84,6 +84,16 @@ class SplineMap(Map):
         points = np.stack(np.meshgrid(*grid, indexing="ij"), axis=-1).reshape(-1, 3)
         lengths = np.linalg.norm(self.volume.images(points)[1], axis=1).mean(axis=0)
         return np.asarray(lengths * np.ptp(self.volume.domain, axis=1))
+
+    def __repr__(self) -> str:
+        """The lengths of the domain along its axes, and a number of cells that makes them about cubic."""
+        edges = self.mean_edges()
+        cells = np.maximum(1, np.rint(edges / edges.min())).astype(int)
+        lengths, each = (" x ".join(f"{edge:.4g}" for edge in of) for of in (edges, edges / cells))
+        return (
+            f"{self.name}: {lengths} mm along its axes on average; cells={tuple(cells.tolist())} are about cubic, {each} mm, and "
+            "so are multiples"
+        )
 
     def over_block(self, size: Array) -> Map:
         """Return the map of a lattice whose block of cells fills the domain.

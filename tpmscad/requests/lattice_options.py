@@ -187,7 +187,7 @@ class PassiveOptions:
 
 
 @dataclass(frozen=True)
-class FluidDomainsOptions(BodyOptions):
+class FluidDomainsOptions(PassiveOptions, BodyOptions):
     """The arguments of `fluid_domains`."""
 
     surface: Surface
@@ -233,6 +233,19 @@ class InfillOptions(SolidOptions, PassiveOptions, BodyOptions):
         SOLID,
         "Which solid, if the body or its file has several: its number from 1, as ``tpmscad check`` lists them, 'largest', or "
         "'all': each is filled by itself, and the pieces have its name in files.",
+    ] = None
+    thickness: Annotated[
+        float | Callable[[Array], Array] | None,
+        WALL_THICKNESS,
+        "Wall thickness along the normal, mm. Give exactly one of `thickness`, `offset`, `volume_fraction` and `porosity`; a "
+        "skeletal lattice may also take none. Under a map it may be a field, or another positive function of points (..., 3).",
+    ] = None
+    map: Annotated[
+        Map | Callable[[Array], Array] | None,
+        MAP,
+        "Smooth function (..., 3) -> (..., 3) of lattice coordinates in model units, or one of `tpmscad.maps`: the lattice is "
+        "made under it, turned by `rotation`, and cut by the body. One between two faces has about cubic cells; others count "
+        "cells from the origin of their coordinates. Walls keep their thickness.",
     ] = None
     skin: Annotated[
         float | None,

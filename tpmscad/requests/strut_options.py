@@ -2,14 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import KW_ONLY, dataclass
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 from tpmscad.api.argument_kinds import choice_of
 from tpmscad.api.shared_arguments import LoosePieces, StageProgress
-from tpmscad.api.shared_kinds import ANGLE, CELL_COUNTS, FRACTION, LENGTHS, NOT_NEGATIVE, POSITIVE
+from tpmscad.api.shared_kinds import ANGLE, CELL_COUNTS, FRACTION, LENGTHS, MAP, NOT_NEGATIVE, POSITIVE
 from tpmscad.strut_cells import DEFAULT_ANGLE, KINDS
+
+if TYPE_CHECKING:
+    from tpmscad._typing import Array
+    from tpmscad.lattices.coordinate_maps import Map
 
 StrutKind = Annotated[str, choice_of(*KINDS), "Kind of cell."]
 
@@ -36,6 +40,12 @@ class StrutOptions:
         NOT_NEGATIVE,
         "Radius of a ball at every node, mm; 0 is that of the struts. The ball meets the struts in sharp edges.",
     ] = 0.0
+    map: Annotated[
+        Map | Callable[[Array], Array] | None,
+        MAP,
+        "Smooth function (..., 3) -> (..., 3) of the nodes, or one of `tpmscad.maps`: straight struts, none of them cut, join "
+        "their images. A map that repeats after the length of the lattice closes it to a ring. Needs `diameter`.",
+    ] = None
     angle: Annotated[float, ANGLE, "Of `re-entrant` alone: by which its struts lean inwards, degrees, up to 30."] = (
         DEFAULT_ANGLE
     )

@@ -18,9 +18,9 @@ from tpmscad.brep.boundary_representation import Brep
 from tpmscad.brep.moments import integral_properties
 from tpmscad.errors import InvalidRequest, KernelError, MissingDomain
 from tpmscad.fallbacks import Fallback, Fallbacks
-from tpmscad.kernel.body_import.cad_body import CadBody
+from tpmscad.kernel.body_import.cad_body import CadBody, read_body
 from tpmscad.kernel.boolean.body_split import SplitSolid, split_body
-from tpmscad.kernel.boolean.boolean_operations import OcctSolids
+from tpmscad.kernel.boolean.boolean_operations import OcctSolids, subtract_solid
 from tpmscad.kernel.boolean.cut_faces import label_cut_solids
 from tpmscad.kernel.build.solids import BrepSolids
 from tpmscad.kernel.occt.exploration import faces_of
@@ -45,6 +45,8 @@ from tpmscad.solids.cut import CUT_REMEDY, KERNEL_BOOLEAN, TRIMMED_PATCHES, nume
 from tpmscad.solids.divided_body import divide_body
 from tpmscad.solids.matter.closed_channels import build_closed_block
 from tpmscad.solids.matter.lattice_block import LatticeBlock, build_lattice_block
+from tpmscad.solids.passive_regions import PassiveRegions
+from tpmscad.solids.volume_samples import sample_body
 from tpmscad.stage_timer import StageTimer
 
 TOTAL_VOLUME_RTOL = 1e-6
@@ -79,6 +81,7 @@ def fluid_domains(options: FluidDomainsOptions) -> FluidDomains:
     request = resolve_lattice_request(lattice_in_body(options))
     body = find_body(options.body, options.box, options.solid, request.tol, stages, is_default=options.tol is None)
     with stages("read"):
+        body, kept = _read_passive(body, options)
         openings = _resolve_openings(options, body)
     turn = rotation_matrix(options.rotation)
     if openings is None:
@@ -86,7 +89,7 @@ def fluid_domains(options: FluidDomainsOptions) -> FluidDomains:
     else:
         block = build_closed_block(request, turn, body.cad, openings, options.transition, options.skin, stages)
     with stages("trim"):
-        found = _compute_domains(block, body)
+        found = _compute_domains(block, body, kept)
     block = replace(block, measures=body.join_measures(block.measures))
     touches = tuple(
         FaceContact(
@@ -143,6 +146,29 @@ def _resolve_openings(options: FluidDomainsOptions, body: Body) -> ChannelOpenin
     return resolve_channel_openings(body.cad, options.openings)
 
 
+def _read_passive(body: Body, options: FluidDomainsOptions) -> tuple[Body, tuple[CadBody, ...]]:
+    """The body without what is cleared, and the solids in it that are kept, which are wall."""
+    if options.keep is None and options.clear is None:
+        return body, ()
+    if isinstance(body, FittedBody):
+        raise InvalidRequest(f"keep and clear are for CAD bodies, which {body.name} is not: leave them out")
+    passive = PassiveRegions.read_for(body.cad, True, options.keep, options.clear)
+    for each in passive.kept:
+        if not body.contains(sample_body(each)).all():
+            raise InvalidRequest(
+                f"{each.name} reaches beyond {body.name}: unite both in the CAD system first, and keep it then"
+            )
+    cad = body.cad
+    for each in passive.cleared:
+        left = subtract_solid(cad.shape, each.shape)
+        if len(left) != 1:
+            raise InvalidRequest(
+                f"{each.name} leaves {len(left)} solids of {body.name}, not one: divide them one at a time"
+            )
+        cad = replace(read_body(left[0]), name=cad.name, notes=cad.notes, accuracy=cad.accuracy)
+    return replace(body, cad=cad), passive.kept + passive.within
+
+
 def _find_openings(channel: DomainSolids, block: LatticeBlock) -> frozenset[str]:
     """The labels of a channel's faces that do not lie on the lattice."""
     built = channel.built
@@ -150,21 +176,21 @@ def _find_openings(channel: DomainSolids, block: LatticeBlock) -> frozenset[str]
     return frozenset(labels) - {LABEL_OF_TAG.get(tag, tag) for tag in block.patches.tags}
 
 
-def _compute_domains(block: LatticeBlock, body: Body) -> dict[str, DomainSolids]:
+def _compute_domains(block: LatticeBlock, body: Body, kept: Sequence[CadBody]) -> dict[str, DomainSolids]:
     """The three domains of a body: cut on the patches' own parameters if possible, else a CAD body is split by the kernel."""
-    methods = (BY_PARAMETERS, BY_KERNEL) if isinstance(body, KernelBody) else (BY_PARAMETERS,)
-    outcome = Fallbacks(methods, remedy=CUT_REMEDY).run(block, body)
+    methods = (BY_PARAMETERS, BY_KERNEL) if isinstance(body, KernelBody) and not kept else (BY_PARAMETERS,)
+    outcome = Fallbacks(methods, remedy=CUT_REMEDY).run(block, body, kept)
     if not outcome.failures:
         return outcome.value
     note = f"split by the kernel: {outcome.reasons}"
     return {name: replace(domain, notes=(note,)) for name, domain in outcome.value.items()}
 
 
-def _trim_domains(block: LatticeBlock, body: Body) -> dict[str, DomainSolids]:
+def _trim_domains(block: LatticeBlock, body: Body, kept: Sequence[CadBody] = ()) -> dict[str, DomainSolids]:
     """The three domains by a cut of the body's faces and the patches; MissingDomain if one is empty."""
     read, result = body.read(block.measures.tol), {}
     with numerical_failures():
-        divided = divide_body(read.brep, block)
+        divided = divide_body(read.brep, block, kept)
     for name in (WALL, PLUS, MINUS):
         if name not in divided.domains:
             raise _missing_domain(body, name, block)
@@ -178,7 +204,7 @@ def _trim_domains(block: LatticeBlock, body: Body) -> dict[str, DomainSolids]:
     return result
 
 
-def _split_domains(block: LatticeBlock, body: Body) -> dict[str, DomainSolids]:
+def _split_domains(block: LatticeBlock, body: Body, kept: Sequence[CadBody]) -> dict[str, DomainSolids]:
     """The three domains from the cells into which the kernel splits the body."""
     cells = split_body(body.cad.shape, block.built.shape, _tags_of_kernel_faces(block))
     result = {}
@@ -206,12 +232,12 @@ def _label_solids(domain: str, cells: Sequence[SplitSolid], block: LatticeBlock,
     return replace(labelled, labels=labels)
 
 
-BY_PARAMETERS: Fallback[[LatticeBlock, Body], dict[str, DomainSolids]] = Fallback(
+BY_PARAMETERS: Fallback[[LatticeBlock, Body, Sequence[CadBody]], dict[str, DomainSolids]] = Fallback(
     "trimming on the patches' parameters",
-    lambda block, body: _trim_domains(block, body),
+    lambda block, body, kept: _trim_domains(block, body, kept),
     "about a second for ten cells; several with free-form faces",
 )
-BY_KERNEL: Fallback[[LatticeBlock, Body], dict[str, DomainSolids]] = Fallback(
+BY_KERNEL: Fallback[[LatticeBlock, Body, Sequence[CadBody]], dict[str, DomainSolids]] = Fallback(
     "splitting by the kernel", _split_domains, "about ten times as long; for free-form faces that leave gaps"
 )
 """How a body is divided into the domains."""

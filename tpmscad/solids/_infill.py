@@ -13,17 +13,21 @@ from tpmscad.api.public_calls import validate_options
 from tpmscad.errors import InvalidRequest
 from tpmscad.fields.field import as_field
 from tpmscad.fields.kinds.data_domains import bound_data_in_body
+from tpmscad.fields.kinds.strut_graphs import StrutsField, map_struts
 from tpmscad.kernel.occt.bounding_boxes import enclosing_box
+from tpmscad.lattices.coordinate_maps import as_map
 from tpmscad.requests.face_selection import is_numbered, list_given_faces
 from tpmscad.requests.lattice_options import InfillOptions
 from tpmscad.requests.lattice_request import lattice_in_body, resolve_lattice_request, rotation_matrix
 from tpmscad.results.joined_models import join_models
 from tpmscad.results.model import Model
 from tpmscad.solids.bodies.body_choice import Body, find_bodies, leave_open
+from tpmscad.solids.bodies.kernel_body import KernelBody
 from tpmscad.solids.cut import Matter
 from tpmscad.solids.filled_body import fill_body
 from tpmscad.solids.matter.field_matter import build_field_matter
 from tpmscad.solids.matter.lattice_block import build_lattice_block
+from tpmscad.solids.matter.mapped_cover import build_mapped_block
 from tpmscad.solids.passive_regions import PassiveRegions
 from tpmscad.stage_timer import StageTimer
 
@@ -35,6 +39,7 @@ OPTIONS_OF_FIELDS = (
     "skin",
     "open_faces",
     "keep",
+    "map",
     "clear",
     "loose",
     "tol",
@@ -70,17 +75,17 @@ def infill(options: InfillOptions) -> Model:
     >>> model.export_step("filled.step")  # doctest: +SKIP
     """
     stages = StageTimer(options.progress)
-    tol, passive = _find_tolerance(options), PassiveRegions.read(options.keep, options.clear)
+    tol = _find_tolerance(options)
     bodies = find_bodies(options.body, options.box, options.solid, tol, stages, is_default=options.tol is None)
     if len(bodies) == 1:
-        return _fill(options, bodies[0], tol, passive, stages)
+        return _fill(options, bodies[0], tol, stages)
     if any(not isinstance(face, str) or is_numbered(face) for face in list_given_faces(options.open_faces)):
         raise InvalidRequest(
             "numbers in open_faces are those of one solid: select the open faces of several as '>Z,<Z' does"
         )
-    if passive.bodies:
+    if options.keep is not None or options.clear is not None:
         raise InvalidRequest("keep and clear are for one solid: choose one by its number, or fill them one at a time")
-    models = {body.cad.title: _fill(options, body, tol, passive, stages) for body in bodies}
+    models = {body.cad.title: _fill(options, body, tol, stages) for body in bodies}
     name = f"{options.surface} infill" if isinstance(options.surface, str) else "field infill"
     return join_models(name, models, stages.seconds, "the bodies")
 
@@ -94,15 +99,30 @@ def _find_tolerance(options: InfillOptions) -> float:
     return options.tol
 
 
-def _fill(options: InfillOptions, body: Body, tol: float, passive: PassiveRegions, stages: StageTimer) -> Model:
+def _fill(options: InfillOptions, body: Body, tol: float, stages: StageTimer) -> Model:
     """One body filled."""
+    with stages("read"):
+        is_exact = isinstance(body, KernelBody)
+        passive = PassiveRegions.read_for(body.cad, is_exact, options.keep, options.clear)
     body = leave_open(body, options.open_faces, options.skin, stages)
     if isinstance(options.surface, str):
-        request = resolve_lattice_request(lattice_in_body(options))
-        matter: Matter = build_lattice_block(request, rotation_matrix(options.rotation), body.cad, stages)
+        request, turn = resolve_lattice_request(lattice_in_body(options)), rotation_matrix(options.rotation)
+        matter: Matter
+        if options.map is None:
+            matter = build_lattice_block(request, turn, body.cad, stages)
+        else:
+            matter = build_mapped_block(request, options.map, turn, body.cad, stages)
     else:
         _reject_lattice_options(options)
-        field = bound_data_in_body(as_field(options.surface), *enclosing_box(body.cad.shape))
+        field = as_field(options.surface)
+        if options.map is not None:
+            if not isinstance(field, StrutsField):
+                raise InvalidRequest(
+                    "a map takes a surface of the catalogue, or struts, to the model: of another field make the solid with "
+                    "solidify(field, map), which ends in the faces of the map, or put the map into the field"
+                )
+            field = map_struts(field, as_map(options.map))
+        field = bound_data_in_body(field, *enclosing_box(body.cad.shape))
         matter = build_field_matter(field, body.cad, tol, stages)
     return fill_body(body, matter, options.skin, options.loose, stages, passive)
 

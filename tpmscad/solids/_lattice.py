@@ -26,9 +26,8 @@ from tpmscad.fallbacks import Fallback, Fallbacks
 from tpmscad.kernel.build.solids import build_solids
 from tpmscad.kernel.measure.envelope import Envelope
 from tpmscad.lattices import copies, mapped_lattice, mapped_surface
-from tpmscad.lattices.coordinate_maps import Map, as_map, composition, stretching
+from tpmscad.lattices.coordinate_maps import Map
 from tpmscad.lattices.offset_surfaces import LayersFit
-from tpmscad.lattices.rounded_maps import round_over_cells
 from tpmscad.lattices.self_contact import require_no_self_contact
 from tpmscad.lattices.spline_maps import SplineMap
 from tpmscad.lattices.spline_volumes import SplineVolumes, mapped_walls
@@ -39,7 +38,7 @@ from tpmscad.results.certificate import certify_built_solids
 from tpmscad.results.loose_pieces import drop_loose_pieces
 from tpmscad.results.model import Model, UnitCell
 from tpmscad.solids.matter.lattice_block import find_trim_tolerance
-from tpmscad.solids.matter.mapped_block import cover_mapped_lattice, exact_source
+from tpmscad.solids.matter.mapped_block import compose_map, cover_mapped_lattice, exact_source
 from tpmscad.solids.matter.patch_measures import measure_lattice_patches
 from tpmscad.solids.matter.reference_distance import lattice_distance
 from tpmscad.stage_timer import StageTimer
@@ -51,6 +50,9 @@ FIT_TOL_FRACTIONS = (1.0, 0.1, 0.01)
 
 LEAST_GAIN = 0.2
 """Least logarithm of the ratio of a cell's longest and shortest edge that is worth advice."""
+
+LEAST_OVERHANG_CELLS = 0.01
+"""Cells by which patches of a natural boundary reach beyond a map before it is told."""
 
 BYTES_PER_CELL = 3.5e6
 """Of a lattice: a thousand cells of the gyroid, with their checks, took 3.7 GiB."""
@@ -98,8 +100,12 @@ def make_lattice(
     map: Map | Callable[[Array], Array] | None = None,
 ) -> Model:
     """The lattice of a valid request, with or without its loose pieces; errors as for `lattice`."""
-    mapping, map_notes = _compose_map(request, map)
-    made = _fit_and_copy(request, stages) if mapping is None else _fit_mapped_patches(request, mapping, stages)
+    mapping, map_notes = compose_map(request, map)
+    made = (
+        _fit_and_copy(request, stages)
+        if mapping is None
+        else _fit_mapped_patches(request, mapping, stages, spline_map=isinstance(map, SplineMap))
+    )
     with stages("build"):
         brep, built, dropped = drop_loose_pieces(made.brep, build_solids(made.brep), loose)
     with stages("check"):
@@ -163,31 +169,6 @@ class LatticePatches:
     make_spline_volumes: Callable[[], SplineVolumes | None] | None = None
 
 
-def _compose_map(
-    request: LatticeRequest, map: Map | Callable[[Array], Array] | None
-) -> tuple[Map | None, tuple[str, ...]]:
-    """The map from cubic lattice coordinates (cell = the first edge) to the model, None for the identity, and notes on it."""
-    stretch = None
-    if len(set(request.cell)) > 1 and not request.source.follows_cell_edges:
-        stretch = stretching(tuple(edge / request.cell[0] for edge in request.cell))
-    if map is None:
-        return stretch, ()
-    block = np.array(request.cell)
-    notes: tuple[str, ...] = ()
-    if isinstance(map, SplineMap):
-        rounded = round_over_cells(map, request.cells, block, request.tol)
-        wrap = rounded.map
-        edges = " x ".join(f"{edge:.3g}" for edge in map.mean_edges() / request.cells)
-        notes = (f"the {map.name} has cells of {edges} mm on average",)
-        if rounded.moved > 0:
-            notes += (f"it is rounded at its knots, by {rounded.moved:.2g} mm at most",)
-        if map.face_error > 0:
-            notes += (f"its ends are within {map.face_error:.2g} mm of the faces",)
-    else:
-        wrap = as_map(map).over_block(block * request.cells)
-    return (wrap if stretch is None else composition(wrap, stretch, request.cell[0])), notes
-
-
 def _fit_until_traced(request: LatticeRequest, fit_and_trim: Callable[[float], LatticePatches]) -> LatticePatches:
     """The patches of `fit_and_trim(tol)`, fitted more closely than requested while their cuts cannot be traced."""
     least = MIN_TOL_CELLS * request.cell[0]
@@ -244,7 +225,26 @@ def _copy_primitives(
         return _trim_by_body(brep, box(low, low + np.array(request.cell) * np.array(cells, float)), cell)
 
 
-def _fit_mapped_patches(request: LatticeRequest, mapping: Map, stages: StageTimer) -> LatticePatches:
+def _note_overhang(surface: mapped_surface.MappedSurface, request: LatticeRequest) -> tuple[str, ...]:
+    """How far whole patches reach beyond the ends of a spline map, if they do."""
+    points = mapped_lattice.sample_placements(surface.patch, surface.placements).reshape(-1, 3)
+    ends = np.array(request.cells, float)
+    beyond = np.where(surface.periods, 0.0, np.maximum(-points.min(axis=0), points.max(axis=0) - ends))
+    if beyond.max() < LEAST_OVERHANG_CELLS:
+        return ()
+    axis = int(beyond.argmax())
+    length = float(beyond[axis]) * float(
+        np.linalg.norm(surface.map.jacobian(surface.cell * ends / 2, surface.cell)[:, axis]) * surface.cell
+    )
+    return (
+        f"whole cells reach up to {length:.3g} mm beyond the ends of the map along {'uvw'[axis]}: "
+        "infill(body, ..., map=) and solidify(field, map) end in the faces",
+    )
+
+
+def _fit_mapped_patches(
+    request: LatticeRequest, mapping: Map, stages: StageTimer, *, spline_map: bool = False
+) -> LatticePatches:
     """Patches fitted one by one to the mapped surface."""
     cell, name = request.cell[0], request.surface
     source = exact_source(request)
@@ -281,7 +281,7 @@ def _fit_mapped_patches(request: LatticeRequest, mapping: Map, stages: StageTime
             lower, upper = fit.surfaces
         with stages("assemble"):
             brep = mapped_lattice.assemble_mapped_lattice(surface, lower, upper, natural=cover.body is None)
-        notes: tuple[str, ...] = ()
+        notes = _note_overhang(surface, request) if spline_map and cover.body is None else ()
         if cover.body is not None:
             with stages("trim"):
                 brep, notes = _trim_by_body(brep, cover.body, cell)

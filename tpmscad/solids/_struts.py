@@ -10,9 +10,10 @@ from tpmscad._typing import Array, IntArray
 from tpmscad.api.public_calls import validate_options
 from tpmscad.brep.moments import integral_properties
 from tpmscad.errors import InvalidRequest
-from tpmscad.fields.kinds.strut_graphs import StrutsField, make_strut_graph
+from tpmscad.fields.kinds.strut_graphs import StrutsField, make_strut_graph, map_struts
 from tpmscad.fields.kinds.strut_graphs import struts as make_struts
 from tpmscad.kernel.measure.envelope import Envelope
+from tpmscad.lattices.coordinate_maps import as_map
 from tpmscad.requests.lattice_request import size_of_cells
 from tpmscad.requests.strut_options import StrutOptions
 from tpmscad.results.model import Model
@@ -22,6 +23,9 @@ from tpmscad.stage_timer import StageTimer
 
 DEFAULT_TOL_CELLS = 1e-3
 """In shortest edges of the cell: the tolerance if none is given."""
+
+BOX_MARGIN = 1.25
+"""In radii: how far the box of struts under a map reaches beyond their nodes."""
 
 FRACTION_RTOL = 1e-9
 """Relative difference of the volume fraction from the one asked for."""
@@ -64,22 +68,32 @@ def struts(options: StrutOptions) -> Model:
     hi = np.array(size_of_cells(options.cell, options.cells))
     graph = make_strut_graph(options.kind, options.cell, options.cells, options.angle)
     fraction = _resolve_fraction(options)
-    if fraction is None:
+    low = np.zeros(3)
+    if options.map is not None:
+        if options.diameter is None:
+            raise InvalidRequest("a volume fraction is that of the box of the cells: under a map give diameter=")
+        field = map_struts(
+            make_struts(*graph, options.diameter, options.node_radius), as_map(options.map).over_block(hi)
+        )
+        margin = BOX_MARGIN * field.node_radius
+        low, hi = field.points.min(axis=0) - margin, field.points.max(axis=0) + margin
+        notes: tuple[str, ...] = ()
+    elif fraction is None:
         assert options.diameter is not None
         field = make_struts(*graph, options.diameter, options.node_radius)
-        notes: tuple[str, ...] = ()
+        notes = ()
     else:
         with stages("diameter"):
             field = _solve_diameter(graph[0], graph[1], options.node_radius, hi, fraction)
         notes = (f"struts of {2 * field.radius:.9g} mm fill {fraction:g} of the box",)
     require_struts_apart(field)
     tol = DEFAULT_TOL_CELLS * float(edges.min()) if options.tol is None else options.tol
-    model = solidify_crossing(field, (np.zeros(3), hi), tol, options.loose, stages)
+    model = solidify_crossing(field, (low, hi), tol, options.loose, stages)
     return replace(
         model,
         name=f"{options.kind} struts",
         certificate=replace(model.certificate, notes=(*notes, *model.certificate.notes)),
-        envelope=Envelope.of_box("the box of the cells", np.zeros(3), hi),
+        envelope=Envelope.of_box("the box of the cells", low, hi),
     )
 
 

@@ -11,8 +11,9 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
+from functools import partial
 from traceback import extract_tb
-from typing import Any, Protocol
+from typing import Any, Protocol, TypeVar
 
 import numpy as np
 
@@ -29,7 +30,14 @@ from tpmscad.kernel.measure.validity import is_brep_valid
 from tpmscad.kernel.occt.construction import make_compound
 from tpmscad.results.certificate import Check, PatchMeasures
 from tpmscad.solids.volume_samples import compare_with_sample
-from tpmscad.trimming.network_boolean import NetworkResult, Operation
+from tpmscad.trimming.network_boolean import (
+    DEFAULT_TOL,
+    SHIFT_DIRECTION,
+    SHIFT_TOLS,
+    DividedNetwork,
+    NetworkResult,
+    Operation,
+)
 
 TRIMMED_PATCHES = "patches"
 KERNEL_BOOLEAN = "kernel"
@@ -42,6 +50,8 @@ CUT_REMEDY = "shift the lattice by `phase`, or change `cell` or `tol` a little"
 
 MAX_KERNEL_FACES = 20_000
 """Patches that the kernel's boolean is given; with 35,000 it took 14 GiB, and had not ended after four minutes."""
+
+N = TypeVar("N", NetworkResult, DividedNetwork)
 
 DistanceFunction = Callable[[Array], Array]
 """Points (n, 3), model units, to distances (n,)."""
@@ -81,6 +91,10 @@ class Matter(Protocol):
     @property
     def patches(self) -> Brep:
         """What was fitted, whole."""
+
+    @property
+    def closed(self) -> Brep:
+        """Its solid in a box around the body."""
 
     @property
     def measures(self) -> PatchMeasures:
@@ -163,6 +177,15 @@ def build_valid_solids(brep: Brep) -> BrepSolids:
     if not is_brep_valid(brep, built.known_faces):
         raise TrimmingError("the kernel's check rejects the trimmed lattice")
     return built
+
+
+def try_placements(run: Callable[[Array], N], limit: float) -> N:
+    """What a combination of surfaces gives at the first translation of the matter (3,), up to a length, at which it succeeds."""
+    shifts = [shift for each in SHIFT_TOLS if (shift := each * DEFAULT_TOL * SHIFT_DIRECTION) @ shift <= limit**2]
+    placements = tuple(Fallback(f"moved by {np.linalg.norm(shift):.2g}", partial(run, shift)) for shift in shifts)
+    outcome = Fallbacks(placements, retry_on=(TrimmingError,), final=(NothingLeft,)).run()
+    reason = str(outcome.failures[0]) if outcome.failures else ""
+    return replace(outcome.value, report=replace(outcome.value.report, reason=reason))
 
 
 @contextmanager

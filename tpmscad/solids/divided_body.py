@@ -7,8 +7,9 @@ construction.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 from scipy.spatial import cKDTree
@@ -17,11 +18,13 @@ from tpmscad._typing import IntArray
 from tpmscad.brep import connectivity
 from tpmscad.brep.boundary_representation import Brep, drop_unused_geometry, select_faces
 from tpmscad.errors import TrimmingError
+from tpmscad.kernel.body_import.cad_body import CadBody
 from tpmscad.kernel.build.solids import BrepSolids, build_regions
 from tpmscad.kernel.measure.validity import is_brep_valid
 from tpmscad.kernel.step.face_labels import OPENING
 from tpmscad.results.domain_results import MINUS, PLUS, WALL
 from tpmscad.solids.dead_ends import absorb_dead_ends
+from tpmscad.solids.matter.joined_matter import JoinedMatter
 from tpmscad.solids.matter.lattice_block import LatticeBlock
 from tpmscad.trimming.network_boolean import DividedNetwork, divide_network
 from tpmscad.trimming.rebuild.network_result import check_closed
@@ -45,18 +48,16 @@ class DividedBody:
     notes: tuple[str, ...]
 
 
-def divide_body(body: Brep, block: LatticeBlock) -> DividedBody:
-    """The body divided by the lattice of a block.
+def divide_body(body: Brep, block: LatticeBlock, kept: Sequence[CadBody] = ()) -> DividedBody:
+    """The body divided by the lattice of a block, joined with solids that are kept.
 
     TrimmingError if the intersection is not resolved, or the kernel rejects a face.
     """
-    found = divide_network(
-        body,
-        block.patches,
-        build=lambda cut: _build_domains(cut, len(body.tags), block.closes_channels),
-        max_shift=block.max_shift,
-        is_cover=True,
-    )
+    build = partial(_build_domains, n_body_tags=len(body.tags), absorbs=block.closes_channels)
+    if kept:
+        found = JoinedMatter(block, kept).divide(body, build)
+    else:
+        found = divide_network(body, block.patches, build=build, max_shift=block.max_shift, is_cover=True)
     domains, absorbed = found.built
     return DividedBody(domains, found.report.shifted, (DIVIDED_NOTE, *found.report.notes, *absorbed))
 
@@ -74,7 +75,8 @@ def _build_domains(
     for number, own in enumerate(members):
         part = select_domain(shared, own, cut.reversed_beyond if number else None)
         if number:
-            part = replace(part, tags=tuple(tag if tag in SIDES else OPENING for tag in part.tags))
+            own_tags = [OPENING] * n_body_tags + [tag for tag in part.tags[n_body_tags:]]
+            part = replace(part, tags=tuple(own_tags))
         check_closed(part)
         breps.append(drop_unused_geometry(part))
     names = [name for name, own in zip((WALL, PLUS, MINUS), members, strict=True) if len(own)]

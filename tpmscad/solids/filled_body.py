@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 from functools import partial
 
-from tpmscad.errors import InvalidRequest
+from tpmscad.errors import InvalidRequest, KernelError, TrimmingError
 from tpmscad.kernel.boolean.cut_faces import label_cut_solids
 from tpmscad.kernel.build.solids import BrepSolids
 from tpmscad.results.model import Model
@@ -13,10 +13,11 @@ from tpmscad.solids.bodies.body_choice import Body
 from tpmscad.solids.bodies.kernel_body import KernelBody
 from tpmscad.solids.cut import Finish, MadeSolids, Matter, cut_on_parameters, intersect
 from tpmscad.solids.finished_model import finish_model
+from tpmscad.solids.matter.joined_matter import JoinedMatter
 from tpmscad.solids.passive_regions import NO_REGIONS, PassiveRegions
 from tpmscad.solids.skins.filled_skin import fill_within_skin
 from tpmscad.solids.volume_samples import sample_body
-from tpmscad.stage_timer import StageTimer
+from tpmscad.stage_timer import StageTimer, show_activity
 
 
 def fill_body(
@@ -37,7 +38,7 @@ def fill_body(
         if skin is not None:
             made, passive = _fill_within_skin(body, matter, skin, passive)
         else:
-            made = intersect(body, matter, body.cad if isinstance(body, KernelBody) else None)
+            made, passive = _intersect(body, matter, passive)
             if passive.bodies and not passive.touch(body.read(matter.measures.tol).brep):
                 remake = partial(_intersect_moved, body, matter)
     return finish_model(
@@ -57,6 +58,21 @@ def fill_body(
     )
 
 
+def _intersect(body: Body, matter: Matter, passive: PassiveRegions) -> tuple[MadeSolids, PassiveRegions]:
+    """What matter, joined with what is kept within the body, has in common with the body, and what is still to be combined."""
+    cad = body.cad if isinstance(body, KernelBody) else None
+    left = replace(passive, within=())
+    if not passive.within:
+        return intersect(body, matter, cad), left
+    try:
+        made = intersect(body, JoinedMatter(matter, passive.within), cad)
+    except (TrimmingError, KernelError) as error:
+        show_activity(f"the kernel's boolean, after {error}")
+        return intersect(body, matter, cad), passive.cut_within(body.cad)
+    told = tuple(f"{each.name} is contained, as far as it lies in {body.name}" for each in passive.within)
+    return replace(made, notes=(*made.notes, *told)), left
+
+
 def _intersect_moved(body: Body, matter: Matter, finish: Finish) -> tuple[BrepSolids, float]:
     """What matter and body have in common, finished, the matter moved where that is needed."""
     cut = cut_on_parameters(body, matter, finish=finish)
@@ -70,7 +86,7 @@ def _fill_within_skin(
 
     What is kept is taken from the voids, so that its faces in those of the body, as the ends of a boss have, are no matter.
     """
-    if not passive.kept:
+    if not passive.kept + passive.within:
         return fill_within_skin(body, matter, skin), passive
     for kept in passive.kept:
         if not body.contains(sample_body(kept)).all():
@@ -78,6 +94,6 @@ def _fill_within_skin(
                 f"{kept.name} reaches beyond {body.name}, which has a skin: unite both in the CAD system first, and keep it then"
             )
     made = fill_within_skin(body, matter, skin, passive.carve)
-    own = PassiveRegions(passive.kept)
+    own = replace(passive.cut_within(body.cad), cleared=())
     checked = own.check(made, made.before, made.contains, "taken from the voids within the skin")
     return replace(checked, contains=lambda p: made.contains(p) | own.hold(p)), PassiveRegions((), passive.cleared)

@@ -19,10 +19,11 @@ from tpmscad._typing import Array, BoolArray
 from tpmscad.brep.boundary_representation import Brep
 from tpmscad.errors import InvalidRequest, KernelError, NothingLeft, TrimmingError
 from tpmscad.fallbacks import Fallback, Fallbacks
-from tpmscad.kernel.body_import.cad_body import BodyFile, CadBody, read_bodies
+from tpmscad.kernel.body_import.cad_body import BodyFile, CadBody, read_bodies, read_body
 from tpmscad.kernel.body_import.solid_choice import ALL
-from tpmscad.kernel.boolean.boolean_operations import OcctSolids, estimate_volume, merge_faces
+from tpmscad.kernel.boolean.boolean_operations import OcctSolids, estimate_volume, intersect_solids, merge_faces
 from tpmscad.kernel.boolean.cut_faces import label_cut_solids
+from tpmscad.kernel.boolean.kept_solids import find_holes, grow_beyond
 from tpmscad.kernel.boolean.solid_trees import SolidSet, combine_sets, list_solids
 from tpmscad.kernel.build.solids import BrepSolids
 from tpmscad.kernel.measure.shape_report import is_valid
@@ -43,20 +44,51 @@ VOLUME_RTOL = 1e-5
 KEPT_VOLUME_RTOL = 1e-4
 """Difference between the volumes of a body and of a loose piece at which they are the same."""
 
+BOSSES = "bosses"
+"""The word for the surroundings of round holes."""
+
 Solids = BrepSolids | OcctSolids
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PassiveRegions:
-    """Bodies that a solid contains (`kept`), and bodies that stay empty (`cleared`), those after those. They may overlap."""
+    """Bodies that a solid contains (`kept`), and bodies that stay empty (`cleared`), those after those. They may overlap.
+
+    within: bodies of which a filled body contains the part that lies in it; their faces cross those of the body.
+    """
 
     kept: tuple[CadBody, ...] = ()
     cleared: tuple[CadBody, ...] = ()
+    within: tuple[CadBody, ...] = ()
 
     @classmethod
     def read(cls, keep: Any = None, clear: Any = None) -> PassiveRegions:
         """All solids of shapes or CAD files, of which each may be None; errors as `read_bodies`."""
         return cls(_read_all(keep, "kept"), _read_all(clear, "cleared"))
+
+    @classmethod
+    def read_for(cls, body: CadBody, is_exact: bool, keep: Any = None, clear: Any = None) -> PassiveRegions:
+        """The same for a body that is filled, with the surroundings of its holes if ("bosses", width) are kept.
+
+        A body that is kept and shares faces with the filled one, which is_exact, is grown beyond them, so that it lies `within`.
+        """
+        cleared = _read_all(clear, "cleared")
+        if _is_bosses(keep):
+            return cls((), cleared, _find_bosses(body, is_exact, keep))
+        kept = _read_all(keep, "kept")
+        grown = {i: grow_beyond(each.shape, body.shape) for i, each in enumerate(kept)} if is_exact else {}
+        within = [replace(kept[i], shape=solid) for i, solid in grown.items() if solid is not None]
+        others = [each for i, each in enumerate(kept) if grown.get(i) is None]
+        return cls(tuple(others), cleared, tuple(within))
+
+    def cut_within(self, body: CadBody) -> PassiveRegions:
+        """The regions with the parts of what is kept `within` the body among what is kept."""
+        parts = [
+            replace(read_body(solid), name=each.name, role=each.role)
+            for each in self.within
+            for solid in intersect_solids(each.shape, body.shape)
+        ]
+        return PassiveRegions((*self.kept, *parts), self.cleared)
 
     @property
     def bodies(self) -> tuple[CadBody, ...]:
@@ -145,7 +177,8 @@ class PassiveRegions:
 
     def carve(self, voids: Brep) -> BrepSolids:
         """Voids without what is kept; NothingLeft if that holds them."""
-        return build_valid_solids(reduce(lambda brep, body: _combine(brep, body, "difference"), self.kept, voids))
+        kept = self.kept + self.within
+        return build_valid_solids(reduce(lambda brep, body: _combine(brep, body, "difference"), kept, voids))
 
     def finish_one_by_one(self, built: Solids) -> Solids:
         """The same as `finish`, each body by the kernel where the cut fails; faces in one plane are then made one."""
@@ -176,6 +209,29 @@ class PassiveRegions:
 
 
 NO_REGIONS = PassiveRegions()
+
+
+def _is_bosses(keep: Any) -> bool:
+    return isinstance(keep, Sequence) and len(keep) > 0 and isinstance(keep[0], str) and keep[0] == BOSSES
+
+
+def _find_bosses(body: CadBody, is_exact: bool, keep: Sequence[Any]) -> tuple[CadBody, ...]:
+    """The surroundings of the holes of a body, of all or of one radius; InvalidRequest if it has none."""
+    _, width, *radius = keep
+    holes = find_holes(body.shape) if is_exact else ()
+    radii = sorted({round(hole.radius, 6) for hole in holes})
+    chosen = [hole for hole in holes if not radius or abs(hole.radius - radius[0]) < 1e-6 * radius[0]]
+    if not chosen:
+        listed = (
+            f"its round holes have radii of {', '.join(f'{r:g}' for r in radii)}" if radii else "it has no round holes"
+        )
+        raise InvalidRequest(f'keep=("bosses", {", ".join(f"{v:g}" for v in keep[1:])}): {body.name}: {listed}')
+    grown = [read_body(hole.grow(float(width))) for hole in chosen]
+    named = [f"the hole of radius {hole.radius:g}" for hole in chosen]
+    return tuple(
+        replace(each, name=f"{name} with {width:g} around it", role=f"kept {number}")
+        for number, (each, name) in enumerate(zip(grown, named, strict=True), 1)
+    )
 
 
 def _read_all(source: Any, role: str) -> tuple[CadBody, ...]:

@@ -47,16 +47,18 @@ def read_tiled_body(
     """
     if not isinstance(options.surface, str):
         raise InvalidRequest(f"without a solid only a lattice of equal cells can be made: name a surface, or {instead}")
+    if options.map is not None:
+        raise InvalidRequest(f"without a solid only a lattice of equal cells can be made: leave map out, or {instead}")
     request, turn = resolve_lattice_request(lattice_in_body(options)), rotation_matrix(options.rotation)
-    passive = PassiveRegions.read(options.keep, options.clear)
     if as_triangles and options.skin is None and not options.open_faces and options.solid is None:
         with stages("read"):
             field = resolve_field(options.body)
         if isinstance(field, MeshField):
-            return TiledBody(field.mesh, (), request, turn, passive)
+            return TiledBody(field.mesh, (), request, turn, PassiveRegions.read(options.keep, options.clear))
     body = find_body(options.body, options.box, options.solid, request.tol, stages, is_default=options.tol is None)
     if isinstance(body, FittedBody) and options.skin is not None:
         raise InvalidRequest(f"a skin without a solid needs a CAD body: leave skin out, or {instead}")
     body = leave_open(body, options.open_faces, options.skin, stages)
-    openings = tuple(body.open_faces) if isinstance(body, KernelBody) else ()
-    return TiledBody(body.cad, openings, request, turn, passive)
+    is_exact = isinstance(body, KernelBody)
+    passive = PassiveRegions.read_for(body.cad, is_exact, options.keep, options.clear).cut_within(body.cad)
+    return TiledBody(body.cad, tuple(body.open_faces) if is_exact else (), request, turn, passive)

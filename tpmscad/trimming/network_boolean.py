@@ -174,6 +174,7 @@ def divide_network(
     tol: float = DEFAULT_TOL,
     *,
     build: Callable[[DividedNetwork], Any] | None = None,
+    may_move: bool = True,
     max_shift: float = 0.0,
     is_cover: bool = False,
 ) -> DividedNetwork:
@@ -193,7 +194,7 @@ def divide_network(
         )
         return replace(found, built=build(found)) if build else found
 
-    return _cut_networks(_Operands(first, second, tol, is_cover), True, max_shift, finish)
+    return _cut_networks(_Operands(first, second, tol, is_cover), may_move, max_shift, finish)
 
 
 def restrict_to_vertices(brep: Brep) -> Brep:

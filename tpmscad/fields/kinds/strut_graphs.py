@@ -5,12 +5,15 @@ Lattices of unit cells (`tpmscad.strut_cells`) and graphs of any kind, Voronoi a
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from typing import Annotated, Any, NamedTuple
 
 import numpy as np
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
+from scipy.spatial import cKDTree
 
 from tpmscad._compiled_loops import njit_cached
 from tpmscad._typing import Array, IntArray
@@ -311,6 +314,18 @@ def change_struts(
     points = field.points @ np.array(matrix).T + np.array(shift)
     radii = factor * field.radii + distance
     return _make_field(points, field.edges, radii, factor * field.node_radius + distance)
+
+
+def map_struts(field: StrutsField, function: Callable[[Array], Array]) -> StrutsField:
+    """Straight struts of the same radii between the images of the nodes; nodes that a map lays on each other are one."""
+    points = np.asarray(function(field.points))
+    near = SAME_NODE**0.5 * float(np.ptp(points, axis=0).max())
+    pairs = cKDTree(points).query_pairs(near, output_type="ndarray")
+    links = coo_array((np.ones(len(pairs)), (pairs[:, 0], pairs[:, 1])), shape=(len(points),) * 2)
+    _, number = connected_components(links, directed=False)
+    _, first = np.unique(number, return_index=True)
+    edges, kept = np.unique(np.sort(number[field.edges], axis=1), axis=0, return_index=True)
+    return _make_field(points[first], edges, field.radii[kept], field.node_radius)
 
 
 def split_by_diameter(field: StrutsField) -> list[StrutsField]:

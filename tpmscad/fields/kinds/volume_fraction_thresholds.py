@@ -12,9 +12,10 @@ spline of the threshold as a function of the fraction.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, is_dataclass, replace
+from dataclasses import fields as dataclass_fields
 from functools import partial
-from typing import Annotated
+from typing import Annotated, Any, cast
 
 import numpy as np
 from scipy.interpolate import CubicSpline
@@ -266,18 +267,26 @@ def cube_volumes_below(height: Array, changes: Array) -> Array:
 class GradedThreshold(Field):
     """Threshold as a spline of the field `fraction`; `sign` is -1 for the lower threshold of a sheet.
 
-    Evaluation raises InvalidRequest where the fraction leaves the spline's range.
+    Evaluation raises InvalidRequest where the fraction leaves the spline's range, or continues it along its tangents.
     """
 
     fraction: Field
     threshold_of_fraction: CubicSpline
     level: float
     sign: float
+    is_continued: bool = False
 
     def trace(self, x: Node, y: Node, z: Node) -> Node:
         """The formula on the nodes of a tape."""
         spline = self.threshold_of_fraction
         low, high = spline.x[[0, -1]]
+        if self.is_continued:
+            slopes, ends = spline([low, high], 1), spline([low, high])
+            first, last = [[0, 0, slope, end] for slope, end in zip(slopes, ends - [slopes[0], 0], strict=True)]
+            knots = np.concatenate([[low - 1], spline.x, [high + 1]])
+            pieces = np.column_stack([first, spline.c, last])
+            fraction = self.fraction.trace(x, y, z)
+            return self.sign * piecewise_polynomial(knots, pieces, fraction) + self.level
         fraction = x.recorder.require_within(
             self.fraction.trace(x, y, z), low - FRACTION_ACCURACY, high + FRACTION_ACCURACY, self._refuse
         )
@@ -289,6 +298,26 @@ class GradedThreshold(Field):
             f"the volume fraction takes the value {fraction:.4g} at {format_point(place)}, outside the span from {low:g} to "
             f"{high:g}: widen the span, or limit the fraction, by fields.clip(fraction, {low:g}, {high:g})"
         )
+
+
+def continue_thresholds(field: Field) -> Field:
+    """The field with every graded threshold in it continued beyond the span of its volume fraction, along the tangents.
+
+    It is the same where the fractions stay within their spans, and elsewhere raises nothing.
+    """
+
+    def change(value: Any) -> Any:
+        if isinstance(value, tuple):
+            new = tuple(map(change, value))
+            return value if all(a is b for a, b in zip(new, value, strict=True)) else new
+        return continue_thresholds(value) if isinstance(value, Field) else value
+
+    if isinstance(field, GradedThreshold):
+        return replace(field, fraction=continue_thresholds(field.fraction), is_continued=True)
+    parts: Any = field
+    own = {f.name: getattr(parts, f.name) for f in dataclass_fields(parts) if f.init} if is_dataclass(parts) else {}
+    changed = {name: new for name, value in own.items() if (new := change(value)) is not value}
+    return cast(Field, replace(parts, **changed)) if changed else field
 
 
 @validate_call()

@@ -27,7 +27,7 @@ from tpmscad.brep.carriers import Plane
 from tpmscad.brep.deviation import Deviation, combine_deviations
 from tpmscad.brep.edge_continuity import EdgeContinuity
 from tpmscad.brep.solid_properties import measure_solid
-from tpmscad.errors import InvalidRequest, LevelSetError, NothingLeft, TrimmingError, format_point
+from tpmscad.errors import InvalidRequest, LevelSetError, format_point
 from tpmscad.fallbacks import Fallback, Fallbacks
 from tpmscad.fields.analysis import volume_quadrature
 from tpmscad.fields.analysis.betti_numbers import Betti, compute_betti_numbers
@@ -61,7 +61,7 @@ from tpmscad.kernel.step.face_labels import label_outer_faces
 from tpmscad.levelset.crossing_operands import Combination, list_fields, split_crossing_operands, widen_box
 from tpmscad.levelset.field_solid import find_sample_spacing
 from tpmscad.results.certificate import PatchMeasures
-from tpmscad.solids.cut import DistanceFunction, Finish, MadeSolids, build_valid_solids
+from tpmscad.solids.cut import DistanceFunction, Finish, MadeSolids, build_valid_solids, try_placements
 from tpmscad.solids.matter.field_patches import N_QUADRATURE_LINES, FieldPatches, fit_field_patches
 from tpmscad.solids.matter.patch_measures import (
     FROM_FIELD,
@@ -79,14 +79,12 @@ from tpmscad.solids.matter.strut_boundaries import (
 )
 from tpmscad.stage_timer import StageTimer
 from tpmscad.trimming.network_boolean import (
-    DEFAULT_TOL,
-    SHIFT_DIRECTION,
-    SHIFT_TOLS,
     NetworkReport,
     NetworkResult,
     Operation,
     combine_networks,
 )
+from tpmscad.trimming.operands.polyhedra import box
 
 T = TypeVar("T")
 
@@ -139,6 +137,11 @@ class CrossingFields:
         return join_breps([select_spline_faces(found.fitted.brep) for found in self.fitted])
 
     @cached_property
+    def closed(self) -> Brep:
+        """The solid of the field in the box."""
+        return self.combine((box(self.lo, self.hi), False), "intersection", lambda _: None).brep
+
+    @cached_property
     def measures(self) -> PatchMeasures:
         """What was measured on the operands."""
         return _measure(self.field, self.tol, self.operands)
@@ -163,16 +166,10 @@ class CrossingFields:
         """
         if isinstance(domain, SolidSet) and all(isinstance(operand, QuadricLeaf) for operand in self.operands):
             raise InvalidRequest("planes, spheres and cylinders alone are combined by the kernel, which is exact")
-        shifts = [length * DEFAULT_TOL * SHIFT_DIRECTION for length in SHIFT_TOLS]
-        shifts = [shift for shift in shifts if np.linalg.norm(shift) <= MAX_SHIFT_TOLS * self.tol]
-        placements = tuple(
-            Fallback(f"the field moved by {np.linalg.norm(s):.2g}", partial(self._combine_at, s)) for s in shifts
-        )
-        outcome = Fallbacks(placements, retry_on=(TrimmingError,), final=(NothingLeft,)).run(domain, operation, finish)
-        reason = str(outcome.failures[0]) if outcome.failures else ""
-        return replace(outcome.value, report=replace(outcome.value.report, reason=reason))
+        run = partial(self._combine_at, domain, operation, finish)
+        return try_placements(run, MAX_SHIFT_TOLS * self.tol)
 
-    def _combine_at(self, shift: Array, domain: ExactOrCut, operation: Operation, finish: Finish) -> NetworkResult:
+    def _combine_at(self, domain: ExactOrCut, operation: Operation, finish: Finish, shift: Array) -> NetworkResult:
         """What is combined once the field is translated by a vector."""
         moved = replace(self, operands=[_move_operand(each, shift) for each in self.operands]) if shift.any() else self
         found = moved.evaluate(moved.bound_operands(), domain, _combine_mixed, _complement, operation)

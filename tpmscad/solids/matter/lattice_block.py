@@ -153,7 +153,7 @@ class LatticeBlock:
 
     @cached_property
     def closed(self) -> Brep:
-        """The lattice cut by a box around the body and closed by caps."""
+        """The lattice cut by a box around the body, closed by caps."""
         return self.trim_to_box()
 
     @cached_property

@@ -9,6 +9,7 @@ of these images bounds the lattice without overlap.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -19,8 +20,10 @@ from tpmscad.errors import InvalidRequest
 from tpmscad.kernel.body_import.body_brep import brep_from_shape
 from tpmscad.kernel.build.primitive_solids import revolve_profile
 from tpmscad.lattices import copies, mapped_lattice, mapped_surface
-from tpmscad.lattices.coordinate_maps import Map
+from tpmscad.lattices.coordinate_maps import Map, as_map, composition, stretching
 from tpmscad.lattices.revolved_box import RevolvedBox, find_revolved_box, find_revolved_cylinder
+from tpmscad.lattices.rounded_maps import round_over_cells
+from tpmscad.lattices.spline_maps import SplineMap
 from tpmscad.requests.lattice_request import LatticeRequest
 from tpmscad.rigid_motion import Motion
 from tpmscad.sources.exact_sources import CopiedPrimitive
@@ -32,6 +35,31 @@ def exact_source(request: LatticeRequest) -> CopiedPrimitive:
     source = request.source
     assert isinstance(source, CopiedPrimitive)
     return source
+
+
+def compose_map(
+    request: LatticeRequest, map: Map | Callable[[Array], Array] | None
+) -> tuple[Map | None, tuple[str, ...]]:
+    """The map from cubic lattice coordinates (cell = the first edge) to the model, None for the identity, and notes on it."""
+    stretch = None
+    if len(set(request.cell)) > 1 and not request.source.follows_cell_edges:
+        stretch = stretching(tuple(edge / request.cell[0] for edge in request.cell))
+    if map is None:
+        return stretch, ()
+    block = np.array(request.cell)
+    notes: tuple[str, ...] = ()
+    if isinstance(map, SplineMap):
+        rounded = round_over_cells(map, request.cells, block, request.tol)
+        wrap = rounded.map
+        edges = " x ".join(f"{edge:.3g}" for edge in map.mean_edges() / request.cells)
+        notes = (f"the {map.name} has cells of {edges} mm on average",)
+        if rounded.moved > 0:
+            notes += (f"it is rounded at its knots, by {rounded.moved:.2g} mm at most",)
+        if map.face_error > 0:
+            notes += (f"its ends are within {map.face_error:.2g} mm of the faces",)
+    else:
+        wrap = as_map(map).over_block(block * request.cells)
+    return (wrap if stretch is None else composition(wrap, stretch, request.cell[0])), notes
 
 
 @dataclass(frozen=True, slots=True, eq=False)
