@@ -152,6 +152,19 @@ def test_a_boss_of_a_filled_body_and_its_bolt_hole_have_their_own_faces(tmp_path
         tpmscad.infill(body, **wall, skin=1.0, keep=bd.Cylinder(2, 10))
 
 
+@pytest.mark.parametrize("skin", [None, 0.2])
+def test_kept_solids_that_touch_each_other_are_one(skin: float | None) -> None:
+    """One of them ends in a face of the body."""
+    apart = bd.Pos(0.3, 0.2, 0) * bd.Box(0.8, 0.8, 1), bd.Pos(0.3, 0.2, 0.75) * bd.Box(0.6, 0.6, 0.5)
+    models = [
+        tpmscad.infill(bd.Box(3.3, 2.5, 2), "gyroid", cell=2, thickness=0.3, skin=skin, keep=keep, progress=False)
+        for keep in (bd.Compound(list(apart)), apart[0] + apart[1])
+    ]
+    for model in models:
+        assert model.certificate.met, model.certificate.shortfalls
+    assert models[0].volume == pytest.approx(models[1].volume, rel=1e-7)
+
+
 def test_a_kept_plate_that_a_strut_touches_from_within_is_united_with_it() -> None:
     """The strut is as deep as it is thick: it is moved by some millionths, the plate is not."""
     frame = fields.struts([[0, 0, 0], [10, 0, 0], [5, 0, 8]], [[0, 1], [0, 2], [1, 2]], 1.0)

@@ -38,9 +38,9 @@ def fill_body(
         if skin is not None:
             made, passive = _fill_within_skin(body, matter, skin, passive)
         else:
-            made, passive = _intersect(body, matter, passive)
+            made, passive, filling = _intersect(body, matter, passive)
             if passive.bodies and not passive.touch(body.read(matter.measures.tol).brep):
-                remake = partial(_intersect_moved, body, matter)
+                remake = partial(_intersect_moved, body, filling)
     return finish_model(
         name or matter.name,
         replace(
@@ -58,19 +58,20 @@ def fill_body(
     )
 
 
-def _intersect(body: Body, matter: Matter, passive: PassiveRegions) -> tuple[MadeSolids, PassiveRegions]:
-    """What matter, joined with what is kept within the body, has in common with the body, and what is still to be combined."""
+def _intersect(body: Body, matter: Matter, passive: PassiveRegions) -> tuple[MadeSolids, PassiveRegions, Matter]:
+    """What a body and matter, joined with what is kept within the body, have in common; what is still to be combined; that matter."""
     cad = body.cad if isinstance(body, KernelBody) else None
     left = replace(passive, within=())
     if not passive.within:
-        return intersect(body, matter, cad), left
+        return intersect(body, matter, cad), left, matter
+    joined = JoinedMatter(matter, passive.within)
     try:
-        made = intersect(body, JoinedMatter(matter, passive.within), cad)
+        made = intersect(body, joined, cad)
     except (TrimmingError, KernelError) as error:
         show_activity(f"the kernel's boolean, after {error}")
-        return intersect(body, matter, cad), passive.cut_within(body.cad)
+        return intersect(body, matter, cad), passive.cut_within(body.cad), matter
     told = tuple(f"{each.name} is contained, as far as it lies in {body.name}" for each in passive.within)
-    return replace(made, notes=(*made.notes, *told)), left
+    return replace(made, notes=(*made.notes, *told)), left, joined
 
 
 def _intersect_moved(body: Body, matter: Matter, finish: Finish) -> tuple[BrepSolids, float]:

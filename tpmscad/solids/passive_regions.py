@@ -176,8 +176,10 @@ class PassiveRegions:
         return build_valid_solids(brep)
 
     def carve(self, voids: Brep) -> BrepSolids:
-        """Voids without what is kept; NothingLeft if that holds them."""
+        """Voids without what is kept, bodies that touch being one; NothingLeft if that holds them."""
         kept = self.kept + self.within
+        if len(kept) > 1:
+            kept = _read_all(merge_faces(combine_sets(-1, [SolidSet(body.shape) for body in kept]).shape), "kept")
         return build_valid_solids(reduce(lambda brep, body: _combine(brep, body, "difference"), kept, voids))
 
     def finish_one_by_one(self, built: Solids) -> Solids:
