@@ -59,7 +59,7 @@ def fill_body(
 
 
 def _intersect(body: Body, matter: Matter, passive: PassiveRegions) -> tuple[MadeSolids, PassiveRegions, Matter]:
-    """What a body and matter, joined with what is kept within the body, have in common; what is still to be combined; that matter."""
+    """What matter, joined with what is kept within a body, has in common with it; what is still to be combined; that matter."""
     cad = body.cad if isinstance(body, KernelBody) else None
     left = replace(passive, within=())
     if not passive.within:
