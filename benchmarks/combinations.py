@@ -154,6 +154,10 @@ def list_jobs() -> Iterator[tuple[str, str, str, str]]:
             yield matter, body, ("skin", "open")[(m + b) % 2], list(KEPT)[(m + 2 * b) % 3]
 
 
+class Overtime(BaseException):
+    """A combination took longer than it is given."""
+
+
 class _Judge:
     """The share of points in a body that ought to be filled."""
 
@@ -240,7 +244,7 @@ def main(arguments: list[str] | None = None) -> None:
     chosen = parser.parse_args(arguments)
 
     def give_up(*_: Any) -> None:
-        raise TimeoutError
+        raise Overtime
 
     signal.signal(signal.SIGALRM, give_up)
     counts: Counter[str] = Counter()
@@ -251,7 +255,7 @@ def main(arguments: list[str] | None = None) -> None:
             signal.alarm(chosen.limit)
             try:
                 outcome, words = run(*job, Path(name))
-            except TimeoutError:
+            except Overtime:
                 outcome, words = "hangs", f"more than {chosen.limit} s"
             except Exception as error:
                 outcome, words = "FAULT", f"{type(error).__name__}: {error}"[:300]

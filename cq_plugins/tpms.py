@@ -192,6 +192,10 @@ def tpmsInfill(self: cq.Workplane, options: WorkplaneInfillOptions) -> cq.Workpl
             f"combine {combine!r} is neither True nor False; to cut or join, go on with .cut() or .union()"
         )
     solids = _find_solids(self)
+    if len(solids) > 1 and not (options.keep is None and options.clear is None):
+        raise InvalidRequest(
+            f"keep and clear are for one solid, and {len(solids)} are on the stack: fill them one at a time"
+        )
     keywords = select_arguments(options, InfillOptions)
     models = []
     for solid in solids:

@@ -322,7 +322,7 @@ class TpmsInfill(ModelPart, Part):
             context._add_to_context(*solids, mode=options.mode, clean=False)
 
     def __deepcopy__(self, memo: dict[int, Any]) -> Self:
-        """A copy of the part, as build123d makes it for every placement; model and certificate are shared."""
-        for shared in (self.model, self.certificate, self.surface, self.open_faces):
+        """A copy of the part, as build123d makes it for every placement; model, certificate and what was given are shared."""
+        for shared in (self.model, self.certificate, self.surface, self.open_faces, self.keep, self.clear):
             memo[id(shared)] = shared
         return super().__deepcopy__(memo)

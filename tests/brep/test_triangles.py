@@ -67,9 +67,9 @@ def test_placed_cells_are_closed_and_share_their_nodes(cell: PeriodicCell) -> No
 def test_a_filled_box_is_closed_and_has_its_volume(cell: PeriodicCell) -> None:
     low, high = np.array([-2.4, -3.1, 0.45]), np.array([2.9, 2.2, 2.6])
     body = box_mesh(low, high)
-    choice = choose_cells(LOW, CELL, body, None)
+    choice = choose_cells(LOW, CELL, body)
     assert len(choice.whole) > 4
-    filled = fill_mesh(cell, choice, body, None)
+    filled = fill_mesh(cell, choice, body)
     x, y = (np.linspace(low[k], high[k], 801)[:-1] + (high[k] - low[k]) / 1600 for k in (0, 1))
     height = 0.7 + 0.08 * np.outer(np.sin(2 * np.pi * x / CELL[0]), np.cos(2 * np.pi * y / CELL[1]))
     plates = [
@@ -84,11 +84,11 @@ def test_a_filled_box_is_closed_and_has_its_volume(cell: PeriodicCell) -> None:
 
 def test_whole_cells_are_those_that_no_boundary_touches(cell: PeriodicCell) -> None:
     body = box_mesh(LOW, LOW + 4 * CELL)
-    aligned = choose_cells(LOW, CELL, body, None)
+    aligned = choose_cells(LOW, CELL, body)
     assert {tuple(c) for c in aligned.whole.tolist()} == {(i, j, k) for i in (1, 2) for j in (1, 2) for k in (1, 2)}
     hole = box_mesh(LOW + 1.2 * CELL, LOW + 1.7 * CELL)
     shell = SolidMesh(hole.points, hole.triangles[:, ::-1], hole.face)
-    assert [1, 1, 1] not in choose_cells(LOW, CELL, body, shell).whole.tolist()
+    assert [1, 1, 1] not in choose_cells(LOW, CELL, body, [shell]).whole.tolist()
 
 
 def test_what_does_not_repeat_is_refused() -> None:
@@ -127,8 +127,8 @@ def test_clipped_parts_add_up(at: float, axis: int, keep: int) -> None:
 
 def test_surfaces_of_whole_cells_join_cut_ones_without_sides(cell: PeriodicCell) -> None:
     body = box_mesh(LOW - 1.3 * CELL, LOW + 3.4 * CELL)
-    choice = choose_cells(LOW, CELL, body, None)
+    choice = choose_cells(LOW, CELL, body)
     all_cut = CellChoice(choice.origin, choice.size, choice.whole[:0], np.concatenate([choice.cut, choice.whole]))
-    one, other = fill_mesh(cell, choice, body, None), fill_mesh(cell, all_cut, body, None)
+    one, other = fill_mesh(cell, choice, body), fill_mesh(cell, all_cut, body)
     assert one.volume == pytest.approx(other.volume, rel=1e-12)
     assert one.area == pytest.approx(other.area, rel=1e-12)

@@ -168,22 +168,29 @@ def test_instanced_asks_for_copies_of_one_cell(recorder: Recorder, capsys: pytes
 
 
 def test_every_option_of_infill_reaches_the_workflow(recorder: Recorder) -> None:
-    Path("part.step").touch()
+    for name in ("part.step", "bosses.step", "bolts.step"):
+        Path(name).touch()
     line = (
         'infill part.step P --porosity 0.7 --pore-size 0.6 --skin 1.5 --open-faces ">Z, 3" --rotation 0,0,45 '
-        "--deviation 0.05 -o out.3mf"
+        "--keep bosses.step --clear bolts.step --deviation 0.05 -o out.3mf"
     )
     assert run(line) == 0
     called = recorder.called
     assert called["operands"] == (Path("part.step"), "P")
-    assert {k: called[k] for k in ("porosity", "pore_size", "skin", "open_faces", "rotation", "deviation")} == {
+    expected = {
         "porosity": 0.7,
         "pore_size": 0.6,
         "skin": 1.5,
         "open_faces": ">Z, 3",
         "rotation": (0.0, 0.0, 45.0),
+        "keep": Path("bosses.step"),
+        "clear": Path("bolts.step"),
         "deviation": 0.05,
     }
+    assert {name: called[name] for name in expected} == expected
+    assert run(line.replace("bosses.step", "bosses,3,2.5")) == 0
+    assert recorder.called["keep"] == ("bosses", 3.0, 2.5)
+    assert run(line.replace("bosses.step", "bosses,wide")) == 2
 
 
 def test_domains_asks_for_the_fluid_domains_of_the_body(recorder: Recorder) -> None:

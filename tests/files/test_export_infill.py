@@ -130,6 +130,9 @@ def test_refusals_name_the_remedy(tmp_path: Path, monkeypatch: pytest.MonkeyPatc
         tpmscad.export_infill(box, "gyroid", path, **WALL, loose="drop")
     with pytest.raises(InvalidRequest, match="step"):
         tpmscad.export_infill(box, "gyroid", tmp_path / "parts.stl", **WALL)
+    for passive in ("keep", "clear"):
+        with pytest.raises(InvalidRequest, match=r"export the solid, infill\(...\)\.export_step\(path\)"):
+            tpmscad.export_infill(box, "gyroid", path, **WALL, **{passive: bd.Box(1, 1, 1)})
     monkeypatch.setattr(_export_infill, "MAX_COPIES", 3)
     with pytest.raises(InvalidRequest, match=r"more than the 3 parts that .*infill_layers"):
         tpmscad.export_infill(box, "gyroid", path, **WALL)

@@ -15,11 +15,12 @@ from tpmscad.build123d import TpmsInfill
 pytestmark = [pytest.mark.kernel, pytest.mark.slow]
 
 P: dict[str, Any] = {"cell": 10, "thickness": 1, "tol": 0.1}
+BOLT = bd.Pos(1, 0.5, 0) * bd.Cylinder(2, 14)
 
 
 @pytest.fixture(scope="module")
 def filled() -> TpmsInfill:
-    return TpmsInfill(bd.Cylinder(7, 12), "P", **P)
+    return TpmsInfill(bd.Cylinder(7, 12), "P", **P, clear=BOLT)
 
 
 def test_the_keywords_are_those_of_infill_with_mode() -> None:
@@ -31,8 +32,9 @@ def test_the_keywords_are_those_of_infill_with_mode() -> None:
 
 
 def test_it_holds_what_infill_makes(filled: TpmsInfill) -> None:
-    model = tpmscad.infill(bd.Cylinder(7, 12), "P", **P)
+    model = tpmscad.infill(bd.Cylinder(7, 12), "P", **P, clear=BOLT)
     assert filled.is_valid
+    assert not filled & BOLT
     assert filled.certificate.met
     assert filled.volume == pytest.approx(model.solid.volume, rel=1e-9)
     assert (filled.surface, filled.cell, filled.skin, filled.label) == ("P", 10, None, model.name)
@@ -42,6 +44,7 @@ def test_placing_keeps_the_certificate(filled: TpmsInfill) -> None:
     for placed in (bd.Pos(1, 2, 3) * filled, copy.deepcopy(filled)):
         assert placed.is_valid
         assert placed.certificate is filled.certificate
+        assert placed.clear is BOLT
 
 
 def test_in_a_builder_it_replaces_the_part_and_building_goes_on() -> None:

@@ -31,6 +31,16 @@ def test_the_keywords_are_those_of_infill(cq: Any) -> None:
     assert (ours[-1].name, ours[-1].default) == ("combine", True)
 
 
+def test_solids_are_kept_and_cleared(cq: Any) -> None:
+    two, bar = cq.Workplane().pushPoints([(3.3, 0.2), (-3.1, 0.1)]), cq.Workplane(origin=(0.3, 0.2, 0.1)).box(3, 20, 3)
+    bolts = two.cylinder(14, 1, combine=False)
+    made = cq.Workplane().cylinder(12, 7).tpmsInfill(**P, keep=bar, clear=bolts).val()
+    assert made.intersect(bar.val()).Volume() == pytest.approx(180, rel=1e-6)
+    assert made.intersect(bolts.combine().val()).Volume() == pytest.approx(0.0, abs=1e-6)
+    with pytest.raises(tpmscad.InvalidRequest, match="2 are on the stack: fill them one at a time"):
+        two.box(4, 4, 4, combine=False).tpmsInfill(**P, clear=bolts)
+
+
 def test_the_stack_holds_the_filled_solid(cq: Any, filled: Any) -> None:
     model = tpmscad.infill(cq.Workplane().cylinder(12, 7), **P)
     assert filled.size() == 1

@@ -86,6 +86,23 @@ def test_a_body_may_reach_beyond_the_box_and_a_file_may_hold_several(tmp_path: P
     assert sum("is contained" in note for note in model.certificate.notes) == 2
 
 
+def test_bodies_may_overlap_and_what_is_cleared_is_empty(tmp_path: Path) -> None:
+    """Two crossing bars are kept, and the corner that two boxes share is cleared."""
+    bars = bd.Compound([bd.Pos(9, 8, 6) * bd.Box(12, 2, 2), bd.Pos(9.1, 7.9, 6.1) * bd.Box(2, 12, 2)])
+    holes = bd.Compound([bd.Pos(4.2, 8.1, 6.2) * bd.Box(4, 4, 9), bd.Pos(5.1, 8.3, 6.4) * bd.Box(3, 3, 10)])
+    model = make(keep=bars, clear=holes)
+    kept, cleared = (one.solids()[0] + one.solids()[1] for one in (bars, holes))
+    expected = (bd.Pos(10, 8, 2) * bd.Box(20, 16, 4) + kept - cleared).volume
+    require_sound(model, expected, tmp_path / "crossing.step")
+
+
+def test_messages_name_what_is_kept() -> None:
+    with pytest.raises(InvalidRequest, match=r"the kept shape holds no solid \(compound\)"):
+        make(keep=bd.Rectangle(3, 3))
+    with pytest.raises(InvalidRequest, match=r"there is no file absent\.step"):
+        make(clear="absent.step")
+
+
 def test_what_a_body_joins_is_no_loose_piece() -> None:
     balls = fields.union(fields.sphere((4, 8, 5), 3.0), fields.sphere((14, 8, 5), 0.6))
     apart = tpmscad.solidify(balls, BOX, tol=0.02, progress=False)
@@ -129,11 +146,26 @@ def test_a_boss_of_a_filled_body_and_its_bolt_hole_have_their_own_faces(tmp_path
         assert model.trimmed_by == "patches"
         bored = tpmscad.infill(body, **wall, skin=skin, keep=boss)
         assert bored.volume - model.volume == pytest.approx(np.pi * 8, rel=1e-9)  # the bolt's hole was solid
-        ring = bd.Pos(1, 0.5, 0) * (bd.Cylinder(2.49, 7.9) - bd.Cylinder(1.01, 9))  # the kernel errs where faces coincide
+        ring = bd.Pos(1, 0.5, 0) * (
+            bd.Cylinder(2.49, 7.9) - bd.Cylinder(1.01, 9)
+        )  # the kernel errs where faces coincide
         assert (model.solid & ring).volume == pytest.approx(ring.volume, rel=1e-6)
     model.export_step(tmp_path / "boss.step")
     with pytest.raises(InvalidRequest, match="the kept solid reaches beyond the body, which has a skin: unite"):
         tpmscad.infill(body, **wall, skin=1.0, keep=bd.Cylinder(2, 10))
+
+
+@pytest.mark.parametrize("skin", [None, 0.2])
+def test_kept_solids_that_touch_each_other_are_one(skin: float | None) -> None:
+    """One of them ends in a face of the body."""
+    apart = bd.Pos(0.3, 0.2, 0) * bd.Box(0.8, 0.8, 1), bd.Pos(0.3, 0.2, 0.75) * bd.Box(0.6, 0.6, 0.5)
+    models = [
+        tpmscad.infill(bd.Box(3.3, 2.5, 2), "gyroid", cell=2, thickness=0.3, skin=skin, keep=keep, progress=False)
+        for keep in (bd.Compound(list(apart)), apart[0] + apart[1])
+    ]
+    for model in models:
+        assert model.certificate.met, model.certificate.shortfalls
+    assert models[0].volume == pytest.approx(models[1].volume, rel=1e-7)
 
 
 def test_a_kept_plate_that_a_strut_touches_from_within_is_united_with_it() -> None:

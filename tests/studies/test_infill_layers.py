@@ -12,6 +12,7 @@ import pytest
 
 import tpmscad
 from tests.cli.test_cli import run
+from tpmscad.brep.sections.polygon_regions import combine_regions
 
 pytest.importorskip("manifold3d")
 pytestmark = pytest.mark.kernel
@@ -23,12 +24,26 @@ def signed_area(contours: Any) -> float:
     return float(sum(0.5 * (x @ np.roll(y, -1) - y @ np.roll(x, -1)) for x, y in (c.T for c in contours)))
 
 
+BOSS = bd.Pos(1.2, 0.3, 0) * bd.Cylinder(0.8, 2.8)
+BOLTS = bd.Compound([bd.Pos(1.1, 0.2, 0) * bd.Cylinder(0.3, 3), bd.Pos(0.6, 0.1, 0) * bd.Cylinder(0.4, 3.2)])
+
 CASES: dict[str, tuple[bd.Shape, str, dict[str, Any]]] = {
     "cone": (bd.Cone(2.4, 1.3, 2), "gyroid", {"cell": 2, "thickness": 0.3}),
     "turned": (bd.Pos(0.3, 0.5, 0) * bd.Box(2.9, 2.1, 1.7), "P", {"cell": 2, "thickness": 0.3, "rotation": (0, 0, 25)}),
     "rods": (bd.Box(2.1, 1.9, 1.2), "diamond", {"cell": 2, "kind": "skeletal", "volume_fraction": 0.3}),
     "skin": (bd.Cylinder(1.5, 1.5) - bd.Cylinder(0.5, 1.5), "gyroid", {"cell": 2, "thickness": 0.3, "skin": 0.2}),
     "open": (bd.Box(2, 2.2, 1.5), "gyroid", {"cell": 2, "thickness": 0.3, "skin": 0.2, "open_faces": "<X"}),
+    "boss": (bd.Cylinder(1.6, 2), "P", {"cell": 2, "thickness": 0.3, "keep": BOSS, "clear": BOLTS}),
+    "within": (
+        bd.Box(3.3, 2.5, 2),
+        "gyroid",
+        {"cell": 2, "thickness": 0.3, "skin": 0.2, "keep": bd.Pos(0.3, 0.2, 0) * bd.Cylinder(0.8, 2), "clear": BOLTS},
+    ),
+    "bosses": (
+        bd.Box(3.1, 2.5, 1.4) - bd.Pos(0.6, 0.2, 0) * bd.Cylinder(0.3, 3),
+        "gyroid",
+        {"cell": 2, "thickness": 0.3, "keep": ("bosses", 0.4)},
+    ),
 }
 
 
@@ -49,6 +64,24 @@ def test_layers_are_those_of_the_solid(name: str) -> None:
         assert own.perimeter == pytest.approx(other.perimeter, rel=0.01)
         assert signed_area(own.contours) == pytest.approx(own.area, abs=CHORD_ERROR * own.perimeter)
     assert layers.volume == pytest.approx(solid.volume, rel=2e-3)
+
+
+def test_what_is_kept_is_whole_and_what_is_cleared_is_empty() -> None:
+    """A boss with a hole stands on a plate: above it the layers are a ring, within it they hold one."""
+    boss, bolt = (bd.Pos(0.1, 0.2, 0.5) * bd.Cylinder(radius, height) for radius, height in ((0.6, 2), (0.3, 4)))
+    layers = tpmscad.infill_layers(
+        bd.Box(2, 2, 1), "P", cell=2, thickness=0.3, height=0.25, chord_error=CHORD_ERROR, keep=boss, clear=bolt
+    )
+    turns = np.linspace(0, 2 * np.pi, 65)[:-1]
+    circle = np.stack([np.cos(turns), np.sin(turns)], axis=1)
+    ring, hole = [0.59 * circle + (0.1, 0.2), 0.31 * circle[::-1] + (0.1, 0.2)], [0.29 * circle + (0.1, 0.2)]
+    assert len(layers) == 8
+    for layer in layers:
+        contours = list(layer.contours)
+        if layer.bottom >= 0.5:
+            assert layer.area == pytest.approx(np.pi * (0.6**2 - 0.3**2), rel=1e-4)
+        assert signed_area(combine_regions(ring, contours, "difference")) == 0.0
+        assert signed_area(combine_regions(hole, contours, "intersection")) == 0.0
 
 
 def test_a_box_of_many_cells_has_the_volume_of_its_cells() -> None:
@@ -77,7 +110,10 @@ def test_what_has_no_equal_cells_in_its_layers_is_refused() -> None:
 def test_the_command_writes_layers(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     part, layers, report = (tmp_path / name for name in ("part.step", "part.cli", "part.json"))
     bd.export_step(bd.Box(4, 4, 1), part)
+    bd.export_step(bd.Pos(0.2, 0.1, 0.25) * bd.Box(1, 1, 1.5), tmp_path / "boss.step")
     line = f"infill {part} P --cell 2 --thickness 0.3"
+    assert run(f"{line} --layer 0.25 --keep {tmp_path / 'boss.step'} -o {tmp_path / 'kept.svg'}") == 0
+    assert "6 layers" in capsys.readouterr().out
     assert run(f"{line} --layer 0.25 -o {layers} --report {report}") == 0
     assert "4 layers" in capsys.readouterr().out
     assert json.loads(report.read_text())["layers"] == layers.read_text().count("$$LAYER/") == 4

@@ -12,6 +12,7 @@ import pytest
 import tpmscad
 from tests.cli.test_cli import run
 from tpmscad.brep.triangles.closed_mesh import SolidMesh, join_meshes
+from tpmscad.brep.winding_numbers import winding_numbers
 from tpmscad.errors import OutOfMemory
 from tpmscad.kernel.export.solid_mesh import mesh_solids
 from tpmscad.studies._infill_triangles import _drop_loose_pieces
@@ -38,6 +39,27 @@ CASES: dict[str, tuple[bd.Shape, str, dict[str, Any]]] = {
         "gyroid",
         {"cell": 1.5, "thickness": 0.25, "skin": 0.2, "open_faces": "<X,>Z"},
     ),
+    "boss": (
+        bd.Pos(2.45, 0.88, 0.84) * bd.Box(5.2, 2.3, 2.1),
+        "P",
+        {
+            "cell": 1.5,
+            "thickness": 0.25,
+            "keep": bd.Pos(3.9, 0.9, 0.8) * bd.Box(2, 2, 3),  # which holds a whole cell
+            "clear": bd.Pos(2.75, 0.5, 0) * bd.Cylinder(0.35, 5),
+        },
+    ),
+    "within": (
+        IN_A_CELL * bd.Box(2.2, 2.3, 2.1),
+        "gyroid",
+        {
+            "cell": 1.5,
+            "thickness": 0.25,
+            "skin": 0.2,
+            "keep": IN_A_CELL * bd.Cylinder(0.6, 2.1),
+            "clear": IN_A_CELL * bd.Cylinder(0.3, 3),
+        },
+    ),
 }
 
 
@@ -47,7 +69,7 @@ def test_triangles_are_those_of_the_solid(name: str, tmp_path: Path) -> None:
     body, surface, asked = CASES[name]
     part = tpmscad.infill_triangles(body, surface, deviation=DEVIATION, **asked)
     solid = tpmscad.infill(body, surface, **asked)
-    assert part.whole_cells == (name in ("cone", "rods", "open"))
+    assert part.whole_cells == (name in ("cone", "rods", "open", "boss"))
     part.write(tmp_path / "part.stl")
     read = trimesh.load(tmp_path / "part.stl")
     assert read.is_watertight
@@ -58,6 +80,21 @@ def test_triangles_are_those_of_the_solid(name: str, tmp_path: Path) -> None:
     assert np.allclose(part.bounding_box, solid.bounding_box, atol=DEVIATION)
     expected = join_meshes(list(mesh_solids(solid.wrapped, 0.2 * DEVIATION, 0.3)))
     assert np.allclose(part.center_of_mass, expected.center_of_mass, atol=2 * DEVIATION)
+
+
+def test_what_is_kept_is_whole_and_what_is_cleared_is_empty() -> None:
+    """A boss that several cells lie in, with a hole."""
+    asked: dict[str, Any] = {"cell": 1, "thickness": 0.15, "rotation": (0, 0, 20), "deviation": DEVIATION}
+    boss, bolt = (bd.Pos(1.2, 0, 0) * bd.Cylinder(radius, height) for radius, height in ((1.6, 3.6), (0.3, 5)))
+    part = tpmscad.infill_triangles(bd.Box(6.2, 4.3, 3.1), "P", **asked, keep=boss, clear=bolt)
+    points = np.random.default_rng(5).uniform((-0.4, -1.6, -1.8), (2.8, 1.6, 1.8), (2000, 3))
+    radius = np.hypot(points[:, 0] - 1.2, points[:, 1])
+    found = winding_numbers(part.points, part.triangles, points)
+    assert part.whole_cells > 4
+    assert (found[(radius > 0.3) & (radius < 1.6 - DEVIATION)] == 1).all()
+    assert (found[radius < 0.3 - DEVIATION] == 0).all()
+    with pytest.raises(tpmscad.InvalidRequest, match=r"what is kept lies in loose pieces of 0\.001 mm3 at most"):
+        tpmscad.infill_triangles(bd.Box(3, 2, 2), "P", **asked, keep=bd.Pos(5, 0, 0) * bd.Box(0.1, 0.1, 0.1))
 
 
 def test_triangles_lie_on_the_surface(tmp_path: Path) -> None:
@@ -99,11 +136,11 @@ def test_loose_pieces_are_left_out_and_told() -> None:
     void.invert()
     parts = [SolidMesh(m.vertices, m.faces, np.zeros(len(m.faces), int)) for m in (large, small, void)]
     whole = join_meshes(parts)
-    kept, notes = _drop_loose_pieces(whole, "drop")
+    kept, notes = _drop_loose_pieces(whole, "drop", 1)
     assert kept.volume == pytest.approx(parts[0].volume + parts[2].volume)
     assert len(notes) == 1
     assert "1 loose piece" in notes[0]
-    assert _drop_loose_pieces(whole, "keep") == (whole, ())
+    assert _drop_loose_pieces(whole, "keep", 1) == (whole, ())
 
 
 def test_requests_that_cannot_be_met_are_told() -> None:
@@ -120,9 +157,12 @@ def test_requests_that_cannot_be_met_are_told() -> None:
 def test_the_command_writes_triangles(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     body, out = tmp_path / "body.step", tmp_path / "part.stl"
     bd.export_step(bd.Box(3.3, 3.3, 3.3), str(body))
+    bd.export_step(bd.Box(1, 1, 4), str(tmp_path / "boss.step"))
     line = f"infill {body} P --cell 1.5 --thickness 0.25 --triangles --deviation 0.03 -o {out}"
-    assert run(line) == 0
-    assert trimesh.load(out).is_watertight
+    assert run(f"{line} --keep {tmp_path / 'boss.step'}") == 0
+    read = trimesh.load(out)
+    assert read.is_watertight
+    assert np.ptp(read.bounds[:, 2]) == pytest.approx(4)
     assert "triangles" in capsys.readouterr().out
     assert run(line.replace("part.stl", "part.step").replace(" --deviation 0.03", "")) == 2
     assert "triangles" in capsys.readouterr().err

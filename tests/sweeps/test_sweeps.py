@@ -145,7 +145,7 @@ CELLS: dict[str, dict[str, Any]] = {
         "body": "part.step", "surface": "gyroid", "cell": 5, "thickness": 0.5, "offset": -0.1, "volume_fraction": 0.3,
         "porosity": 0.7, "pore_size": 2, "reference": "minimal", "phase": (0, 0.25, 0), "tol": 0.2, "kind": "skeletal",
         "side": "+", "loose": "keep", "solid": "largest", "box": ((0, 0, 0), (5, 6, 7)), "rotation": (0, 0, 45), "skin": 1,
-        "open_faces": ">Z,<Z",
+        "open_faces": ">Z,<Z", "keep": "bosses.step", "clear": "1",
     },
     "struts": {
         "kind": "octet", "cell": 5, "cells": 2, "diameter": 0.5, "volume_fraction": 0.3, "porosity": 0.7, "node_radius": 0.4,

@@ -10,6 +10,7 @@ import functools
 import inspect
 from collections.abc import Callable, Mapping
 from inspect import Parameter
+from pathlib import Path
 from typing import Annotated, Any, Literal, TypeAlias
 
 import typer
@@ -33,6 +34,7 @@ from tpmscad.api.shared_kinds import (
     OVERHANG,
     PICTURE_SIZE,
     POSITIVE,
+    SHAPE,
     SOLID,
     TEXT,
     TEXTS,
@@ -114,6 +116,12 @@ def parse_direction(text: str) -> str | tuple[float, ...]:
     return vector if isinstance(vector, tuple) else text
 
 
+def parse_part(text: str) -> Path | tuple[str | float, ...]:
+    """The path of a CAD file, or the surroundings of holes as in bosses,3."""
+    word, *numbers = text.split(",")
+    return (word, *map(float, numbers)) if word == "bosses" and numbers else Path(text)
+
+
 SurfaceArgument = Annotated[
     str,
     typer.Argument(
@@ -136,6 +144,7 @@ WRITTEN: Mapping[Any, tuple[Any, dict[str, Any]]] = {
     OFFSET.read: (Any, {"metavar": "LO,HI", "parser": parse_numbers}),
     POINT.read: (Any, {"metavar": "X,Y,Z", "parser": parse_numbers}),
     FACES.read: (str, {"metavar": "FACES"}),
+    SHAPE.read: (Any, {"metavar": "PART.step|bosses,W", "parser": parse_part}),
     FLAG.read: (bool, {}),
     COUNT.read: (int | None, {"metavar": "N"}),
     NOT_NEGATIVE.read: (float | None, {"metavar": "NUMBER"}),

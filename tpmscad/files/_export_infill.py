@@ -192,8 +192,8 @@ def export_infill(options: InfillFileOptions) -> InfillFile:
     Raises
     ------
     InvalidRequest
-        If the request cannot be carried out, drops loose pieces, has no equal cells (a field or a map), or places more than
-        100,000 solids.
+        If the request cannot be carried out, drops loose pieces, keeps or clears solids, has no equal cells (a field or a map),
+        or places more than 100,000 solids.
     NotMet
         If a part misses the request.
     TrimmingError, KernelError
@@ -206,6 +206,11 @@ def export_infill(options: InfillFileOptions) -> InfillFile:
     """
     if options.loose != KEEP:
         raise InvalidRequest("a piece that is loose in a layer may touch the next one: leave loose out")
+    if options.keep is not None or options.clear is not None:
+        raise InvalidRequest(
+            "`keep` and `clear` are for one solid, not for cells and layers: leave them out, or export the solid, "
+            "infill(...).export_step(path)"
+        )
     target, schema = validate_output_path(options.path, STEP_SUFFIXES), options.schema
     find_schema(schema)
     stages = StageTimer(options.progress)

@@ -94,7 +94,7 @@ def divide_body(shapes: Sequence[Any], low: Array, cell: Array, slab: int) -> Ce
     """The cells of a body of disjoint solids, in layers of `slab` cells along the axis that has the most equal layers."""
     deviation = MESH_DEVIATION_CELLS * float(cell.min())
     mesh = join_meshes([mesh for shape in shapes for mesh in mesh_solids(shape, deviation, MESH_ANGLE)])
-    choice = choose_cells(low, cell, mesh, None, margin=2 * MESH_DEVIATION_CELLS)
+    choice = choose_cells(low, cell, mesh, margin=2 * MESH_DEVIATION_CELLS)
     inside = np.zeros(choice.size, bool)
     inside[tuple((choice.whole - choice.origin).T)] = True
     axis = min((2, 1, 0), key=lambda a: len({layer.tobytes() for layer in np.moveaxis(inside, a, 0)}))

@@ -175,15 +175,14 @@ class PassiveOptions:
     keep: Annotated[
         Any,
         SHAPE,
-        "CAD solids that the result contains with their own, exact faces, such as bosses and flanges: a build123d or CadQuery "
-        "shape, or the path of a CAD file, all solids of which are kept. They must not overlap each other. Within a skin they "
-        "lie in the body.",
+        "CAD solids that the result contains with their own, exact faces, such as bosses and flanges; all solids of a shape or "
+        "a file. Within a skin they lie in the body.",
     ] = None
     clear: Annotated[
         Any,
         SHAPE,
         "CAD solids that stay empty, such as bolts in their bores: what of the filled body and of `keep` lies in them is cut "
-        "away, with exact faces. Given as `keep`.",
+        "away, with exact faces.",
     ] = None
 
 

@@ -40,7 +40,7 @@ class TriangulatedInfill:
     triangles : ndarray of int (m, 3)
         Corners of each triangle, counter-clockwise from outside.
     face : ndarray of int (m,)
-        0 for triangles of the lattice, 1 and more for those of the body's faces and its skin.
+        0 for triangles of the lattice, 1 and more for those of the body's faces, its skin, and what is kept or cleared.
     deviation : float
         Greatest distance of the triangles from the exact patches and faces, mm, as measured.
     whole_cells, cut_cells : int

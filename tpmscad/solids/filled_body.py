@@ -2,13 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from functools import partial
 
 from tpmscad.errors import InvalidRequest, KernelError, TrimmingError
-from tpmscad.kernel.body_import.cad_body import CadBody, read_body
-from tpmscad.kernel.boolean.boolean_operations import intersect_solids
 from tpmscad.kernel.boolean.cut_faces import label_cut_solids
 from tpmscad.kernel.build.solids import BrepSolids
 from tpmscad.results.model import Model
@@ -41,9 +38,9 @@ def fill_body(
         if skin is not None:
             made, passive = _fill_within_skin(body, matter, skin, passive)
         else:
-            made, passive = _intersect(body, matter, passive)
+            made, passive, filling = _intersect(body, matter, passive)
             if passive.bodies and not passive.touch(body.read(matter.measures.tol).brep):
-                remake = partial(_intersect_moved, body, matter)
+                remake = partial(_intersect_moved, body, filling)
     return finish_model(
         name or matter.name,
         replace(
@@ -61,26 +58,20 @@ def fill_body(
     )
 
 
-def _intersect(body: Body, matter: Matter, passive: PassiveRegions) -> tuple[MadeSolids, PassiveRegions]:
-    """What matter, joined with what is kept within the body, has in common with the body, and what is still to be combined."""
+def _intersect(body: Body, matter: Matter, passive: PassiveRegions) -> tuple[MadeSolids, PassiveRegions, Matter]:
+    """What matter, joined with what is kept within a body, has in common with it; what is still to be combined; that matter."""
     cad = body.cad if isinstance(body, KernelBody) else None
     left = replace(passive, within=())
     if not passive.within:
-        return intersect(body, matter, cad), left
+        return intersect(body, matter, cad), left, matter
+    joined = JoinedMatter(matter, passive.within)
     try:
-        made = intersect(body, JoinedMatter(matter, passive.within), cad)
+        made = intersect(body, joined, cad)
     except (TrimmingError, KernelError) as error:
         show_activity(f"the kernel's boolean, after {error}")
-        return intersect(body, matter, cad), replace(left, kept=left.kept + tuple(_cut_within(body, passive.within)))
+        return intersect(body, matter, cad), passive.cut_within(body.cad), matter
     told = tuple(f"{each.name} is contained, as far as it lies in {body.name}" for each in passive.within)
-    return replace(made, notes=(*made.notes, *told)), left
-
-
-def _cut_within(body: Body, within: Sequence[CadBody]) -> Iterator[CadBody]:
-    """The parts of solids in a body."""
-    for each in within:
-        for solid in intersect_solids(each.shape, body.cad.shape):
-            yield replace(read_body(solid), name=each.name, role=each.role)
+    return replace(made, notes=(*made.notes, *told)), left, joined
 
 
 def _intersect_moved(body: Body, matter: Matter, finish: Finish) -> tuple[BrepSolids, float]:
@@ -104,6 +95,6 @@ def _fill_within_skin(
                 f"{kept.name} reaches beyond {body.name}, which has a skin: unite both in the CAD system first, and keep it then"
             )
     made = fill_within_skin(body, matter, skin, passive.carve)
-    own = PassiveRegions(passive.kept + tuple(_cut_within(body, passive.within)))
+    own = replace(passive.cut_within(body.cad), cleared=())
     checked = own.check(made, made.before, made.contains, "taken from the voids within the skin")
     return replace(checked, contains=lambda p: made.contains(p) | own.hold(p)), PassiveRegions((), passive.cleared)

@@ -21,7 +21,7 @@ from tpmscad.errors import InvalidRequest, KernelError, NothingLeft, TrimmingErr
 from tpmscad.fallbacks import Fallback, Fallbacks
 from tpmscad.kernel.body_import.cad_body import BodyFile, CadBody, read_bodies, read_body
 from tpmscad.kernel.body_import.solid_choice import ALL
-from tpmscad.kernel.boolean.boolean_operations import OcctSolids, estimate_volume, merge_faces
+from tpmscad.kernel.boolean.boolean_operations import OcctSolids, estimate_volume, intersect_solids, merge_faces
 from tpmscad.kernel.boolean.cut_faces import label_cut_solids
 from tpmscad.kernel.boolean.kept_solids import find_holes, grow_beyond
 from tpmscad.kernel.boolean.solid_trees import SolidSet, combine_sets, list_solids
@@ -52,7 +52,7 @@ Solids = BrepSolids | OcctSolids
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PassiveRegions:
-    """Bodies that a solid contains (`kept`), and bodies that stay empty (`cleared`), those after those.
+    """Bodies that a solid contains (`kept`), and bodies that stay empty (`cleared`), those after those. They may overlap.
 
     within: bodies of which a filled body contains the part that lies in it; their faces cross those of the body.
     """
@@ -81,16 +81,30 @@ class PassiveRegions:
         others = [each for i, each in enumerate(kept) if grown.get(i) is None]
         return cls(tuple(others), cleared, tuple(within))
 
+    def cut_within(self, body: CadBody) -> PassiveRegions:
+        """The regions with the parts of what is kept `within` the body among what is kept."""
+        parts = [
+            replace(read_body(solid), name=each.name, role=each.role)
+            for each in self.within
+            for solid in intersect_solids(each.shape, body.shape)
+        ]
+        return PassiveRegions((*self.kept, *parts), self.cleared)
+
     @property
     def bodies(self) -> tuple[CadBody, ...]:
         """All bodies."""
         return self.kept + self.cleared
 
+    @property
+    def steps(self) -> tuple[tuple[Operation, CadBody], ...]:
+        """How each body is combined with the solid, one after the other."""
+        return (*(("union", body) for body in self.kept), *(("difference", body) for body in self.cleared))
+
     def describe(self) -> tuple[str, ...]:
         """What is contained or stays empty, with its volume."""
         return tuple(
-            f"{body.name} {'is contained' if number < len(self.kept) else 'stays empty'}, {body.volume:.6g} mm3"
-            for number, body in enumerate(self.bodies)
+            f"{body.name} {'is contained' if operation == 'union' else 'stays empty'}, {body.volume:.6g} mm3"
+            for operation, body in self.steps
         )
 
     def hold(self, points: Array) -> BoolArray:
@@ -134,12 +148,13 @@ class PassiveRegions:
         contains: whether points (n, 3) lay in the solids before, by what they were made from.
         """
         expected, allowed, notes = before, 0.0, []
-        for number, body in enumerate(self.bodies):
-            kept = number < len(self.kept)
+        for number, (operation, body) in enumerate(self.steps):
+            kept = operation == "union"
             points = sample_body(body)
             inside = contains(points)
-            for other in self.kept[:number]:
-                inside[~inside] = contains_points(other.shape, points[~inside])
+            for earlier, other in self.steps[:number]:
+                within = contains_points(other.shape, points)
+                inside = inside | within if earlier == "union" else inside & ~within
             fraction, error = estimate_fraction(inside)
             expected += ((1.0 - fraction) if kept else -fraction) * body.volume
             allowed += error * body.volume
@@ -156,20 +171,21 @@ class PassiveRegions:
 
     def finish(self, brep: Brep) -> BrepSolids:
         """The valid solids of a boundary representation with what is kept, without what is cleared, by cuts of their faces."""
-        for number, body in enumerate(self.bodies):
-            operation: Operation = "union" if number < len(self.kept) else "difference"
+        for operation, body in self.steps:
             brep = _combine(brep, body, operation)
         return build_valid_solids(brep)
 
     def carve(self, voids: Brep) -> BrepSolids:
-        """Voids without what is kept; NothingLeft if that holds them."""
+        """Voids without what is kept, bodies that touch being one; NothingLeft if that holds them."""
         kept = self.kept + self.within
+        if len(kept) > 1:
+            kept = _read_all(merge_faces(combine_sets(-1, [SolidSet(body.shape) for body in kept]).shape), "kept")
         return build_valid_solids(reduce(lambda brep, body: _combine(brep, body, "difference"), kept, voids))
 
     def finish_one_by_one(self, built: Solids) -> Solids:
         """The same as `finish`, each body by the kernel where the cut fails; faces in one plane are then made one."""
-        for number, body in enumerate(self.bodies):
-            built = ONE_BODY.run(built, body, "union" if number < len(self.kept) else "difference").value
+        for operation, body in self.steps:
+            built = ONE_BODY.run(built, body, operation).value
         return built
 
     def _label(self, made: MadeSolids, solids: tuple[Any, ...]) -> OcctSolids:
@@ -224,7 +240,8 @@ def _read_all(source: Any, role: str) -> tuple[CadBody, ...]:
     """All solids of a source, their faces labelled by a role, and by a number if there are several."""
     if source is None:
         return ()
-    bodies = read_bodies(source, None if isinstance(source, CadBody | BodyFile) else ALL)
+    solid = None if isinstance(source, CadBody | BodyFile) else ALL
+    bodies = read_bodies(source, solid, f"the {role} shape")
     if len(bodies) == 1:
         name = f"the {role} solid" if bodies[0].name == "the body" else bodies[0].name
         return (replace(bodies[0], role=role, name=name),)

@@ -16,6 +16,7 @@ from tpmscad.requests.lattice_request import LatticeRequest, lattice_in_body, re
 from tpmscad.solids.bodies.body_choice import find_body, leave_open
 from tpmscad.solids.bodies.fitted_body import FittedBody, resolve_field
 from tpmscad.solids.bodies.kernel_body import KernelBody
+from tpmscad.solids.passive_regions import PassiveRegions
 from tpmscad.stage_timer import StageTimer
 
 TILE_CORNERS = np.array([[0.1237, 0.0871, 0.0631], [0.2913, 0.3371, 0.1913], [0.4421, 0.1193, 0.3677]])
@@ -25,12 +26,16 @@ touches a side."""
 
 @dataclass(frozen=True, slots=True, eq=False)
 class TiledBody:
-    """A body, the faces of it that are open, and the lattice that fills it; `turn` (3, 3) takes lattice axes to the body's."""
+    """A body, the faces of it that are open, and the lattice that fills it; `turn` (3, 3) takes lattice axes to the body's.
+
+    passive: what is kept and what is cleared of the filled body.
+    """
 
     body: CadBody | TriangleMesh
     openings: tuple[object, ...]
     request: LatticeRequest
     turn: Array
+    passive: PassiveRegions
 
 
 def read_tiled_body(
@@ -49,9 +54,11 @@ def read_tiled_body(
         with stages("read"):
             field = resolve_field(options.body)
         if isinstance(field, MeshField):
-            return TiledBody(field.mesh, (), request, turn)
+            return TiledBody(field.mesh, (), request, turn, PassiveRegions.read(options.keep, options.clear))
     body = find_body(options.body, options.box, options.solid, request.tol, stages, is_default=options.tol is None)
     if isinstance(body, FittedBody) and options.skin is not None:
         raise InvalidRequest(f"a skin without a solid needs a CAD body: leave skin out, or {instead}")
     body = leave_open(body, options.open_faces, options.skin, stages)
-    return TiledBody(body.cad, tuple(body.open_faces) if isinstance(body, KernelBody) else (), request, turn)
+    is_exact = isinstance(body, KernelBody)
+    passive = PassiveRegions.read_for(body.cad, is_exact, options.keep, options.clear).cut_within(body.cad)
+    return TiledBody(body.cad, tuple(body.open_faces) if is_exact else (), request, turn, passive)

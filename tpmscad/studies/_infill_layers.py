@@ -21,6 +21,7 @@ from tpmscad.api.public_calls import validate_options
 from tpmscad.brep.sections.periodic_section import PeriodicSection, find_periodic_section
 from tpmscad.brep.sections.polygon_regions import (
     MANIFOLD_FOR_LAYERS,
+    Operation,
     Region,
     combine_regions,
     region_length,
@@ -64,8 +65,9 @@ LAYERS_PER_TASK = 16
 def infill_layers(options: InfillLayersOptions) -> Slices:
     """Cut a body filled with a lattice into layers, without making its solid.
 
-    The layers are those of `infill(...).slices(height)`, but that pieces which hang on nothing are kept. Their number of cells is
-    limited by the area of a layer only: 18,000 cells take about a minute.
+    The layers are those of `infill(...).slices(height)`, but that pieces which hang on nothing are kept, and that layers begin at
+    the lowest point of the body and of what is kept, even if it is cleared. Their number of cells is limited by the area of a
+    layer only: 18,000 cells take about a minute.
 
     Returns
     -------
@@ -93,13 +95,15 @@ def infill_layers(options: InfillLayersOptions) -> Slices:
             f"rotation {options.rotation} tilts the cells, so that no two layers are alike: rotate about z only, or {instead}"
         )
     tiled = read_tiled_body(options, instead, stages)
-    body, openings, request = tiled.body, tiled.openings, tiled.request
+    body, openings, request, passive = tiled.body, tiled.openings, tiled.request, tiled.passive
     assert isinstance(body, CadBody)
     with stages("read"):
-        low, high = shape_bounds(body.shape)
-        edges = divide_into_layers(options.height, (float(low[2]), float(high[2])))
+        bounds = np.array([shape_bounds(each.shape) for each in (body, *passive.kept)])
+        edges = divide_into_layers(options.height, (float(bounds[:, 0, 2].min()), float(bounds[:, 1, 2].max())))
         error = choose_chord_error(options.height, options.chord_error)
-        outer = triangulate_for_slices(body.shape, SLICING_SHARE * error)
+        outer, *others = (
+            tuple(triangulate_for_slices(each.shape, SLICING_SHARE * error)) for each in (body, *passive.bodies)
+        )
     inner: tuple[SurfaceTriangulation, ...] | None = None
     if skin is not None:
         with stages("offset"):
@@ -107,7 +111,8 @@ def infill_layers(options: InfillLayersOptions) -> Slices:
             inner = tuple(t for part in parts for t in triangulate_for_slices(part.shape, SLICING_SHARE * error))
     with stages("cut"):
         lattice = CellSections(request, _find_gap(0.5 * (edges[:-1] + edges[1:]), request.cell[2]), error)
-        filled = LayeredInfill(lattice, turn[:2, :2], tuple(outer), inner, bool(openings), error, options.executor)
+        regions = tuple((operation, own) for (operation, _), own in zip(passive.steps, others, strict=True))
+        filled = LayeredInfill(lattice, turn[:2, :2], outer, inner, bool(openings), regions, error, options.executor)
         sections = filled.fill(0.5 * (edges[:-1] + edges[1:]))
         heights, excess = np.diff(edges), lattice.mean_shares(edges) - [each.share for each in sections]
         volumes = heights * ([each.area for each in sections] + excess * [each.room for each in sections])
@@ -208,13 +213,17 @@ class CellSection:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class LayeredInfill:
-    """The layers of a body filled with a lattice, which is turned in its plane by `turn` (2, 2)."""
+    """The layers of a body filled with a lattice, which is turned in its plane by `turn` (2, 2).
+
+    passive: solids that are then united with what is filled, or subtracted from it, one after the other.
+    """
 
     lattice: CellSections
     turn: Array
     body: tuple[SurfaceTriangulation, ...]
     cavity: tuple[SurfaceTriangulation, ...] | None
     has_openings: bool
+    passive: tuple[tuple[Operation, tuple[SurfaceTriangulation, ...]], ...]
     error: float
     executor: Executor | None
 
@@ -225,7 +234,12 @@ class LayeredInfill:
             [None] * len(heights) if solids is None else self._cut_body(solids, heights)
             for solids in (self.body, self.cavity)
         )
-        regions = list(zip(sections, body, cavity, strict=True))
+        passive: list[Passive] = [[] for _ in heights]
+        for operation, solids in self.passive:
+            for own, section in zip(passive, self._cut_body(solids, heights), strict=True):
+                if section.outline:
+                    own.append((operation, section))
+        regions = list(zip(sections, body, cavity, passive, strict=True))
         tasks = [
             (self.turn, self.has_openings, regions[first : first + LAYERS_PER_TASK])
             for first in range(0, len(regions), LAYERS_PER_TASK)
@@ -246,6 +260,24 @@ class BodySection:
 
     outline: Region
     area: float
+
+    def combine(self, other: BodySection, operation: Operation) -> BodySection:
+        """The union with another section, or the difference.
+
+        What chords miss of the exact area goes with the length of the outlines: each counts as far as it bounds the result.
+        """
+        united, left = (combine_regions(self.outline, other.outline, kind) for kind in ("union", "difference"))
+        own, others, of_united, of_left = map(region_length, (self.outline, other.outline, united, left))
+        outside = 0.5 * (of_united + of_left - others)  # of the outline, as far as it is not in the other section
+        result, kept = (united, of_united - outside) if operation == "union" else (left, outside - of_left)
+        area = signed_areas(result)
+        for section, bounding, length in ((self, outside, own), (other, kept, others)):
+            area += (section.area - signed_areas(section.outline)) * (bounding / length if length else 0.0)
+        return BodySection(result, area)
+
+
+Passive = list[tuple[Operation, BodySection]]
+"""Sections that are united with one that is filled, or subtracted from it, in this order."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -276,36 +308,45 @@ def _join_sections(sections: Sequence[FilledSection]) -> LayerContours:
 
 
 def _fill_sections(
-    turn: Array, has_openings: bool, regions: Sequence[tuple[CellSection, BodySection, BodySection | None]]
+    turn: Array, has_openings: bool, regions: Sequence[tuple[CellSection, BodySection, BodySection | None, Passive]]
 ) -> list[FilledSection]:
     return [_fill_section(turn, has_openings, *region) for region in regions]
 
 
 def _fill_section(
-    turn: Array, has_openings: bool, lattice: CellSection, body: BodySection, cavity: BodySection | None
+    turn: Array,
+    has_openings: bool,
+    lattice: CellSection,
+    body: BodySection,
+    cavity: BodySection | None,
+    passive: Passive,
 ) -> FilledSection:
     """The lattice in a section of the body or, with a skin, the section without what the lattice leaves of the cavity.
 
     The cavity touches the outline of the body at openings only; elsewhere its polygons are holes as they are.
 
     Polygons miss a part of the area between chords and curves. The lattice's share is that of its cell for the area that is
-    filled; the body's share counts where the lattice lies along its outline.
+    filled; the body's share counts where the lattice lies along its outline. Of the area that passive sections take nothing is
+    left to the lattice; what is solid without it is combined with them.
     """
     room, curves = (body, lattice.curves) if cavity is None else (cavity, lattice.curves.reverse())
     inside = [polygon @ turn.T for polygon in curves.fill([polygon @ turn for polygon in room.outline])]
+    if cavity is None:
+        contours, beside = inside, BodySection([], 0.0)
+    else:
+        contours, beside = [*body.outline, *(p[::-1] for p in inside)], body
+        if has_openings:
+            contours = combine_regions(body.outline, inside, "difference")
+    for operation, section in passive:
+        contours = combine_regions(contours, section.outline, operation)
+        inside = combine_regions(inside, section.outline, "difference")
+        room, beside = room.combine(section, "difference"), beside.combine(section, operation)
     cell_area, polygon_area = float(np.prod(lattice.curves.cell)), signed_areas(room.outline)
     share = lattice.area / cell_area
     sense, filled = (1, share) if cavity is None else (-1, 1 - share)
     area = (
         signed_areas(inside) + sense * lattice.excess * polygon_area / cell_area + filled * (room.area - polygon_area)
     )
-    if cavity is None:
-        contours = inside
-    else:
-        area = body.area - area
-        contours = (
-            combine_regions(body.outline, inside, "difference")
-            if has_openings
-            else [*body.outline, *(p[::-1] for p in inside)]
-        )
-    return FilledSection(contours, area, lattice.lengthening * region_length(contours), room.area, share)
+    return FilledSection(
+        contours, beside.area + sense * area, lattice.lengthening * region_length(contours), room.area, share
+    )

@@ -8,11 +8,12 @@ from typing import Any
 import numpy as np
 
 from tpmscad.api.public_calls import validate_options
+from tpmscad.brep.sections.polygon_regions import Operation
 from tpmscad.brep.triangles.cell_polyhedron import SURFACE, PeriodicCell, find_periodic_cell
 from tpmscad.brep.triangles.closed_mesh import SolidMesh, join_meshes, load_manifold
-from tpmscad.brep.triangles.filled_mesh import choose_cells, fill_mesh
+from tpmscad.brep.triangles.filled_mesh import FIRST_OF_BODY, choose_cells, fill_mesh
 from tpmscad.brep.triangles.patch_triangles import triangulate_patches
-from tpmscad.errors import TrimmingError
+from tpmscad.errors import InvalidRequest, TrimmingError
 from tpmscad.fields.data.triangle_mesh import TriangleMesh
 from tpmscad.kernel.boolean.hollow_body import subtract_voids
 from tpmscad.kernel.export.solid_mesh import measure_meshes
@@ -54,7 +55,8 @@ def infill_triangles(options: InfillTrianglesOptions) -> TriangulatedInfill:
     Raises
     ------
     InvalidRequest
-        If an argument is not understood, the lattice has no equal cells (a field or a map), or manifold3d is missing.
+        If an argument is not understood, the lattice has no equal cells (a field or a map), what is kept is a loose piece that
+        would be left out, or manifold3d is missing.
     OutOfMemory
         If the triangles would not fit into the memory of the machine.
     KernelError
@@ -72,24 +74,29 @@ def infill_triangles(options: InfillTrianglesOptions) -> TriangulatedInfill:
     request, deviation = tiled.request, options.deviation or DEFAULT_DEVIATION_CELLS * min(tiled.request.cell)
     with stages("triangulate"):
         body, reached = _triangulate_body(tiled.body, deviation)
-        shell: SolidMesh | None = None
+        others: list[tuple[Operation, SolidMesh]] = []
         if options.skin is not None:
             assert not isinstance(tiled.body, TriangleMesh)
             parts = erode_body(tiled.body, options.skin, tiled.openings).parts
             hollow = subtract_voids(tiled.body, [part.shape for part in parts], tiled.openings)
             walls = [measure_meshes(solid, deviation, FACET_ANGLE) for solid in hollow]
-            shell = join_meshes([mesh for wall in walls for mesh in wall.meshes])
+            others.append(("union", join_meshes([mesh for wall in walls for mesh in wall.meshes])))
             reached = max(reached, *(wall.deviation for wall in walls))
+        first_kept = 1 + max(int(mesh.face.max()) for mesh in (body, *(mesh for _, mesh in others)))
+        for operation, solid in tiled.passive.steps:
+            mesh, own = _triangulate_body(solid, deviation)
+            others.append((operation, replace(mesh, face=mesh.face + first_kept) if operation == "union" else mesh))
+            reached = max(reached, own)
     with stages("fit"):
         cell, of_cell = _find_cell(request, deviation)
     body = replace(body, points=body.points @ tiled.turn)
-    shell = shell and replace(shell, points=shell.points @ tiled.turn)
+    others = [(operation, replace(mesh, points=mesh.points @ tiled.turn)) for operation, mesh in others]
     with stages("cut"):
         _require_memory(cell, int(body.volume / np.prod(cell.cell)), 0, deviation)
-        choice = choose_cells(cell.low, cell.cell, body, shell)
+        choice = choose_cells(cell.low, cell.cell, body, [mesh for _, mesh in others])
         _require_memory(cell, len(choice.whole), len(choice.cut), deviation)
-        filled = fill_mesh(cell, choice, body, shell)
-        filled, notes = _drop_loose_pieces(filled, options.loose)
+        filled = fill_mesh(cell, choice, body, others)
+        filled, notes = _drop_loose_pieces(filled, options.loose, first_kept + FIRST_OF_BODY)
     return TriangulatedInfill(
         f"{request.surface} infill",
         filled.points @ tiled.turn.T,
@@ -102,8 +109,11 @@ def infill_triangles(options: InfillTrianglesOptions) -> TriangulatedInfill:
     )
 
 
-def _drop_loose_pieces(mesh: SolidMesh, loose: str) -> tuple[SolidMesh, tuple[str, ...]]:
-    """A mesh without its loose pieces, and the note on them. Components of negative volume are voids of the others."""
+def _drop_loose_pieces(mesh: SolidMesh, loose: str, first_kept: int) -> tuple[SolidMesh, tuple[str, ...]]:
+    """A mesh without its loose pieces, and the note on them. Components of negative volume are voids of the others.
+
+    InvalidRequest if one of them has faces of what is kept, which are numbered from `first_kept`.
+    """
     component = mesh.component
     volumes = np.bincount(component, mesh.cone_volumes)
     solid = np.flatnonzero(volumes > 0)
@@ -112,6 +122,11 @@ def _drop_loose_pieces(mesh: SolidMesh, loose: str) -> tuple[SolidMesh, tuple[st
         return mesh, ()
     shown = volumes <= 0
     shown[solid[kept]] = True
+    if (mesh.face[~shown[component]] >= first_kept).any():
+        raise InvalidRequest(
+            f"what is kept lies in loose pieces of {dropped.volumes[0]:.4g} mm3 at most, which are left out: check its place, "
+            'or keep loose pieces (loose="keep")'
+        )
     return mesh.select(shown[component]), dropped.notes
 
 

@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-TEXT_COLUMNS = ("surface", "body", "recipe", "file", "open_faces")
+TEXT_COLUMNS = ("surface", "body", "recipe", "file", "open_faces", "keep", "clear")
 """Columns whose cells are text, even where it looks like a number."""
 
 BOOLEANS = {"true": True, "false": False}

@@ -20,7 +20,7 @@ from typing import Any
 from tpmscad.api.argument_kinds import show_value
 from tpmscad.api.arguments import Argument, arguments_of
 from tpmscad.api.public_calls import SYNONYMS, read_value
-from tpmscad.api.shared_kinds import PATH
+from tpmscad.api.shared_kinds import PATH, SHAPE
 from tpmscad.atomic_file import validate_output_path
 from tpmscad.catalogue import find_surface
 from tpmscad.errors import InvalidRequest
@@ -212,7 +212,7 @@ def _read_keyword(number: int, function: str, name: str, value: Any) -> Any:
             f"row {number}, column {name}: {format_cell(value)} is for {other}, or leave the cell empty"
         )
     with _locate_errors(number, name):
-        if name == "body" and not isinstance(value, str | Path):
+        if KEYWORDS[function][name].kind is SHAPE and not isinstance(value, str | Path):
             raise InvalidRequest("give the path of a file: results are matched by the text of their parameters")
         found = read_value(name, KEYWORDS[function][name].kind, value)
         if callable(found):

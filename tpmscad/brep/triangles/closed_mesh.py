@@ -14,6 +14,7 @@ from scipy.spatial import cKDTree
 from tpmscad._lazy_import import import_extra
 from tpmscad._typing import Array, BoolArray, IntArray, UIntArray
 from tpmscad.brep.linked_items import label_linked
+from tpmscad.brep.sections.polygon_regions import Operation
 from tpmscad.errors import TrimmingError
 
 BATCH = 1_000_000
@@ -143,8 +144,8 @@ def load_manifold() -> Any:
     return import_extra("manifold3d", "triangles without a solid", "triangles")
 
 
-def combine_meshes(first: SolidMesh, second: SolidMesh, operation: str) -> SolidMesh:
-    """The "intersection" or "union" of two closed meshes, with the faces of the triangles that their pieces come from.
+def combine_meshes(first: SolidMesh, second: SolidMesh, operation: Operation) -> SolidMesh:
+    """The intersection, union or difference of two closed meshes, with the faces of the triangles that their pieces come from.
 
     Points that stay keep their coordinates, bit for bit. TrimmingError if an operand is not closed.
     """
@@ -162,7 +163,9 @@ def combine_meshes(first: SolidMesh, second: SolidMesh, operation: str) -> Solid
             raise TrimmingError(f"a mesh is not closed: {found.status().name}")
         solids.append(found)
         faces[original] = mesh.face
-    result = (solids[0] ^ solids[1] if operation == "intersection" else solids[0] + solids[1]).to_mesh64()
+    one, other = solids
+    combine = {"intersection": one.__xor__, "union": one.__add__, "difference": one.__sub__}[operation]
+    result = combine(other).to_mesh64()
     origin, face = np.asarray(result.face_id, np.int64), narrow_indices(np.zeros(len(result.tri_verts)))
     limits = np.asarray(result.run_index, np.int64) // 3
     for original, start, stop in zip(result.run_original_id, limits[:-1].tolist(), limits[1:].tolist(), strict=True):

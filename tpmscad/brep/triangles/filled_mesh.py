@@ -1,18 +1,20 @@
 """A triangulated body filled with the cells of a lattice: whole cells are placed, and only what the body cuts is computed.
 
-The cells that the boundary of the body, or of its skin, may touch are one closed block of polyhedra; its boolean with the body
-and the skin is that of the library Manifold, which leaves the coordinates of other points as they are. The sides towards whole
-cells are left out of the result, and the surfaces of the whole cells join it in the same points.
+The cells that the boundary of the body, of its skin or of another mesh may touch are one closed block of polyhedra; its boolean
+with all of these is that of the library Manifold, which leaves the coordinates of other points as they are. The sides towards
+whole cells are left out of the result, and the surfaces of the whole cells join it in the same points.
 """
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy import ndimage
 
 from tpmscad._typing import Array, BoolArray, IntArray
+from tpmscad.brep.sections.polygon_regions import Operation
 from tpmscad.brep.triangles.cell_polyhedron import SURFACE, PeriodicCell
 from tpmscad.brep.triangles.closed_mesh import (
     SolidMesh,
@@ -44,9 +46,9 @@ class CellChoice:
 
 
 def choose_cells(
-    low: Array, cell: Array, body: SolidMesh, shell: SolidMesh | None, margin: float = TOUCH_MARGIN_CELLS
+    low: Array, cell: Array, body: SolidMesh, others: Sequence[SolidMesh] = (), margin: float = TOUCH_MARGIN_CELLS
 ) -> CellChoice:
-    """The cells [low + i cell, low + (i + 1) cell] inside a body, without its shell, and those that a boundary may touch.
+    """The cells [low + i cell, low + (i + 1) cell] inside a body and no other mesh, and those that a boundary may touch.
 
     margin: in cells; a cell whose box is nearer to the boundary counts as touched.
     """
@@ -54,16 +56,15 @@ def choose_cells(
     origin = np.floor(reach.min(axis=0) - margin).astype(np.int64)
     size = np.floor(reach.max(axis=0) + margin).astype(np.int64) - origin + 1
     touched = np.zeros(size, bool)
-    for mesh in (body, shell):
-        if mesh is not None:
-            _mark_touched(touched, (mesh.points[mesh.triangles] - low) / cell - origin, margin)
+    for mesh in (body, *others):
+        _mark_touched(touched, (mesh.points[mesh.triangles] - low) / cell - origin, margin)
     label, count = ndimage.label(~touched)
     places = np.argwhere(~touched)
     _, first = np.unique(label[tuple(places.T)], return_index=True)
     centres = low + (places[first] + origin + 0.5) * cell
     filled = winding_numbers(body.points, body.triangles, centres) > 0
-    if shell is not None:
-        filled &= winding_numbers(shell.points, shell.triangles, centres) == 0
+    for other in others:
+        filled &= winding_numbers(other.points, other.triangles, centres) == 0
     inside: BoolArray = np.append(False, filled)[label] if count else np.zeros(size, bool)
     return CellChoice(origin, size, np.argwhere(inside) + origin, np.argwhere(touched) + origin)
 
@@ -85,16 +86,18 @@ def _mark_touched(touched: BoolArray, corners: Array, margin: float) -> None:
         ).reshape(-1, 3, 3)
 
 
-def fill_mesh(cell: PeriodicCell, choice: CellChoice, body: SolidMesh, shell: SolidMesh | None) -> SolidMesh:
-    """The body filled with the lattice; `shell` is added to the filling, as a skin. Face 0 is the lattice, 1 and more the others.
+def fill_mesh(
+    cell: PeriodicCell, choice: CellChoice, body: SolidMesh, others: Sequence[tuple[Operation, SolidMesh]] = ()
+) -> SolidMesh:
+    """The body filled with the lattice, then united with others, such as its skin, or without them, one after the other.
 
-    TrimmingError if the result is not closed.
+    Face 0 is the lattice; the faces of the others count from 1. TrimmingError if the result is not closed.
     """
     block = cell.place(choice.cut, choice.origin, choice.size)
     cut = replace(block.mesh, face=np.where(block.mesh.face == SURFACE, LATTICE, BETWEEN_CELLS))
     filled = combine_meshes(cut, replace(body, face=body.face + FIRST_OF_BODY), "intersection")
-    if shell is not None:
-        filled = combine_meshes(filled, replace(shell, face=shell.face + FIRST_OF_BODY), "union")
+    for operation, other in others:
+        filled = combine_meshes(filled, replace(other, face=other.face + FIRST_OF_BODY), operation)
     mesh = filled.select(filled.face != BETWEEN_CELLS)
     if len(choice.whole):
         whole = cell.surface.place(choice.whole, choice.origin, choice.size)

@@ -113,12 +113,12 @@ def read_body_file(path: str | os.PathLike[str], solid: int | str | None, *, hea
     return BodyFile(os.fspath(path), found.entries, tuple(bodies), found.healed, found.accuracy, found.notes)
 
 
-def read_bodies(source: Any, solid: int | str | None = None) -> tuple[CadBody, ...]:
+def read_bodies(source: Any, solid: int | str | None = None, unlabelled: str = "the body") -> tuple[CadBody, ...]:
     """Solids of a build123d or CadQuery object (builders and workplanes too), a TopoDS shape, a region or a CAD file.
 
     Regions are `fields.box`, `fields.sphere` and `fields.cylinder` with a height. `solid` is a number from 1, "largest" or "all";
     by default there has to be one solid only. Faces of spheres that the kernel has read as the rest of their sphere are
-    exchanged, and a note says so.
+    exchanged, and a note says so. `unlabelled`: what a shape without a label is called in messages.
 
     Raises InvalidRequest, with a description of what was found, if there is no solid, or more than one and none is chosen, if the
     solid is open, invalid or inside out, unless it is a file's and can be healed, or if the file cannot be read.
@@ -130,7 +130,7 @@ def read_bodies(source: Any, solid: int | str | None = None) -> tuple[CadBody, .
         return bodies
     if isinstance(source, str | os.PathLike):
         return read_body_file(source, solid).bodies
-    shape, name = _resolve_shape(source)
+    shape, name = _resolve_shape(source, unlabelled)
     solids = solids_of(shape)
     if not solids:
         raise InvalidRequest(f"{name} holds no solid ({shape.ShapeType().name.removeprefix('TopAbs_').lower()})")
@@ -171,7 +171,7 @@ def _require_possible(solid: TopoDS_Solid, name: str) -> None:
     require_disjoint_spheres(solid, name)
 
 
-def _resolve_shape(source: Any) -> tuple[TopoDS_Shape, str]:
+def _resolve_shape(source: Any, unlabelled: str) -> tuple[TopoDS_Shape, str]:
     """TopoDS shape and display name of anything but a file that `read_body` accepts."""
     if isinstance(source, PrimitiveRegion):
         return make_region_solid(source), f"the {type(source).__name__.removesuffix('Region').lower()}"
@@ -188,4 +188,4 @@ def _resolve_shape(source: Any) -> tuple[TopoDS_Shape, str]:
             f"{type(source).__name__} is no body: give a build123d or CadQuery shape, a TopoDS shape, the path of a CAD file, or "
             "a box, sphere or cylinder of tpmscad.fields"
         )
-    return shape, str(getattr(source, "label", "") or "the body")
+    return shape, str(getattr(source, "label", "") or unlabelled)
