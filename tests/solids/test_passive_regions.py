@@ -151,7 +151,7 @@ def test_a_boss_of_a_filled_body_and_its_bolt_hole_have_their_own_faces(tmp_path
         )  # the kernel errs where faces coincide
         assert (model.solid & ring).volume == pytest.approx(ring.volume, rel=1e-6)
     model.export_step(tmp_path / "boss.step")
-    with pytest.raises(InvalidRequest, match="the kept solid reaches beyond the body, which has a skin: unite"):
+    with pytest.raises(InvalidRequest, match="the kept shape reaches beyond the body, which has a skin: unite"):
         tpmscad.infill(body, **wall, skin=1.0, keep=bd.Cylinder(2, 10))
 
 

@@ -243,8 +243,7 @@ def _read_all(source: Any, role: str) -> tuple[CadBody, ...]:
     solid = None if isinstance(source, CadBody | BodyFile) else ALL
     bodies = read_bodies(source, solid, f"the {role} shape")
     if len(bodies) == 1:
-        name = f"the {role} solid" if bodies[0].name == "the body" else bodies[0].name
-        return (replace(bodies[0], role=role, name=name),)
+        return (replace(bodies[0], role=role),)
     return tuple(replace(body, role=f"{role} {number}") for number, body in enumerate(bodies, 1))
 
 
