@@ -14,9 +14,9 @@ from tpmscad.levelset.quadmesh import octree
 from tpmscad.levelset.quadmesh.dual_mesh import QuadMesh, build_dual_mesh
 from tpmscad.levelset.quadmesh.quality import corner_distortion
 from tpmscad.levelset.quadmesh.simplification import collapse_candidates
+from tpmscad.levelset.quadmesh.simplification.collapses import plan_edits_from
 from tpmscad.levelset.quadmesh.simplification.greedy_simplification import simplify_mesh
 from tpmscad.levelset.quadmesh.simplification.polygon_mesh import MAX_VALENCE, MIN_VALENCE, PolygonMesh, extract_mesh
-from tpmscad.levelset.quadmesh.simplification.strip_collapses import plan_edits_from
 from tpmscad.levelset.quadmesh.simplification.vertex_stars import SurfaceVertices, build_vertex_stars
 from tpmscad.levelset.quadmesh.smoothing import smooth_mesh
 

@@ -19,10 +19,10 @@ from tpmscad._typing import BoolArray, IntArray
 from tpmscad.levelset.level_set_fit import FitRequest, LevelSetFit, fit_level_set
 from tpmscad.levelset.quadmesh.dual_mesh import QuadMesh
 from tpmscad.levelset.quadmesh.octree import Octree
+from tpmscad.levelset.quadmesh.simplification.collapses import plan_edits_from
 from tpmscad.levelset.quadmesh.simplification.edit_history import EditHistory
 from tpmscad.levelset.quadmesh.simplification.greedy_simplification import simplify_mesh
 from tpmscad.levelset.quadmesh.simplification.polygon_mesh import MeshEdit, PolygonMesh, extract_mesh
-from tpmscad.levelset.quadmesh.simplification.strip_collapses import plan_edits_from
 from tpmscad.levelset.quadmesh.smoothing import dilate_vertices, smooth_vertices
 from tpmscad.levelset.quadmesh.vectors import close_triangles
 
