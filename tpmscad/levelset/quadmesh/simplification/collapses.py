@@ -2,8 +2,7 @@
 
 The collapse of a diagonal merges two opposite corners of a quadrilateral and removes it (Tarini et al. 2010). A strip (polychord)
 collapse merges the ends of opposite edges along a chain of quadrilaterals between two triangles or sides on the box (Daniels et
-al. 2008). A collapse is described by its seed, which `plan_edit` turns into an exact edit. `plan_edits_from` plans those of one
-polygon exactly; it is the reference for `rate_collapses`, which rates many in a compiled loop.
+al. 2008). A collapse is described by its seed, which `plan_edit` turns into an exact edit.
 
 The ratings treat doublets approximately: the polygons at a doublet are left out, since their union is known only once the edit is
 planned. Exact ratings of the diagonals beside them leave as many patches and take longer.
@@ -28,7 +27,6 @@ from tpmscad.levelset.quadmesh.simplification.polygon_mesh import (
 from tpmscad.levelset.quadmesh.simplification.vertex_stars import (
     SurfaceVertices,
     VertexStars,
-    build_vertex_stars,
     polygon_left_of,
 )
 
@@ -83,18 +81,6 @@ def plan_edit(polygons: PolygonMesh, seed: CollapseSeed) -> MeshEdit | None:
         return polygons.plan_collapse(dict(seed.merges), seed.removed)
     one, other = seed.removed
     return polygons.plan_edge_removal(one, other, *seed.shared_edge)
-
-
-def plan_edits_from(polygons: PolygonMesh, number: int) -> list[MeshEdit]:
-    """All valid edits that start from one polygon, planned exactly one by one.
-
-    From a quadrilateral: the collapses of its diagonals, and of the strips that begin at its sides on the box. From a triangle:
-    the removal of edges to other triangles, and the collapses of its edges and of the strips that begin at them.
-    """
-    n_fixed = np.array(polygons.n_fixed)
-    seeds = find_seeds(build_vertex_stars(polygons.rows, len(n_fixed)), n_fixed, np.array([number]))
-    edits = (plan_edit(polygons, seeds.seed(row)) for row in range(len(seeds)))
-    return [edit for edit in edits if edit is not None]
 
 
 def find_seeds(stars: VertexStars, n_fixed: IntArray, numbers: IntArray) -> CollapseSeeds:
