@@ -18,7 +18,7 @@ from scipy.spatial import cKDTree
 
 from tpmscad._typing import Array, BoolArray
 from tpmscad.brep.boundary_representation import Brep, reverse_faces, spline_faces
-from tpmscad.errors import KernelError, NothingLeft, NotQuadric, TpmscadError, TrimmingError
+from tpmscad.errors import InvalidRequest, KernelError, NothingLeft, NotQuadric, TpmscadError, TrimmingError
 from tpmscad.fallbacks import Fallback, Fallbacks
 from tpmscad.kernel.body_import.body_brep import (
     FreeFormBody,
@@ -199,9 +199,8 @@ MAX_KERNEL_FACES = 20_000
 def intersect_in_kernel(block: LatticeBlock, body: CadBody) -> BooleanResult:
     """The kernel's boolean of the two solids; KernelError if that fails, or makes what the kernel's own check rejects."""
     if len(block.patches.faces) > MAX_KERNEL_FACES:
-        raise KernelError(
-            "trim",
-            f"the lattice has {len(block.patches.faces)} patches, more than the {MAX_KERNEL_FACES} that its boolean is given",
+        raise InvalidRequest(
+            f"the lattice has {len(block.patches.faces)} patches, more than the {MAX_KERNEL_FACES} that its boolean is given"
         )
     built = OcctSolids(intersect_solids(block.shape, body.shape))
     if built.solids and not is_valid(make_compound(built.solids)):

@@ -63,8 +63,11 @@ _BELOW_SHELLS = re.compile(
 
 
 def carries_gaps(brep: Brep) -> bool:
-    """Whether edges are off their faces by more than the kernel's confusion, so that they need tolerances of their own."""
-    return bool(brep.edges.deviation.max(initial=0.0) > CONFUSION_TOLERANCE)
+    """Whether edges are off their faces by more than half the kernel's confusion, so that they need tolerances of their own.
+
+    The pcurves that the kernel finds for a file's edges are off, too.
+    """
+    return bool(brep.edges.deviation.max(initial=0.0) > 0.5 * CONFUSION_TOLERANCE)
 
 
 def check_excerpt(path: Path, brep: Brep, nesting: ShellNesting, instances: Sequence[Motion] = ()) -> None:
