@@ -62,6 +62,18 @@ def pocketed_volume(t: float) -> float:
     return (30 - 2 * t) * (26 - 2 * t) * (22 - 2 * t) - pocket
 
 
+def boss() -> bd.Part:
+    """A boss on a plate: the tubes round two of its concave edges are tangent at each of its corners."""
+    return bd.Box(16, 16, 4) + bd.Pos(0, 0, 3.5) * bd.Box(5, 4, 3)
+
+
+def boss_volume(t: float) -> float:
+    """Plate, boss, and what is over the plate beside the boss: t^2 less a quarter disc along its sides, and its corners."""
+    a, b = 5 - 2 * t, 4 - 2 * t
+    beside = 2 * (a + b) * (1 - PI / 4) * t**2 + 4 * (5 / 3 - PI / 2) * t**3
+    return (16 - 2 * t) ** 2 * (4 - 2 * t) + 3 * a * b + beside
+
+
 def bored_volume(t: float) -> float:
     return float(((20 - 2 * t) * (18 - 2 * t) - PI * (3 + t) ** 2) * (16 - 2 * t))
 
@@ -105,6 +117,7 @@ CLOSED_FORMS: dict[str, tuple[Callable[[], Any], Callable[[float], float], tuple
     ),
     "bored block": (lambda: bd.Box(20, 18, 16) - bd.Cylinder(3, 20), bored_volume, (0.7, 2.9)),
     "blind pocket": (pocketed, pocketed_volume, (0.83, 2.8)),
+    "boss": (boss, boss_volume, (0.4, 1.1)),
     "elliptic prism": (FREE_FORM_BODIES["ellipse"], parallel_ellipse_volume, (1.2,)),
     "elliptic prism with folds": (FREE_FORM_BODIES["ellipse"], folded_ellipse_volume, (2.2,)),
 }
