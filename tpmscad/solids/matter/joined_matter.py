@@ -11,7 +11,6 @@ import numpy as np
 
 from tpmscad._typing import Array, BoolArray
 from tpmscad.brep.boundary_representation import Brep, translate_brep
-from tpmscad.errors import KernelError
 from tpmscad.kernel.body_import.body_brep import FreeFormBody
 from tpmscad.kernel.body_import.cad_body import CadBody
 from tpmscad.kernel.boolean.boolean_operations import OcctSolids
