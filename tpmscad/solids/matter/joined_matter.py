@@ -93,10 +93,8 @@ class JoinedMatter:
         )
 
     def intersect_in_kernel(self, shape: Any) -> tuple[Any, ...]:
-        """KernelError: what is kept is united with the result then."""
-        raise KernelError(
-            "trim", "solids that are kept are joined with the lattice on the parameters of its patches only"
-        )
+        """InvalidRequest: what is kept is united with the result then."""
+        raise InvalidRequest("solids that are kept are joined with the lattice on the parameters of its patches only")
 
     def measure(self, solids: BrepSolids | OcctSolids, moved: float) -> PatchMeasures:
         """As of the matter."""

@@ -83,8 +83,8 @@ def build_mapped_block(
 
 
 def _refuse_box() -> Brep:
-    raise KernelError(
-        "trim", "a lattice under a map is open and has no solid in a box, which the kernel's boolean would need"
+    raise InvalidRequest(
+        "a lattice under a map is open and has no solid in a box, which the kernel's boolean would need"
     )
 
 
