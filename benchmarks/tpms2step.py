@@ -187,7 +187,7 @@ def tolerances() -> dict[tuple[str, float, float], tuple[AdaptiveFit, float]]:
             row = [found[name, offset, tol] for tol in CELL_TOLERANCES]
             print(
                 f"{name:10s}{offset:7.1f}"
-                + "".join(f"{f.space.degree:6d}{f.n_poles:5d}{f.deviation:9.1e}{t:5.2f}" for f, t in row)
+                + "".join(f"{f.degree:6d}{f.n_poles:5d}{f.deviation:9.1e}{t:5.2f}" for f, t in row)
             )
     most = [max(found[n, d, tol][0].n_poles for n in NAMES for d in OFFSETS) for tol in CELL_TOLERANCES]
     print(f"{'most poles':17s}" + "".join(f"{m:11d}{'':14s}" for m in most))

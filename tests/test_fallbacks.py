@@ -68,5 +68,5 @@ def test_the_reason_of_the_first_method_that_applies_comes_first_and_each_other_
     assert str(caught.value) == "open (way 1; also tried: way 0: free-form; way 2: cut: null)"
     with pytest.raises(TrimmingError, match=r"^lost$"):
         make_fallbacks(TrimmingError("lost"), TrimmingError("lost"))[0].run(0)
-    with pytest.raises(InvalidRequest, match=r"^trimmed \(way 1; also tried: way 0: free-form\)$"):
+    with pytest.raises(InvalidRequest, match=r"^free-form \(way 0; also tried: way 1: trimmed\)$"):
         make_fallbacks(InvalidRequest("free-form"), InvalidRequest("trimmed"))[0].run(0)

@@ -70,7 +70,7 @@ class Fallbacks(Generic[P, T]):
         Any other error is raised at once. If all methods fail, the error of the first one that applies to the request is raised,
         and its message is completed by what the others met: the first method is the most exact one, and those after it are
         general ones whose errors are often about something that they made themselves. A method that raises InvalidRequest
-        does not apply.
+        does not apply; if none does, the first one's reason is raised.
         """
         failures: list[Exception] = []
         for method in self.methods:
@@ -86,7 +86,7 @@ class Fallbacks(Generic[P, T]):
             finally:
                 if is_next:
                     show_activity(None)
-        reason = next((f for f in failures if not isinstance(f, InvalidRequest)), failures[-1])
+        reason = next((f for f in failures if not isinstance(f, InvalidRequest)), failures[0])
         raise self._with_history(reason, failures) from None
 
     def _with_history(self, reason: Exception, failures: list[Exception]) -> Exception:

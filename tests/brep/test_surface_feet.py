@@ -324,6 +324,15 @@ def test_layers_closer_than_their_cells_are_thick_are_told_apart() -> None:
     np.testing.assert_allclose(found.distance, distance, rtol=0, atol=1e-13)
 
 
+def test_a_long_strip_has_as_many_nodes_as_its_folds_take() -> None:
+    def folds(u: Array, v: Array) -> tuple[Array, Array, Array]:
+        return 100 * u, v, 3 * np.sin(50 * np.pi * u)
+
+    carrier = FreeFormSurface(fitted(folds, (160, 1), (5, 1), (0.0, 1.0), (0.0, 1.0)))
+    points = carrier(*np.random.default_rng(1).random((2, 5000)))
+    np.testing.assert_allclose(carrier.distance(points), 0.0, rtol=0, atol=1e-12)
+
+
 def test_a_surface_does_not_go_on_beyond_a_pole_or_a_seam() -> None:
     (u0, u1), (v0, v1) = tabulate_spans(dome(), (True, False), 0.1)[1].box
     assert (u0, u1, v1) == (0.0, 2 * np.pi, 1.0)

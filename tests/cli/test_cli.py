@@ -20,7 +20,7 @@ import pytest
 import typer
 
 import tpmscad
-from tpmscad import cli, maps
+from tpmscad import cli, maps, progress_display
 from tpmscad.catalogue import CATALOGUE
 from tpmscad.cli import output
 from tpmscad.errors import InvalidRequest, KernelError, NotMet
@@ -522,7 +522,7 @@ class Terminal(io.StringIO):
 def test_the_bar_shows_on_a_terminal_only_after_its_delay(
     monkeypatch: pytest.MonkeyPatch, delay: float, shown: bool
 ) -> None:
-    monkeypatch.setattr(output, "BAR_DELAY_SECONDS", delay)
+    monkeypatch.setattr(progress_display, "DELAY_SECONDS", delay)
     monkeypatch.setenv("TERM", "xterm")
     terminal = Terminal()
     with monkeypatch.context() as patch:
@@ -538,7 +538,7 @@ def test_the_bar_shows_on_a_terminal_only_after_its_delay(
 def test_no_bar_where_nobody_watches(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], quiet: bool
 ) -> None:
-    monkeypatch.setattr(output, "BAR_DELAY_SECONDS", 0.0)
+    monkeypatch.setattr(progress_display, "DELAY_SECONDS", 0.0)
     with output.progress_bar("weaving", quiet=quiet) as progress:
         progress("knotting", 0.5)
     assert capsys.readouterr() == ("", "")

@@ -13,14 +13,17 @@ from benchmarks.small_bodies import FREE_FORM_BODIES
 from tests.shapes.misfits import volume
 from tpmscad.brep.boundary_representation import Brep
 from tpmscad.brep.connectivity import find_unmatched_edges, label_shells
+from tpmscad.brep.foot_surface import find_point_sides
 from tpmscad.brep.moments import integral_properties
 from tpmscad.erosion.eroded_body import erode_body
+from tpmscad.erosion.sheets import make_tube
 from tpmscad.kernel.body_import.body_brep import read_free_form_body
 from tpmscad.kernel.body_import.cad_body import read_body
 from tpmscad.kernel.build.solids import build_solids
 from tpmscad.kernel.measure.shape_report import check_shape
 from tpmscad.kernel.measure.skin_depth import SkinDepth, measure_skin_thickness
 from tpmscad.kernel.occt.exploration import faces_of, solids_of, unwrap
+from tpmscad.splines.bspline import BSplineSurface, line_segment
 
 pytestmark = pytest.mark.kernel
 
@@ -60,6 +63,18 @@ def pocketed_volume(t: float) -> float:
     round_edges = PI * t**2 / 4 * (2 * (12 + 10) + 4 * height) + 2 / 3 * PI * t**3
     pocket = 12 * 10 * height + 2 * t * (12 + 10) * height + 12 * 10 * t + round_edges
     return (30 - 2 * t) * (26 - 2 * t) * (22 - 2 * t) - pocket
+
+
+def boss() -> bd.Part:
+    """A boss on a plate: the tubes round two of its concave edges are tangent at each of its corners."""
+    return bd.Box(16, 16, 4) + bd.Pos(0, 0, 3.5) * bd.Box(5, 4, 3)
+
+
+def boss_volume(t: float) -> float:
+    """Plate, boss, and what is over the plate beside the boss: t^2 less a quarter disc along its sides, and its corners."""
+    a, b = 5 - 2 * t, 4 - 2 * t
+    beside = 2 * (a + b) * (1 - PI / 4) * t**2 + 4 * (5 / 3 - PI / 2) * t**3
+    return (16 - 2 * t) ** 2 * (4 - 2 * t) + 3 * a * b + beside
 
 
 def bored_volume(t: float) -> float:
@@ -105,6 +120,7 @@ CLOSED_FORMS: dict[str, tuple[Callable[[], Any], Callable[[float], float], tuple
     ),
     "bored block": (lambda: bd.Box(20, 18, 16) - bd.Cylinder(3, 20), bored_volume, (0.7, 2.9)),
     "blind pocket": (pocketed, pocketed_volume, (0.83, 2.8)),
+    "boss": (boss, boss_volume, (0.4, 1.1)),
     "elliptic prism": (FREE_FORM_BODIES["ellipse"], parallel_ellipse_volume, (1.2,)),
     "elliptic prism with folds": (FREE_FORM_BODIES["ellipse"], folded_ellipse_volume, (2.2,)),
 }
@@ -118,6 +134,17 @@ def test_an_eroded_body_has_its_closed_form_volume(name: str) -> None:
         brep = eroded(body, skin)
         assert volume(brep) == pytest.approx(expected(skin), rel=2e-7)
     assert_valid_and_deep(body, brep, skin)
+
+
+def test_a_tube_that_ends_where_its_faces_are_tangent_has_a_pole_across_v() -> None:
+    def inward(t: np.ndarray) -> np.ndarray:
+        angle = np.array([np.zeros_like(t), 1.2 * (1 - t)])
+        return np.stack([np.zeros_like(angle), np.sin(angle), -np.cos(angle)], axis=2)
+
+    edge = line_segment(np.zeros(3), np.array([1.0, 0.0, 0.0]), (0.0, 1.0))
+    sheet = make_tube(edge, (0.0, 1.0), (0, 1), inward, 0.1, 1.0).sheet
+    assert isinstance(sheet.carrier, BSplineSurface)
+    assert find_point_sides(sheet.carrier).tolist() == [False, False, True, False]
 
 
 @pytest.mark.slow

@@ -50,6 +50,27 @@ def test_a_sound_solid_passes_the_short_verification_and_the_kernel_reads_its_ex
     check_excerpt(tmp_path / "a.step", brep, built.nesting)
 
 
+def test_of_faces_that_the_kernel_reads_slowly_the_excerpt_has_one_of_each_kind(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    brep = voxels(np.ones((3, 3, 1), bool))
+    monkeypatch.setattr(file_check, "MAX_PROJECTIONS", 0)
+    kinds = {file_check._kind_of_carrier(c) for c in brep.carriers}
+    assert len(file_check.choose_faces(brep, build_solids(brep).nesting)) <= len(kinds) + 1 < len(brep.faces)
+
+
+def test_the_excerpt_of_a_solid_with_edges_off_its_faces_is_open_and_healed(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(file_check, "MAX_EXCERPT_FACES", 3)
+    monkeypatch.setattr(file_check, "UNEVEN_EXCERPT_FACES", 0)
+    brep = voxels(np.ones((2, 2, 1), bool))
+    brep = replace(brep, edges=replace(brep.edges, deviation=np.full(len(brep.edges), 2e-7)))
+    nesting = build_solids(brep).nesting
+    write_step(brep, nesting, tmp_path / "a.step")
+    check_excerpt(tmp_path / "a.step", brep, nesting)
+
+
 @pytest.mark.parametrize("fault", BREP_FAULTS, ids=lambda f: f.__name__)
 def test_faults_of_solids_that_the_kernel_notices_are_noticed(fault) -> None:
     mutant = fault(voxels(np.ones((2, 1, 1), bool)), np.random.default_rng(5))

@@ -10,11 +10,11 @@ from tpmscad import surfaces
 from tpmscad.lattices import g2_fit, mirror_fit
 from tpmscad.lattices.harmonic_chart import compute_harmonic_chart
 from tpmscad.lattices.primitive import fit_primitive, self_joint_conditions
-from tpmscad.splines.adaptive_fit import SplineSpace
 from tpmscad.splines.affine_subspace import pole_metric, solve_conditions
 from tpmscad.splines.basis import bernstein_basis
 from tpmscad.splines.bspline import BSplineSurface
-from tpmscad.splines.knots import bezier_surface
+from tpmscad.splines.knots import bezier_knots, bezier_surface
+from tpmscad.splines.spline_axis import gauss_axis
 from tpmscad.splines.surface_fit import fit_surface
 
 EXACT = [info.name for info in surfaces.CATALOGUE.values() if info.primitives == "exact"]
@@ -31,7 +31,7 @@ def distance(first: BSplineSurface, second: BSplineSurface) -> float:
 def test_the_net_of_an_exact_surface_is_the_direct_solution_within_the_proven_bound(name: str, tol: float) -> None:
     offset = 0.05
     fit = fit_primitive(name, "minimal", offset, tol)
-    axis = SplineSpace(fit.space.degree).make_axis()
+    axis = gauss_axis(bezier_knots(fit.degree), fit.degree)
     samples = surfaces.primitive_patch(name).jet(axis.points[:, None], axis.points, offset).position
     conditions = self_joint_conditions(name, axis, axis)
     direct = fit_surface(samples, axis, axis, solve_conditions(conditions, pole_metric(axis, axis)))

@@ -14,9 +14,15 @@ from tpmscad.levelset.quadmesh import octree
 from tpmscad.levelset.quadmesh.dual_mesh import QuadMesh, build_dual_mesh
 from tpmscad.levelset.quadmesh.quality import corner_distortion
 from tpmscad.levelset.quadmesh.simplification import collapse_candidates
+from tpmscad.levelset.quadmesh.simplification.collapses import CollapseSeed, find_seeds, plan_edit
 from tpmscad.levelset.quadmesh.simplification.greedy_simplification import simplify_mesh
-from tpmscad.levelset.quadmesh.simplification.polygon_mesh import MAX_VALENCE, MIN_VALENCE, PolygonMesh, extract_mesh
-from tpmscad.levelset.quadmesh.simplification.strip_collapses import plan_edits_from
+from tpmscad.levelset.quadmesh.simplification.polygon_mesh import (
+    MAX_VALENCE,
+    MIN_VALENCE,
+    MeshEdit,
+    PolygonMesh,
+    extract_mesh,
+)
 from tpmscad.levelset.quadmesh.simplification.vertex_stars import SurfaceVertices, build_vertex_stars
 from tpmscad.levelset.quadmesh.smoothing import smooth_mesh
 
@@ -46,6 +52,18 @@ def euler(mesh: QuadMesh) -> int:
 def normals(mesh: QuadMesh, name: str) -> np.ndarray:
     slope = FIELDS[name].gradient(mesh.vertices)
     return slope / np.linalg.norm(slope, axis=1, keepdims=True)
+
+
+def plan_edits_from(polygons: PolygonMesh, number: int) -> list[MeshEdit]:
+    """All valid edits that start from one polygon: of the diagonals, found one by one, and of the other seeds."""
+    polygon, n_fixed = polygons.corners_of[number], np.array(polygons.n_fixed)
+    diagonals = [
+        sorted(pair, key=lambda v: (n_fixed[v], v)) for pair in (polygon[::2], polygon[1::2]) if len(polygon) == 4
+    ]
+    seeds = [CollapseSeed(((a, b),), (number,)) for a, b in diagonals if not n_fixed[a]]
+    found = find_seeds(build_vertex_stars(polygons.rows, len(n_fixed)), n_fixed, np.array([number]))
+    seeds += [found.seed(row) for row in range(len(found))]
+    return [edit for edit in (plan_edit(polygons, seed) for seed in dict.fromkeys(seeds)) if edit is not None]
 
 
 def rows(mesh: QuadMesh) -> list[tuple[int, ...]]:

@@ -16,7 +16,7 @@ from tpmscad.brep.solid_properties import measure_solid
 from tpmscad.levelset import fit_simplification
 from tpmscad.levelset.brep_assembly import assemble_field_brep
 from tpmscad.levelset.fit.network_fit import WarmStart, fit_network
-from tpmscad.levelset.fit_simplification import merge_failing_polygons, simplify_fit
+from tpmscad.levelset.fit_simplification import simplify_fit
 from tpmscad.levelset.level_set_fit import LevelSetFit, classify_failures, fit_level_set
 from tpmscad.levelset.quadmesh.dual_mesh import QuadMesh
 from tpmscad.levelset.quadmesh.quality import corner_distortion
@@ -197,46 +197,6 @@ def test_sides_on_the_box_that_leave_it_are_not_accepted() -> None:
         tree = replace(whole.tree, hi=np.array([HI[0], high, HI[2]]))
         coarse = classify_failures(whole, tree, TOL).inaccurate
         assert coarse[(net.curve == curve).any(axis=1)].any() == bad
-
-
-def test_a_fit_passes_after_polygons_of_its_few_bad_leaves_are_merged(monkeypatch: pytest.MonkeyPatch) -> None:
-    whole = ball_fit(share=0.1)
-    inner = ~whole.mesh.fixed.any(axis=1)
-    quads = [row for row in whole.mesh.corners if row[3] >= 0 and inner[row].all()]
-    one = replace(whole, bad_leaves=np.unique(whole.mesh.leaf[quads[len(quads) // 2]]))
-    better = merge_failing_polygons(one)
-    assert not len(better.bad_leaves)
-    assert 0 < len(whole.mesh.corners) - len(better.mesh.corners) <= 3
-    same = {v.tobytes() for v in whole.mesh.vertices} & {v.tobytes() for v in better.mesh.vertices}
-    assert len(same) > 0.5 * len(whole.mesh.vertices)
-    monkeypatch.setattr(fit_simplification, "fit_level_set", lambda *_: one)
-    assert merge_failing_polygons(one) is one
-
-
-@pytest.mark.slow
-def test_polygons_of_two_places_are_merged_one_after_the_other() -> None:
-    whole = ball_fit(share=0.1)
-    inner = ~whole.mesh.fixed.any(axis=1)
-    quads = [row for row in whole.mesh.corners if row[3] >= 0 and inner[row].all()]
-    two = replace(whole, bad_leaves=np.unique(whole.mesh.leaf[[quads[0], quads[-1]]]))
-    assert len(two.bad_leaves) <= fit_simplification.MAX_BAD_LEAVES
-    left = [two.bad_leaves]
-
-    def strict(*args: Any) -> LevelSetFit:
-        made = fit_level_set(*args)
-        here = polygons_of(made.mesh)
-        bad = [
-            row
-            for row in (quads[0], quads[-1])
-            if tuple(sorted(map(tuple, whole.mesh.start_positions[row].tolist()))) in here
-        ]
-        left.append(np.unique(whole.mesh.leaf[np.array(bad, int)]))
-        return replace(made, bad_leaves=left[-1])
-
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(fit_simplification, "fit_level_set", strict)
-        assert not len(merge_failing_polygons(two).bad_leaves)
-    assert 0 < len(left[1]) < len(left[0])
 
 
 @pytest.mark.parametrize(("part", "bad"), [(1e-4, True), (0.05, False)])

@@ -177,9 +177,8 @@ def test_mapped_lattices_are_certified_and_written(case: str, tmp_path: Path) ->
 
 def test_a_result_that_misses_its_tolerance_says_so(monkeypatch: pytest.MonkeyPatch) -> None:
     from tpmscad.lattices import primitive
-    from tpmscad.splines.adaptive_fit import SplineSpace
 
-    monkeypatch.setattr(primitive, "LADDER", (SplineSpace(5),))
+    monkeypatch.setattr(primitive, "DEGREES", (5,))
     primitive.fit_primitive.cache_clear()
     certificate = tpmscad.lattice("gyroid", cell=CELL, thickness=0.8, tol=1e-3, boundary="natural").certificate
     primitive.fit_primitive.cache_clear()

@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
-from tpmscad.api.argument_kinds import POINT, choice_of
-from tpmscad.api.shared_kinds import ANYTHING, NUMBER, PATH, PICTURE_SIZE, PROGRESS, TEXT
+from tpmscad.api.argument_kinds import choice_of
+from tpmscad.api.shared_kinds import ANYTHING, NUMBER, PROGRESS, TEXT
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike
@@ -22,11 +20,6 @@ SampleConnectivity = Annotated[
     str, choice_of("vertices", "top_cells", "strict"), "Connectivity of the samples, see `CONNECTIVITY`."
 ]
 Schema = Annotated[str, TEXT.described_as(example='"ap242"'), "STEP application protocol."]
-PicturePath = Annotated[str | Path, PATH, "The PNG file to write."]
-View = Annotated[str | Sequence[float], TEXT.or_else(POINT).described_as(example='"iso"'), "As in `tpmscad.render`."]
-Section = Annotated[Any, ANYTHING, "As in `tpmscad.render`."]
-PictureSize = Annotated[tuple[int, int], PICTURE_SIZE, "As in `tpmscad.render`."]
-ColorBy = Annotated[str | None, TEXT.described_as(example='"piece"'), "As in `tpmscad.render`."]
 ProgressKeyword = Annotated["ProgressOption", PROGRESS, "Who shows the progress; see `tpmscad.lattice`."]
 StageProgress = Annotated[
     "ProgressOption",

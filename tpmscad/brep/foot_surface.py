@@ -34,8 +34,8 @@ CELLS = 400
 TURN_PER_CELL = 0.4
 """Radians by which the normal turns at most from one line of cells to the next, roughly."""
 
-MAX_LINES = 96
-"""Most cells along one parameter."""
+MAX_CELLS = 96 * 96
+"""Most cells of a surface. The number along one parameter alone has no limit: a thread of several turns takes 200 by 8."""
 
 SINGULAR_RATIO = 1e-7
 """Of the largest |S_u| |S_v| of a surface: where |S_u x S_v| is less, at poles, curvatures are not computed from it."""
@@ -177,10 +177,11 @@ def divide_evenly(local: BSplineSurface, box: Array, area: float) -> tuple[Array
         regular = one.any(axis=2) & other.any(axis=2)
         turns.append(np.where(regular, np.linalg.norm(other - one, axis=2), 0.0).max(axis=1))
     side = np.sqrt(steps[0].sum() * steps[1].sum() / CELLS)
+    measures = [np.append(0.0, np.cumsum(steps[axis] / side + turns[axis] / TURN_PER_CELL)) for axis in (0, 1)]
+    wide = max(1.0, np.sqrt(measures[0][-1] * measures[1][-1] / MAX_CELLS))
     lines = []
-    for axis in (0, 1):
-        measure = np.append(0.0, np.cumsum(steps[axis] / side + turns[axis] / TURN_PER_CELL))
-        count = int(np.clip(np.ceil(measure[-1]), 1, MAX_LINES))
+    for axis, measure in enumerate(measures):
+        count = max(1, int(np.ceil(measure[-1] / wide)))
         inner = np.interp(np.arange(1, count) * measure[-1] / count, measure, fine[axis])
         lines.append(np.concatenate([box[axis, :1], inner, box[axis, 1:]]))
     return lines[0], lines[1]

@@ -265,9 +265,9 @@ def _descend(
 
 @njit_cached
 def _keep_in_box(spans: SpanPolynomials, t: float, axis: int) -> float:  # pragma: no cover - compiled
-    """A parameter shifted by periods, or stopped at the border."""
+    """A parameter shifted by periods, or stopped at the border; next to a pole steps of 1e16 periods leave a shift no digits."""
     if spans.period[axis] > 0.0:
-        return t - spans.period[axis] * np.floor(t / spans.period[axis])
+        t -= spans.period[axis] * np.floor(t / spans.period[axis])
     return min(max(t, spans.box[axis, 0]), spans.box[axis, 1])
 
 

@@ -6,7 +6,7 @@ import json
 import math
 import sys
 import time
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -18,9 +18,6 @@ from tpmscad.errors import InvalidRequest, NotMet
 
 if TYPE_CHECKING:
     from tpmscad._typing import Progress  # loads NumPy
-
-BAR_DELAY_SECONDS = 1.0
-"""Time before the progress bar appears."""
 
 STEP_SUFFIXES = (".step", ".stp")
 MESH_SUFFIXES = (".stl", ".3mf", ".glb")
@@ -99,20 +96,15 @@ def progress_bar(title: str, quiet: bool, form: str = "bar") -> Iterator[Progres
     if quiet or not sys.stderr.isatty():
         yield lambda stage, done: None  # None would leave the bar to the functions themselves
         return
-    from rich.console import Console
-    from rich.progress import BarColumn, ProgressColumn, TextColumn, TimeElapsedColumn
-    from rich.progress import Progress as Bar
+    from tpmscad.progress_display import show_stage  # loads NumPy
 
-    begun = time.monotonic()
+    with show_stage(title, time.monotonic()) as (report, rename):
 
-    class LateBar(Bar):
-        def get_renderables(self) -> Iterable[Any]:
-            return super().get_renderables() if time.monotonic() - begun > BAR_DELAY_SECONDS else ()
+        def show(stage: str, done: float) -> None:
+            rename(stage)
+            report(done)
 
-    columns: list[ProgressColumn] = [TextColumn("{task.description}"), BarColumn(), TimeElapsedColumn()]
-    with LateBar(*columns, console=Console(stderr=True), transient=True) as bar:
-        task = bar.add_task(title, total=None)  # moves to and fro until a stage reports a fraction
-        yield lambda stage, done: bar.update(task, description=stage, completed=done, total=1.0 if done else None)
+        yield show
 
 
 class ProgressLines:

@@ -70,12 +70,22 @@ def _fit(graph: EdgeGraph, edge: TracedEdge, path: Array) -> SheetEdge:
     if curve is not None and not left:
         return SheetEdge(curve, span, edge.sheets, (pcurves[0], pcurves[1]), senses)
 
+    def measure_gaps(y: Array, own: Sequence[int], points: Array) -> Array:
+        """The larger distances (n,) of points (n, 3) from those of sheets at parameters in rows y (n, 7)."""
+        at = [
+            evaluate_faces(graph.patches, np.full(len(y), edge.sheets[k]), y[:, COLUMNS[k]].copy())[:, 0] for k in own
+        ]
+        return np.asarray(np.linalg.norm(np.array(at) - points, axis=2).max(axis=0))
+
     def values(t: Array) -> Array:
         """Points and parameters (n, 7) of the edge at parameters (n,)."""
         near, along = guess(t), guess(t, 1)[:, :3].copy()
         if curve is not None:
             near[:, :3], along = curve(t), curve(t, 1)
         rows, good = correct_points(graph.patches, np.repeat(pair, len(t), axis=0), near, along, make_work())
+        # what is on both sheets already stays: a vertex in which they are tangent is lost, or moves along the other one's curve
+        meets = measure_gaps(near, (0, 1), near[:, :3]) <= KNOWN_REL_TOL * size
+        rows[meets, :7], good[meets] = near[meets], True
         if not good.all():
             raise TrimmingError(f"an edge of the eroded body is lost near {format_point(near[~good][0, :3])}")
         return rows[:, :7]
@@ -83,11 +93,7 @@ def _fit(graph: EdgeGraph, edge: TracedEdge, path: Array) -> SheetEdge:
     def error(fit: BSplineCurve, t: Array) -> Array:
         """Distances (n,) of the curve from the points of both sheets at the parameters fitted."""
         y = fit(t)
-        points = [
-            evaluate_faces(graph.patches, np.full(len(t), edge.sheets[k]), y[:, COLUMNS[k]].copy())[:, 0]
-            for k in (left if curve else (0, 1))
-        ]
-        return np.asarray(np.linalg.norm(points - (curve(t) if curve else y[:, :3]), axis=2).max(axis=0))
+        return measure_gaps(y, left if curve else (0, 1), curve(t) if curve else y[:, :3])
 
     breaks = _find_breaks(carriers, guess)
     fit = fit_adaptively(values, breaks, error, EDGE_REL_TOL * size, breaks[1:-1])

@@ -298,7 +298,11 @@ def _make_tube_carrier(
     fitted, error = fit_in_spaces(sample, spaces, [True, True], tol)
     if not error <= 10 * tol:
         raise TrimmingError(f"the tube round a concave edge is fitted to {error:.2g} only")
-    return fitted, np.array(span), np.array([0.0, 1.0]), True
+    # across first: an end in a point, where the faces are tangent, lies across v, as poles do
+    tube = BSplineSurface(
+        fitted.poles.swapaxes(0, 1).copy(), fitted.knots_v, fitted.knots_u, fitted.degree_v, fitted.degree_u
+    )
+    return tube, np.array(span), np.array([0.0, 1.0]), False
 
 
 def make_ball(center: Array, directions: Array, skin: float) -> SphericalSurface:

@@ -158,6 +158,12 @@ def _follow(graph: EdgeGraph, pair: Pair, start: Array, first: float = np.inf) -
         path = np.concatenate([path, rows])
     if closes:
         return path, -1
+    if len(
+        step
+    ):  # steps are halved before a point in which the sheets are tangent, as tubes of two edges are at their corner
+        end = _find_vertex(graph, pair, traced[-1], 2.0 * traced[-1] - traced[-2])
+        if end is not None:
+            return np.concatenate([path, _end_row(graph, path[-1], *end)[None]]), end[0]
     raise TrimmingError(f"an edge of the eroded body cannot be followed from {format_point(path[-1, :3])}")
 
 
@@ -168,14 +174,18 @@ def _end_edge(graph: EdgeGraph, pair: Pair, good: Array, bad: Array) -> tuple[Ar
         if end is None and graph.contain(pair, bad[None, 3:7])[0]:
             end = _meet_third(graph, pair, good, bad)
         if end is not None:
-            vertex, y = end
-            chord = graph.vertices[vertex] - good[:3]
-            square = float(chord @ chord)  # the tangent is that of the row before, reflected in the chord
-            tangent = 2 * (chord @ good[7:]) / square * chord - good[7:] if square else good[7:]
-            return np.concatenate([graph.vertices[vertex], y, tangent]), vertex
+            return _end_row(graph, good, *end), end[0]
         rows, is_good = find_good_points(graph, pair, 0.5 * (good + bad)[None, :7], (bad - good)[None, :3])
         good, bad = (rows[0], bad) if is_good[0] else (good, rows[0])
     raise TrimmingError(f"an edge of the eroded body ends in nothing at {format_point(good[:3])}")
+
+
+def _end_row(graph: EdgeGraph, before: Array, vertex: int, y: Array) -> Array:
+    """The row (10,) at a vertex, its tangent that of the row before, reflected in the chord."""
+    chord = graph.vertices[vertex] - before[:3]
+    square = float(chord @ chord)
+    tangent = 2 * (chord @ before[7:]) / square * chord - before[7:] if square else before[7:]
+    return np.concatenate([graph.vertices[vertex], y, tangent])
 
 
 def _find_vertex(graph: EdgeGraph, pair: Pair, good: Array, bad: Array) -> tuple[int, Array] | None:

@@ -18,7 +18,7 @@ from tpmscad import surfaces
 from tpmscad.brep.deviation import Deviation, combine_deviations, measure_deviation
 from tpmscad.lattices.offset_surfaces import Layers, LayersFit, OffsetSurfaces
 from tpmscad.splines import error_bounds
-from tpmscad.splines.adaptive_fit import AdaptiveFit, GridEvaluator, SplineSpace, fit_in_space, fit_to_tolerance
+from tpmscad.splines.adaptive_fit import AdaptiveFit, GridEvaluator, fit_degree, fit_to_tolerance
 from tpmscad.splines.bspline import BSplineSurface
 from tpmscad.splines.continuity_conditions import ContinuityConditions, Joint, joint_conditions
 from tpmscad.splines.cpia import CpiaResult, NetConvergence
@@ -27,8 +27,8 @@ from tpmscad.splines.spline_axis import SplineAxis
 CORNER_VALENCE = 6
 """Patches around every corner of the primitive."""
 
-LADDER = tuple(SplineSpace(degree) for degree in range(5, 19))
-"""Candidate spline spaces: one span of degree 5 to 18. Beyond 18 float64 does not hold the joints to 1e-9 of the cell."""
+DEGREES = tuple(range(5, 19))
+"""Candidate degrees. Beyond 18 float64 does not hold the joints to 1e-9 of the cell."""
 
 BOUND_SAMPLES_PER_PARAMETER = 65
 """Vertices along each parameter of the mesh between the surfaces in the a-priori bounds."""
@@ -43,10 +43,10 @@ def fit_offset_surfaces(
     """
     sizes = sorted({abs(d) / cell for d in layers if d is not None})
     searched = [fit_primitive(name, reference, size, tol / cell) for size in sizes]
-    # Gap faces and caps join both surfaces, so both take one spline space: the larger of the two.
-    degree = max(fit.space.degree for fit in searched)
+    # Gap faces and caps join both surfaces, so both take one degree: the higher of the two.
+    degree = max(fit.degree for fit in searched)
     fits = [
-        fit if fit.space.degree == degree else fit_primitive_of_degree(name, reference, size, degree)
+        fit if fit.degree == degree else fit_primitive_of_degree(name, reference, size, degree)
         for fit, size in zip(searched, sizes, strict=True)
     ]
     lower, upper = (None if d is None else (sizes.index(abs(d) / cell), d < 0) for d in layers)
@@ -74,16 +74,16 @@ def fit_primitive(name: str, reference: str, offset: float, tol: float) -> Adapt
         lambda fitted: _measure_offset_deviation(name, reference, offset, fitted).max,
         tol,
         conditions=lambda u, v: self_joint_conditions(name, u, v),
-        candidates=LADDER,
+        degrees=DEGREES,
     )
 
 
 @lru_cache(maxsize=64)
 def fit_primitive_of_degree(name: str, reference: str, offset: float, degree: int) -> CpiaResult:
     """The offset patch (cells) of a given degree."""
-    return fit_in_space(
+    return fit_degree(
         _offset_grid_evaluator(name, reference, offset),
-        SplineSpace(degree),
+        degree,
         lambda u, v: self_joint_conditions(name, u, v),
     )
 

@@ -23,7 +23,7 @@ from tpmscad.errors import LevelSetError, format_point
 from tpmscad.fields.field import Field
 from tpmscad.levelset.boundary_level_sets import measure_shape_operators
 from tpmscad.levelset.fine_meshes import find_missed_leaves, fit_risky_polygons, is_finer_than_asked
-from tpmscad.levelset.fit_simplification import fit_simplified_mesh, merge_failing_polygons
+from tpmscad.levelset.fit_simplification import fit_simplified_mesh
 from tpmscad.levelset.level_set_fit import FitRequest, LevelSetFit, fit_level_set, locate_leaves, mesh_level_set
 from tpmscad.levelset.quadmesh import octree
 from tpmscad.levelset.quadmesh.dual_mesh import QuadMesh
@@ -230,7 +230,7 @@ def _refine_from(request: FitRequest, start: _MeshedTree, previous: LevelSetFit 
             best = fit
         elif stalled == MAX_IDLE_FITS:
             break
-    return merge_failing_polygons(best)
+    return best
 
 
 def _split_risky_leaves(request: FitRequest, start: _MeshedTree) -> _MeshedTree:

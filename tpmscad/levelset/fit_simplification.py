@@ -1,15 +1,11 @@
-"""Fits with fewer patches: simplification of a mesh whose fit passes, and removal of polygons whose patches keep failing.
+"""Fits with fewer patches: the mesh of a fit that passes is simplified and fitted again, up to thrice, in wider limits of shape.
 
-`simplify_fit` simplifies the mesh of a fit that passes and fits it again, up to thrice, with wider limits of shape. Where patches
-then fail, the edits of the mesh near them are undone, at first the latest ones and then deeper and farther ones, until all pass.
-
-`merge_failing_polygons` is for fits of which very few leaves stay bad. Where the level set almost grazes the box, slivers along
-the box stay folded however finely the leaves are split. Merging a sliver into its neighbour removes the failing patch.
+Where patches then fail, the edits of the mesh near them are undone, at first the latest ones and then deeper and farther ones,
+until all pass.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import replace
 
 import numpy as np
@@ -21,9 +17,6 @@ from tpmscad.levelset.quadmesh.dual_mesh import QuadMesh
 from tpmscad.levelset.quadmesh.octree import Octree
 from tpmscad.levelset.quadmesh.simplification.edit_history import EditHistory
 from tpmscad.levelset.quadmesh.simplification.greedy_simplification import simplify_mesh
-from tpmscad.levelset.quadmesh.simplification.polygon_mesh import MeshEdit, PolygonMesh, extract_mesh
-from tpmscad.levelset.quadmesh.simplification.strip_collapses import plan_edits_from
-from tpmscad.levelset.quadmesh.smoothing import dilate_vertices, smooth_vertices
 from tpmscad.levelset.quadmesh.vectors import close_triangles
 
 MAX_REFITS = 20
@@ -49,16 +42,6 @@ MAX_FAILING_FRACTION = 1.0 / 3.0
 level set has details between the sides of the polygons, as that of a segmentation has, half of them do; the edits are then undone
 down to nearly the mesh that there was (4029 to 3866 patches, 1881 to 1842), and take a third to a half of the time of the solid.
 Smaller fits take about a second."""
-
-MAX_BAD_LEAVES = 16
-"""Largest number of bad leaves for which polygons are merged."""
-
-MAX_FAILED_MERGES = 6
-"""Largest number of merges in a row that do not reduce the number of bad leaves."""
-
-SMOOTHED_RINGS = 2
-SMOOTHING_SWEEPS = 40
-"""Rings of polygons round a merge that are smoothed, and the number of sweeps."""
 
 
 def simplify_fit(fit: LevelSetFit) -> LevelSetFit:
@@ -90,8 +73,7 @@ def _simplify_once(fit: LevelSetFit, max_distortion: float) -> LevelSetFit | Non
 def fit_simplified_mesh(request: FitRequest, tree: Octree, mesh: QuadMesh) -> LevelSetFit:
     """The fit of a mesh that is simplified within the narrowest limit before it is fitted, which may have bad leaves."""
     history = _simplify_mesh(request, tree, mesh, MAX_DISTORTIONS[0])
-    fit = merge_failing_polygons(_fit_history(request, tree, history, MAX_EARLY_REFITS))
-    return replace(fit, is_simplified=True)
+    return replace(_fit_history(request, tree, history, MAX_EARLY_REFITS), is_simplified=True)
 
 
 def _simplify_mesh(request: FitRequest, tree: Octree, mesh: QuadMesh, max_distortion: float) -> EditHistory:
@@ -124,19 +106,6 @@ def _fit_history(
     return refit
 
 
-def merge_failing_polygons(fit: LevelSetFit) -> LevelSetFit:
-    """The fit with polygons of its few bad leaves merged away one by one, if the result passes, or else `fit` itself."""
-    if fit.request.field.periods() is not None or not 0 < len(fit.bad_leaves) <= MAX_BAD_LEAVES:
-        return fit
-    best, merges, tries = fit, _candidate_merges(fit), MAX_FAILED_MERGES
-    while len(best.bad_leaves) and tries and (edit := next(merges, None)) is not None:
-        merged = fit_level_set(fit.request, fit.tree, _apply_merge(best, edit), best)
-        tries -= 1
-        if len(merged.bad_leaves) < len(best.bad_leaves):
-            best, merges, tries = merged, _candidate_merges(merged), MAX_FAILED_MERGES
-    return fit if len(best.bad_leaves) else best
-
-
 def _undo_near(
     history: EditHistory, mesh: QuadMesh, numbers: IntArray, tree: Octree, bad_leaves: IntArray, times_bad: IntArray
 ) -> bool:
@@ -165,23 +134,3 @@ def _select_polygons_near_leaves(mesh: QuadMesh, tree: Octree, leaves: IntArray)
     if not chosen.any():
         chosen[cKDTree(mesh.vertices).query(tree.leaf_centres(leaves))[1]] = True
     return np.asarray(chosen[corners].any(axis=1))
-
-
-def _candidate_merges(fit: LevelSetFit) -> Iterator[MeshEdit]:
-    """Edits that remove a polygon all of whose vertices are from bad leaves."""
-    polygons = PolygonMesh(fit.mesh)
-    is_bad = np.isin(fit.mesh.leaf, fit.bad_leaves)
-    numbers = [number for number, corners in polygons.corners_of.items() if is_bad[list(corners)].all()]
-    return (edit for number in numbers for edit in plan_edits_from(polygons, number))
-
-
-def _apply_merge(fit: LevelSetFit, edit: MeshEdit) -> QuadMesh:
-    """The fit's mesh with an edit applied, smoothed round it."""
-    mesh, tree = fit.mesh, fit.tree
-    polygons = PolygonMesh(mesh)
-    polygons.apply(edit)
-    free = np.zeros(len(mesh.vertices), bool)
-    free[list(edit.vertices)] = True
-    merged, ids = extract_mesh(polygons, mesh.vertices, mesh.size, sorted(polygons.corners_of))
-    free = dilate_vertices(merged, free[ids], SMOOTHED_RINGS)
-    return smooth_vertices(merged, free, fit.request.field, tree.lo, tree.hi, SMOOTHING_SWEEPS)

@@ -19,7 +19,7 @@ import numpy as np
 
 from tpmscad._typing import Array, BoolArray
 from tpmscad.brep.boundary_representation import Brep
-from tpmscad.errors import EmptyInfill, KernelError, NothingLeft, TpmscadError, TrimmingError
+from tpmscad.errors import EmptyInfill, InvalidRequest, KernelError, NothingLeft, TpmscadError, TrimmingError
 from tpmscad.fallbacks import Fallback, Fallbacks
 from tpmscad.kernel.body_import.body_brep import FreeFormBody
 from tpmscad.kernel.body_import.cad_body import CadBody
@@ -303,8 +303,8 @@ BY_KERNEL: Fallback[[Domain, Matter, CadBody | None], MadeSolids] = Fallback(
 
 
 def require_few_faces(count: int) -> None:
-    """KernelError for more patches than the kernel's boolean is given."""
+    """InvalidRequest for more patches than the kernel's boolean is given."""
     if count > MAX_KERNEL_FACES:
-        raise KernelError(
-            "trim", f"the lattice has {count} patches, more than the {MAX_KERNEL_FACES} that its boolean is given"
+        raise InvalidRequest(
+            f"the lattice has {count} patches, more than the {MAX_KERNEL_FACES} that its boolean is given"
         )

@@ -64,6 +64,10 @@ class PassiveRegions:
     @classmethod
     def read(cls, keep: Any = None, clear: Any = None) -> PassiveRegions:
         """All solids of shapes or CAD files, of which each may be None; errors as `read_bodies`."""
+        if _is_bosses(keep):
+            raise InvalidRequest(
+                'keep=("bosses", width) is for the round holes of a CAD body: give the bosses as solids'
+            )
         return cls(_read_all(keep, "kept"), _read_all(clear, "cleared"))
 
     @classmethod

@@ -59,6 +59,6 @@ def read_tiled_body(
     if isinstance(body, FittedBody) and options.skin is not None:
         raise InvalidRequest(f"a skin without a solid needs a CAD body: leave skin out, or {instead}")
     body = leave_open(body, options.open_faces, options.skin, stages)
+    opened = tuple(body.open_faces) if isinstance(body, KernelBody) else ()
     passive = PassiveRegions.read_for(body.cad, isinstance(body, KernelBody), options.keep, options.clear)
-    openings = tuple(body.open_faces) if isinstance(body, KernelBody) else ()
-    return TiledBody(body.cad, openings, request, turn, passive.cut_within(body.cad))
+    return TiledBody(body.cad, opened, request, turn, passive.cut_within(body.cad))

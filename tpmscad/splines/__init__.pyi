@@ -1,7 +1,4 @@
-from tpmscad.splines.adaptive_fit import BEZIER_SPACES as BEZIER_SPACES
 from tpmscad.splines.adaptive_fit import AdaptiveFit as AdaptiveFit
-from tpmscad.splines.adaptive_fit import FitTrial as FitTrial
-from tpmscad.splines.adaptive_fit import SplineSpace as SplineSpace
 from tpmscad.splines.adaptive_fit import fit_to_tolerance as fit_to_tolerance
 from tpmscad.splines.affine_subspace import AffineSubspace as AffineSubspace
 from tpmscad.splines.affine_subspace import pole_metric as pole_metric

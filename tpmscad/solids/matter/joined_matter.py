@@ -11,7 +11,6 @@ import numpy as np
 
 from tpmscad._typing import Array, BoolArray
 from tpmscad.brep.boundary_representation import Brep, translate_brep
-from tpmscad.errors import KernelError
 from tpmscad.kernel.body_import.body_brep import FreeFormBody
 from tpmscad.kernel.body_import.cad_body import CadBody
 from tpmscad.kernel.boolean.boolean_operations import OcctSolids
@@ -94,10 +93,8 @@ class JoinedMatter:
         )
 
     def intersect_in_kernel(self, shape: Any) -> tuple[Any, ...]:
-        """KernelError: what is kept is united with the result then."""
-        raise KernelError(
-            "trim", "solids that are kept are joined with the lattice on the parameters of its patches only"
-        )
+        """InvalidRequest: what is kept is united with the result then."""
+        raise InvalidRequest("solids that are kept are joined with the lattice on the parameters of its patches only")
 
     def measure(self, solids: BrepSolids | OcctSolids, moved: float) -> PatchMeasures:
         """As of the matter."""

@@ -15,7 +15,7 @@ from scipy.spatial import cKDTree
 
 from tpmscad._typing import Array, BoolArray, FractionProgress, IntArray, triple
 from tpmscad.brep.boundary_representation import Brep, move_brep
-from tpmscad.errors import InvalidRequest, KernelError, format_point
+from tpmscad.errors import InvalidRequest, format_point
 from tpmscad.kernel.body_import.cad_body import CadBody
 from tpmscad.kernel.measure.shape_sampling import contains_points, sample_faces
 from tpmscad.kernel.occt.bounding_boxes import box_diagonal, enclosing_box
@@ -83,8 +83,8 @@ def build_mapped_block(
 
 
 def _refuse_box() -> Brep:
-    raise KernelError(
-        "trim", "a lattice under a map is open and has no solid in a box, which the kernel's boolean would need"
+    raise InvalidRequest(
+        "a lattice under a map is open and has no solid in a box, which the kernel's boolean would need"
     )
 
 

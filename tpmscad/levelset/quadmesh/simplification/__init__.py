@@ -7,7 +7,7 @@ Cignoni, Panozzo and Puppo, "Practical quad mesh simplification", 2010 (diagonal
 
 - `polygon_mesh`: mutable mesh with half-edge look-up; plans, applies and undoes edits that keep the topology.
 - `vertex_stars`: the polygons round each vertex in arrays, for rating many collapses at once.
-- `diagonal_collapses`, `strip_collapses`: candidate collapses of the two kinds and their rating.
+- `collapses`: candidate collapses and their rating.
 - `collapse_candidates`: all candidates of a set of polygons, ranked, and which of them do not overlap.
 - `greedy_simplification`: rounds of non-overlapping collapses, smoothing and verification.
 - `edit_history`: the mesh at any time, and the edits that can be undone.

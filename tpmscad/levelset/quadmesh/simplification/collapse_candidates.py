@@ -10,12 +10,7 @@ import numpy as np
 from tpmscad._compiled_loops import njit_cached
 from tpmscad._typing import Array, BoolArray, IntArray
 from tpmscad.array_table import ArrayTable
-from tpmscad.levelset.quadmesh.simplification.diagonal_collapses import rate_diagonal_collapses
-from tpmscad.levelset.quadmesh.simplification.strip_collapses import (
-    CollapseSeeds,
-    find_strip_seeds,
-    rate_strip_collapses,
-)
+from tpmscad.levelset.quadmesh.simplification.collapses import CollapseSeeds, find_seeds, rate_collapses
 from tpmscad.levelset.quadmesh.simplification.vertex_stars import SurfaceVertices, VertexStars
 
 SCORE_PER_SAVED_PATCH = 0.05
@@ -68,18 +63,11 @@ def rank_candidates(
     stars: VertexStars, surface: SurfaceVertices, numbers: IntArray, max_distortion: float
 ) -> Candidates:
     """The collapses that start from the polygons of these numbers and leave none that is distorted beyond `max_distortion`."""
-    if not len(numbers):
+    seeds = find_seeds(stars, surface.fixed.sum(axis=1), numbers)
+    if not len(seeds):
         return Candidates.empty()
-    rated = [rate_diagonal_collapses(stars, surface, numbers)]
-    strips = find_strip_seeds(stars, surface.fixed.sum(axis=1), numbers)
-    if len(strips):
-        rated.append((strips, *rate_strip_collapses(stars, surface, strips)))
-    return Candidates.concatenate(
-        [
-            Candidates(seeds, distortion - SCORE_PER_SAVED_PATCH * saved)[distortion <= max_distortion]
-            for seeds, distortion, saved in rated
-        ]
-    )
+    distortion, saved = rate_collapses(stars, surface, seeds)
+    return Candidates(seeds, distortion - SCORE_PER_SAVED_PATCH * saved)[distortion <= max_distortion]
 
 
 @njit_cached

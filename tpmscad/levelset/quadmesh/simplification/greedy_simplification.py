@@ -22,9 +22,9 @@ from tpmscad.fields.field import Field
 from tpmscad.levelset.quadmesh.dual_mesh import QuadMesh
 from tpmscad.levelset.quadmesh.quality import corner_distortion, interior_distortion, measure_side_distances
 from tpmscad.levelset.quadmesh.simplification.collapse_candidates import Candidates, rank_candidates
+from tpmscad.levelset.quadmesh.simplification.collapses import plan_edit
 from tpmscad.levelset.quadmesh.simplification.edit_history import EditHistory, RecordedEdit
 from tpmscad.levelset.quadmesh.simplification.polygon_mesh import AppliedEdit, MeshEdit, PolygonMesh, extract_mesh
-from tpmscad.levelset.quadmesh.simplification.strip_collapses import plan_edit
 from tpmscad.levelset.quadmesh.simplification.vertex_stars import (
     SurfaceVertices,
     VertexStars,

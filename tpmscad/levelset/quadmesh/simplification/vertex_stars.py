@@ -104,12 +104,6 @@ def polygon_left_of(stars: VertexStars, a: int, b: int) -> int:  # pragma: no co
     return -1
 
 
-@njit_cached
-def are_adjacent(stars: VertexStars, one: int, other: int) -> bool:  # pragma: no cover
-    """Whether a side joins two vertices."""
-    return polygon_left_of(stars, one, other) >= 0 or polygon_left_of(stars, other, one) >= 0
-
-
 def segment_max(values: Array, owner: IntArray, count: int) -> Array:
     """Largest of the non-negative values (m,) of each owner: (count,), zero for an owner of none."""
     result = np.zeros(count)

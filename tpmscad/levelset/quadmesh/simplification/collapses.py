@@ -1,11 +1,11 @@
-"""Collapses that start from a triangle or from a side on the box: single edges, strips of quadrilaterals, and triangle pairs.
+"""Collapses of diagonals, single edges, strips of quadrilaterals, and pairs of triangles, found and rated many at once.
 
-A strip (polychord) collapse merges the ends of opposite edges along a chain of quadrilaterals between two triangles or sides on
-the box (Daniels et al. 2008). A collapse is described by its seed, which `plan_edit` turns into an exact edit. `plan_edits_from`
-plans those of one polygon exactly; it is the reference for `rate_strip_collapses`, which rates many at once, in a compiled loop.
+The collapse of a diagonal merges two opposite corners of a quadrilateral and removes it (Tarini et al. 2010). A strip (polychord)
+collapse merges the ends of opposite edges along a chain of quadrilaterals between two triangles or sides on the box (Daniels et
+al. 2008). A collapse is described by its seed, which `plan_edit` turns into an exact edit.
 
 The ratings treat doublets approximately: the polygons at a doublet are left out, since their union is known only once the edit is
-planned.
+planned. Exact ratings of the diagonals beside them leave as many patches and take longer.
 """
 
 from __future__ import annotations
@@ -27,7 +27,6 @@ from tpmscad.levelset.quadmesh.simplification.polygon_mesh import (
 from tpmscad.levelset.quadmesh.simplification.vertex_stars import (
     SurfaceVertices,
     VertexStars,
-    build_vertex_stars,
     polygon_left_of,
 )
 
@@ -38,7 +37,7 @@ MAX_STRIP_LENGTH = MAX_STRIP_QUADS + 1
 """Largest number of merges, and of polygons that vanish, of a strip."""
 
 MAX_SEEDS_PER_POLYGON = 9
-"""Seeds that a triangle has at most: at each side two strips and the removal of the side."""
+"""Seeds that a triangle has at most: at each side two strips and the removal of the side. A quadrilateral has six."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -84,26 +83,8 @@ def plan_edit(polygons: PolygonMesh, seed: CollapseSeed) -> MeshEdit | None:
     return polygons.plan_edge_removal(one, other, *seed.shared_edge)
 
 
-def plan_edits_from(polygons: PolygonMesh, number: int) -> list[MeshEdit]:
-    """All valid edits that start from one polygon, planned exactly one by one.
-
-    From a quadrilateral: the collapses of its diagonals, and of the strips that begin at its sides on the box. From a triangle:
-    the removal of edges to other triangles, and the collapses of its edges and of the strips that begin at them.
-    """
-    polygon, n_fixed = polygons.corners_of[number], np.array(polygons.n_fixed)
-    seeds = []
-    if len(polygon) == 4:
-        for a, c in ((polygon[0], polygon[2]), (polygon[1], polygon[3])):
-            start, end = _collapse_direction(n_fixed, a, c, False)
-            if start >= 0:
-                seeds.append(CollapseSeed(((start, end),), (number,)))
-    strips = find_strip_seeds(build_vertex_stars(polygons.rows, len(n_fixed)), n_fixed, np.array([number]))
-    seeds += [strips.seed(row) for row in range(len(strips))]
-    return [edit for edit in (plan_edit(polygons, seed) for seed in seeds) if edit is not None]
-
-
-def find_strip_seeds(stars: VertexStars, n_fixed: IntArray, numbers: IntArray) -> CollapseSeeds:
-    """Seeds of all collapses that start from these polygons, except their diagonals.
+def find_seeds(stars: VertexStars, n_fixed: IntArray, numbers: IntArray) -> CollapseSeeds:
+    """Seeds of all collapses that start from these polygons.
 
     `n_fixed` (V,): number of fixed coordinates of each vertex.
     """
@@ -126,6 +107,11 @@ def _find_seeds(
     for number in numbers:
         row = stars.rows[number]
         n = 3 if row[3] < 0 else 4
+        for i in range(n - 2 if n == 4 else 0):
+            a, b = _collapse_direction(n_fixed, row[i], row[i + 2], False)
+            if a >= 0:
+                merges[found, 0, 0], merges[found, 0, 1], removed[found, 0] = a, b, number
+                found += 1
         for i in range(n):
             u, v = row[i - 1 if i else n - 1], row[i]
             other = polygon_left_of(stars, v, u)
@@ -210,7 +196,7 @@ def _collapse_direction(n_fixed: IntArray, a: int, b: int, on_box: bool) -> tupl
     return b, a
 
 
-def rate_strip_collapses(stars: VertexStars, surface: SurfaceVertices, seeds: CollapseSeeds) -> tuple[Array, IntArray]:
+def rate_collapses(stars: VertexStars, surface: SurfaceVertices, seeds: CollapseSeeds) -> tuple[Array, IntArray]:
     """Distortion of the worst polygon after each collapse, and the number of patches saved: (n,) each.
 
     The distortion is infinite if a polygon outside `removed` would degenerate, a valence would be too high or no patch would be
@@ -219,11 +205,11 @@ def rate_strip_collapses(stars: VertexStars, surface: SurfaceVertices, seeds: Co
     removed, kept = seeds.merges[seeds.merges[..., 0] >= 0].T
     after = surface.append_merged_vertices(removed, kept)
     vertices = after.vertices, after.normals, after.fixed, len(surface.vertices)
-    return _rate_strips(stars, *vertices, seeds.merges, seeds.removed, seeds.shared_edge)
+    return _rate_seeds(stars, *vertices, seeds.merges, seeds.removed, seeds.shared_edge)
 
 
 @njit_cached
-def _rate_strips(
+def _rate_seeds(
     stars: VertexStars,
     vertices: Array,
     normals: Array,
