@@ -11,6 +11,7 @@ import numpy as np
 
 from tpmscad._typing import Array, BoolArray
 from tpmscad.brep.boundary_representation import Brep, translate_brep
+from tpmscad.errors import InvalidRequest
 from tpmscad.kernel.body_import.body_brep import FreeFormBody
 from tpmscad.kernel.body_import.cad_body import CadBody
 from tpmscad.kernel.boolean.boolean_operations import OcctSolids
