@@ -22,9 +22,13 @@ from tpmscad.kernel.occt import convert
 from tpmscad.kernel.occt.bounding_boxes import box_diagonal
 from tpmscad.kernel.occt.convert import CONFUSION_TOLERANCE
 from tpmscad.kernel.occt.exploration import faces_of, orientation_sign
+from tpmscad.rigid_motion import Motion
 
 GROWTH = 0.05
 """Of a solid's size: how far it is grown beyond a face that it shares with a body."""
+
+INSET = 0.37
+"""Of that length: how deep in the solid what is added begins."""
 
 VOLUME_RTOL = 1e-6
 """Of volumes that must be equal, of few faces, by the kernel."""
@@ -97,19 +101,22 @@ def grow_beyond(kept: TopoDS_Solid, body: TopoDS_Solid) -> TopoDS_Solid | None:
     """
     if abs(_common_volume(kept, body) / estimate_volume(kept) - 1) > VOLUME_RTOL:
         return None
-    reach, grown = GROWTH * box_diagonal(kept), [SolidSet(kept)]
+    reach, added = GROWTH * box_diagonal(kept), []
     classify = BRepClass3d_SolidClassifier(body)
     faces = faces_of(kept)
     for face, point in zip(faces, interior_points(faces), strict=True):
         classify.Perform(convert.point(point), CONFUSION_TOLERANCE)
         if classify.State() == TopAbs_ON:
-            added = _grow_face(face, reach)
-            if added is None:
+            grown = _grow_face(face, reach)
+            if grown is None:
                 return None
-            grown.append(SolidSet(added))
-    if len(grown) == 1:
+            added.append(SolidSet(grown))
+    if not added:
         return None
-    solids = list_solids(merge_faces(combine_sets(-1, grown).shape))
+    # what is added begins in the solid, so that no edge is left in the faces of the body
+    beyond = combine_sets(-1, added)
+    core = combine_sets(+1, [SolidSet(kept), SolidSet(beyond.shape, complement=True)])
+    solids = list_solids(merge_faces(combine_sets(-1, [core, beyond]).shape))
     if len(solids) != 1 or abs(_common_volume(solids[0], body) / estimate_volume(kept) - 1) > VOLUME_RTOL:
         return None
     return solids[0]
@@ -123,7 +130,8 @@ def _grow_face(face: TopoDS_Face, reach: float) -> TopoDS_Shape | None:
         out = np.array(plane.Axis().Direction().Coord()) * (
             orientation_sign(face) if plane.Direct() else -orientation_sign(face)
         )
-        return BRepPrimAPI_MakePrism(face, gp_Vec(*(reach * out).tolist())).Shape()
+        inside = convert.transform_shape(face, Motion(np.eye(3), -INSET * reach * out))
+        return BRepPrimAPI_MakePrism(inside, gp_Vec(*((1 + INSET) * reach * out).tolist())).Shape()
     if surface.GetType() == GeomAbs_Cylinder:
         cylinder = surface.Cylinder()
         if (orientation_sign(face) > 0) == cylinder.Position().Direct():
