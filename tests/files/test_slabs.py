@@ -137,7 +137,7 @@ def test_what_slabs_cannot_be_is_refused(tmp_path: Path, options: dict[str, Any]
 
 
 def test_a_slab_that_misses_the_request_is_not_written(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    from tpmscad.solids import patch_measures
+    from tpmscad.solids.matter import patch_measures
 
     monkeypatch.setattr(patch_measures, "MAX_GAP_CELLS", -1.0)
     with pytest.raises(NotMet, match="a slab misses the request"):

@@ -127,7 +127,8 @@ class DistanceCavity:
 
     def sample(self) -> Array:
         """An even sample (n, 3) of points in the cavity."""
-        points = sample_box(self.brep.vertices.min(axis=0), self.brep.vertices.max(axis=0))
+        low, high = (np.array(corner) for corner in self.field.domain)
+        points = sample_box(low, high)
         return points[self.contains(points)]
 
     def contains(self, points: Array) -> BoolArray:
