@@ -17,7 +17,7 @@ from tpmscad.errors import LevelSetError
 from tpmscad.fields.analysis.crease_network import trace_creases
 from tpmscad.kernel.measure.creases import SolidCreases
 from tpmscad.results.certificate import PatchMeasures
-from tpmscad.solids.matter.crossing_fields import compare_creases
+from tpmscad.solids.matter.crossing_measures import compare_creases
 
 pytestmark = [pytest.mark.kernel, pytest.mark.slow]
 

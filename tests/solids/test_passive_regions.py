@@ -80,8 +80,10 @@ def test_a_body_flush_with_sides_of_the_box_leaves_one_plane_there(tmp_path: Pat
 
 def test_a_body_may_reach_beyond_the_box_and_a_file_may_hold_several(tmp_path: Path) -> None:
     file = tmp_path / "two.step"
-    bd.export_step(bd.Compound([bd.Pos(4, 4, 3) * bd.Box(2, 2, 14), bd.Pos(15.3, 9.1, 6) * bd.Cylinder(2.0, 9)]), file)
+    two = [bd.Pos(4, 4, 3) * bd.Box(2, 2, 14), bd.Pos(15.3, 9.1, 6) * bd.Cylinder(2.0, 9)]
+    bd.export_step(bd.Compound(two), file)
     model = make(keep=file)
+    assert make(keep=two).volume == pytest.approx(model.volume, rel=1e-9)
     require_sound(model, PLATE + 4.0 * 10.0 + np.pi * 4.0 * 6.5, tmp_path / "out.step")
     assert sum("is contained" in note for note in model.certificate.notes) == 2
 
@@ -193,3 +195,6 @@ def test_the_surroundings_of_holes_are_kept_by_a_width_or_a_radius() -> None:
     assert one.volume < both.volume
     with pytest.raises(InvalidRequest, match=r"its round holes have radii of 1, 1\.5"):
         tpmscad.infill(body, **wall, keep=("bosses", 0.8, 2.0))
+    for wrong in (("bosses",), ("bosses", -1), ("bosses", "wide")):
+        with pytest.raises(InvalidRequest, match=r'must be \("bosses", width\)'):
+            tpmscad.infill(body, **wall, keep=wrong)

@@ -223,7 +223,12 @@ def _is_bosses(keep: Any) -> bool:
 
 def _find_bosses(body: CadBody, is_exact: bool, keep: Sequence[Any]) -> tuple[CadBody, ...]:
     """The surroundings of the holes of a body, of all or of one radius; InvalidRequest if it has none."""
-    _, width, *radius = keep
+    numbers = [value for value in keep[1:] if isinstance(value, int | float) and 0 < value < np.inf]
+    if len(keep) not in (2, 3) or len(numbers) != len(keep) - 1:
+        raise InvalidRequest(
+            f'keep={tuple(keep)!r} must be ("bosses", width), or ("bosses", width, radius), with lengths above 0 in mm'
+        )
+    width, *radius = numbers
     holes = find_holes(body.shape) if is_exact else ()
     radii = sorted({round(hole.radius, 6) for hole in holes})
     chosen = [hole for hole in holes if not radius or abs(hole.radius - radius[0]) < 1e-6 * radius[0]]
@@ -232,7 +237,7 @@ def _find_bosses(body: CadBody, is_exact: bool, keep: Sequence[Any]) -> tuple[Ca
             f"its round holes have radii of {', '.join(f'{r:g}' for r in radii)}" if radii else "it has no round holes"
         )
         raise InvalidRequest(f'keep=("bosses", {", ".join(f"{v:g}" for v in keep[1:])}): {body.name}: {listed}')
-    grown = [read_body(hole.grow(float(width))) for hole in chosen]
+    grown = [read_body(hole.grow(width)) for hole in chosen]
     named = [f"the hole of radius {hole.radius:g}" for hole in chosen]
     return tuple(
         replace(each, name=f"{name} with {width:g} around it", role=f"kept {number}")
@@ -241,11 +246,10 @@ def _find_bosses(body: CadBody, is_exact: bool, keep: Sequence[Any]) -> tuple[Ca
 
 
 def _read_all(source: Any, role: str) -> tuple[CadBody, ...]:
-    """All solids of a source, their faces labelled by a role, and by a number if there are several."""
-    if source is None:
-        return ()
-    solid = None if isinstance(source, CadBody | BodyFile) else ALL
-    bodies = read_bodies(source, solid, f"the {role} shape")
+    """All solids of a source, or of several, their faces labelled by a role, and by a number if there are several."""
+    bodies: list[CadBody] = []
+    for each in source if isinstance(source, list | tuple) else [] if source is None else [source]:
+        bodies += read_bodies(each, None if isinstance(each, CadBody | BodyFile) else ALL, f"the {role} shape")
     if len(bodies) == 1:
         return (replace(bodies[0], role=role),)
     return tuple(replace(body, role=f"{role} {number}") for number, body in enumerate(bodies, 1))

@@ -30,13 +30,12 @@ from tpmscad.kernel.body_import.cad_body import CadBody, read_body
 from tpmscad.kernel.build.primitive_solids import PrimitiveRegion
 from tpmscad.kernel.build.solids import BrepSolids, build_solids
 from tpmscad.kernel.export.solid_mesh import mesh_solids
-from tpmscad.kernel.measure.envelope import Envelope
 from tpmscad.kernel.measure.shape_report import ShapeReport
 from tpmscad.kernel.measure.validity import is_brep_valid
 from tpmscad.kernel.occt.bounding_boxes import enclosing_box
 from tpmscad.levelset.crossing_operands import has_meeting_quadrics
 from tpmscad.results.certificate import Check, PatchMeasures
-from tpmscad.solids.bodies.kernel_body import MESH_ANGLE
+from tpmscad.solids.bodies.kernel_body import MESH_ANGLE, HasKernelSolid
 from tpmscad.solids.matter.crossing_fields import CAP, SURFACE, combine_field_solids, contains_in_box
 from tpmscad.solids.matter.field_patches import fit_field_patches
 from tpmscad.solids.matter.patch_measures import FROM_FIELD, TO_FIELD, measure_field_patches
@@ -65,8 +64,8 @@ BODY = "body"
 """Tag of the faces of a body."""
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class FittedBody:
+@dataclass(frozen=True, eq=False)
+class FittedBody(HasKernelSolid):
     """The solid of a field in the box [low, high] as patches, with what was measured on them; `cad` is the kernel's solid."""
 
     field: Field
@@ -77,16 +76,6 @@ class FittedBody:
     cad: CadBody
 
     @property
-    def name(self) -> str:
-        """The name in messages."""
-        return self.cad.name
-
-    @property
-    def volume(self) -> float:
-        """Volume in model units cubed."""
-        return self.cad.volume
-
-    @property
     def notes(self) -> tuple[str, ...]:
         """None of its own: its measures have some."""
         return ()
@@ -95,11 +84,6 @@ class FittedBody:
     def tol(self) -> float:
         """The tolerance of its patches, model units."""
         return self.measures.tol
-
-    @property
-    def envelope(self) -> Envelope:
-        """What void counts in."""
-        return Envelope(self.name, self.volume, self.cad.shape)
 
     @property
     def face_labels(self) -> dict[int, str]:

@@ -26,12 +26,10 @@ MESH_ANGLE = 0.5
 """Radians: fineness of the triangles of bodies."""
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class KernelBody:
-    """A valid, closed solid of the kernel, and its faces (TopoDS) that get no skin."""
+class HasKernelSolid:
+    """What a body has from the kernel's solid of it."""
 
     cad: CadBody
-    open_faces: Sequence[Any] = ()
 
     @property
     def name(self) -> str:
@@ -44,6 +42,19 @@ class KernelBody:
         return self.cad.volume
 
     @property
+    def envelope(self) -> Envelope:
+        """What void counts in."""
+        return Envelope(self.name, self.volume, self.cad.shape)
+
+
+@dataclass(frozen=True, eq=False)
+class KernelBody(HasKernelSolid):
+    """A valid, closed solid of the kernel, and its faces (TopoDS) that get no skin."""
+
+    cad: CadBody
+    open_faces: Sequence[Any] = ()
+
+    @property
     def notes(self) -> tuple[str, ...]:
         """What is to be told of the file that it came from."""
         return self.cad.notes
@@ -52,11 +63,6 @@ class KernelBody:
     def tol(self) -> float:
         """By what its edges are off its faces, model units."""
         return self.cad.report.max_tolerance
-
-    @property
-    def envelope(self) -> Envelope:
-        """What void counts in."""
-        return Envelope(self.name, self.volume, self.cad.shape)
 
     @property
     def face_labels(self) -> dict[int, str]:

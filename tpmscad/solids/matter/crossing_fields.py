@@ -24,20 +24,12 @@ from tpmscad.brep.boundary_representation import (
     translate_brep,
 )
 from tpmscad.brep.carriers import Plane
-from tpmscad.brep.deviation import Deviation, combine_deviations
-from tpmscad.brep.edge_continuity import EdgeContinuity
-from tpmscad.brep.solid_properties import measure_solid
-from tpmscad.errors import InvalidRequest, LevelSetError, format_point
+from tpmscad.errors import InvalidRequest, LevelSetError
 from tpmscad.fallbacks import Fallback, Fallbacks
-from tpmscad.fields.analysis import volume_quadrature
-from tpmscad.fields.analysis.betti_numbers import Betti, compute_betti_numbers
-from tpmscad.fields.analysis.crease_network import CreaseNetwork, trace_creases
+from tpmscad.fields.analysis.crease_network import trace_creases
 from tpmscad.fields.analysis.exact_leaves import QuadricLeaf, StrutLeaf, find_exact
-from tpmscad.fields.analysis.local_leaves import has_slope_bounds
-from tpmscad.fields.analysis.local_measures import STANDARD_ERRORS, measure_locally
 from tpmscad.fields.analysis.outermost_extremes import combine_complements
 from tpmscad.fields.analysis.slope_bounds import bound_slope
-from tpmscad.fields.data.field_notes import collect_notes
 from tpmscad.fields.field import Field
 from tpmscad.fields.kinds.data_domains import list_bounded
 from tpmscad.fields.kinds.linear_extension import extend_level_sets_linearly
@@ -52,9 +44,7 @@ from tpmscad.kernel.boolean.solid_trees import (
 )
 from tpmscad.kernel.boolean.sphere_frames import choose_sphere_frame
 from tpmscad.kernel.build.solids import BrepSolids, build_solids
-from tpmscad.kernel.measure.creases import SolidCreases, measure_creases
-from tpmscad.kernel.measure.mass_properties import solid_moments
-from tpmscad.kernel.measure.solid_topology import measure_topology
+from tpmscad.kernel.measure.creases import measure_creases
 from tpmscad.kernel.occt.bounding_boxes import enclosing_box
 from tpmscad.kernel.occt.exploration import faces_of
 from tpmscad.kernel.step.face_labels import label_outer_faces
@@ -62,12 +52,15 @@ from tpmscad.levelset.crossing_operands import Combination, list_fields, split_c
 from tpmscad.levelset.field_solid import find_sample_spacing
 from tpmscad.results.certificate import PatchMeasures
 from tpmscad.solids.cut import DistanceFunction, Finish, MadeSolids, build_valid_solids, try_placements
-from tpmscad.solids.matter.field_patches import N_QUADRATURE_LINES, FieldPatches, fit_field_patches
+from tpmscad.solids.matter.crossing_measures import (
+    compare_creases,
+    compare_with_field,
+    describe_creases,
+    measure_built,
+    measure_operands,
+)
+from tpmscad.solids.matter.field_patches import FieldPatches, fit_field_patches
 from tpmscad.solids.matter.patch_measures import (
-    FROM_FIELD,
-    TO_FIELD,
-    check_field_tangent_jump,
-    check_volume,
     move_patch_measures,
 )
 from tpmscad.solids.matter.reference_distance import field_distance
@@ -97,10 +90,6 @@ ON_SIDE_TOL = 1e-5
 
 MAX_SHIFT_TOLS = 0.1
 """In tolerances: how far a field may be moved where its surfaces touch what they are combined with."""
-
-CREASE_LENGTH_RTOL = 0.01
-"""Relative difference of the solid's creases from the field's in length, above which it is noted: the solid's are off by about
-the tolerance over the sine of the wedge. Creases that are missing are seen in their number, too."""
 
 
 Operand = FieldPatches | QuadricLeaf | StrutLeaf
@@ -144,7 +133,7 @@ class CrossingFields:
     @cached_property
     def measures(self) -> PatchMeasures:
         """What was measured on the operands."""
-        return _measure(self.field, self.tol, self.operands)
+        return measure_operands(self.field, self.tol, self.operands)
 
     @property
     def distance(self) -> DistanceFunction:
@@ -192,7 +181,7 @@ class CrossingFields:
     def measure(self, solids: BrepSolids | OcctSolids, moved: float) -> PatchMeasures:
         """The measures of the operands, and the creases of what a cut has left."""
         measures, creases = move_patch_measures(self.measures, moved), measure_creases(solids.solids, None)
-        return replace(measures, figures={**measures.figures, **_describe_creases(creases)})
+        return replace(measures, figures={**measures.figures, **describe_creases(creases)})
 
     def bound_operands(self) -> list[ExactOrCut]:
         """The boundaries of all operands."""
@@ -264,9 +253,9 @@ def combine_field_solids(
             how = f"{how}; the field was moved by {moved:.2g}"
         measures = move_patch_measures(matter.measures, moved)
         measures = replace(measures, notes=(*measures.notes, how))
-        measures = _compare_with_field(measures, field, lo, hi, *_measure_built(built))
+        measures = compare_with_field(measures, field, lo, hi, *measure_built(built))
         own = measure_creases(built.solids, (lo, hi))
-        measures = replace(measures, figures={**measures.figures, **_describe_creases(own)})
+        measures = replace(measures, figures={**measures.figures, **describe_creases(own)})
         # sides of data bound them as those of the box do; to prove their creases took five times as long as the solid
         if matter.fitted and not list_bounded(field):
             measures = compare_creases(measures, own, trace_creases(field, lo, hi))
@@ -419,14 +408,6 @@ STRUT_METHODS: Fallbacks[[CrossingFields], Combined] = Fallbacks(
 """How struts alone are cut by a box."""
 
 
-def _measure_built(built: BrepSolids | OcctSolids) -> tuple[Betti, float]:
-    """Betti numbers and volume of the solids, by their arrays or by the kernel."""
-    if isinstance(built, BrepSolids):
-        properties = measure_solid(built.brep, built.nesting.moments)
-        return properties.betti or (0, 0, 0), properties.volume
-    return measure_topology(built.solids).betti, sum(float(solid_moments(solid)[1]) for solid in built.solids)
-
-
 def _fit_operand(field: Field, lo: Array, hi: Array, tol: float, stages: StageTimer, number: int) -> FieldPatches:
     """The patches of an operand in a box of its own; beyond that of the request it is extended linearly where it must be."""
     wide = widen_box(lo, hi, number)
@@ -434,102 +415,6 @@ def _fit_operand(field: Field, lo: Array, hi: Array, tol: float, stages: StageTi
         return fit_field_patches(field, *wide, tol, stages)
     except (LevelSetError, InvalidRequest):  # a blend or sampled data end at the box, perhaps
         return fit_field_patches(extend_level_sets_linearly(field, lo, hi), *wide, tol, stages)
-
-
-def _measure(field: Field, tol: float, operands: Sequence[Operand]) -> PatchMeasures:
-    """The worst measures of the operands, and the deviation of each; exact ones deviate by nothing."""
-    each = [operand.fitted for operand in operands if isinstance(operand, FieldPatches)]
-    deviation = combine_deviations([f.deviation for f in each]) if each else Deviation(0.0, 0.0, 0.0, 0.0)
-    continuity = EdgeContinuity(
-        max((f.continuity.gap for f in each), default=0.0),
-        max((f.continuity.tangent_jump_deg for f in each), default=0.0),
-        max((f.continuity.curvature_jump for f in each), default=0.0),
-        0,
-    )
-    notes = dict.fromkeys((*collect_notes(field), *(note for f in each for note in f.notes)))
-    return PatchMeasures(
-        tol,
-        deviation,
-        "field",
-        continuity,
-        figures={TO_FIELD: deviation.to_reference, FROM_FIELD: deviation.from_reference, **_list_deviations(operands)},
-        checks=(check_field_tangent_jump(continuity.tangent_jump_deg),),
-        notes=tuple(notes),
-    )
-
-
-def _list_deviations(operands: Sequence[Operand]) -> dict[str, float]:
-    """The greatest deviation of each fitted operand, by its place in the tree: of all its patches, of which parts are kept."""
-    return {
-        f"deviation of operand {number}": operand.fitted.deviation.max
-        for number, operand in enumerate(operands, 1)
-        if isinstance(operand, FieldPatches)
-    }
-
-
-def _compare_with_field(
-    measures: PatchMeasures, field: Field, lo: Array, hi: Array, own_betti: Betti, own: float
-) -> PatchMeasures:
-    """The measures with the field's volume, and a note if grids count other Betti numbers than the solid's."""
-    notes = measures.notes
-    if has_slope_bounds(field, lo, hi):
-        volume, error, counted = measure_locally(field, lo, hi, own_betti.__eq__)
-        notes = (
-            *notes,
-            f"the volume of the field is that of a stratified sample, within {STANDARD_ERRORS:g} standard errors",
-        )
-    else:
-        spacing = float((hi - lo).max()) / N_QUADRATURE_LINES
-        volume, error = volume_quadrature.integrate_volume(field, lo, hi, spacing)
-        counted = compute_betti_numbers(field, lo, hi, confirm=own_betti.__eq__, crossing=True)
-    check = check_volume(own, volume, error)
-    if counted != own_betti:
-        words = (
-            "do not settle on grids" if counted is None else f"are {counted} on grids, which acute wedges fall apart on"
-        )
-        notes = (*notes, f"Betti numbers {own_betti} are counted on the solid; those of the field {words}")
-    figures = {**measures.figures, "volume of the field": volume, "uncertainty of that volume": error}
-    return replace(measures, checks=(*measures.checks, check), notes=notes, figures=figures)
-
-
-def _describe_creases(creases: SolidCreases) -> dict[str, float]:
-    """Figures of the sharp edges, those at the sides of the domain included."""
-    if not creases.count:
-        return {}
-    return {
-        "creases": creases.count,
-        "length of the creases": creases.length,
-        "shortest crease": creases.shortest,
-        "least wedge in degrees": creases.sharpest_deg,
-    }
-
-
-def compare_creases(measures: PatchMeasures, own: SolidCreases, expected: CreaseNetwork) -> PatchMeasures:
-    """The measures with the creases that the field has by itself, and notes where the solid's differ or they are not resolved."""
-    if not expected.is_enclosed:
-        return measures
-    notes = measures.notes
-    figures = {
-        **measures.figures,
-        "creases of the field": expected.n_curves,
-        "length of the field's creases": expected.length,
-        "creases within the box": own.inner_curves,
-        "length of the creases within the box": own.inner_length,
-    }
-    differs = abs(own.inner_length - expected.length) > CREASE_LENGTH_RTOL * expected.length
-    if own.inner_curves != expected.n_curves or differs:
-        notes = (
-            *notes,
-            f"the solid has {own.inner_curves} creases of length {own.inner_length:.5g} within the box, the field "
-            f"{expected.n_curves} of {expected.length:.5g}{'' if expected.is_proved else ', not proved to be all'}",
-        )
-    if len(expected.unresolved.lo):
-        at = format_point(0.5 * (expected.unresolved.lo[0] + expected.unresolved.hi[0]), 5)
-        notes = (
-            *notes,
-            f"surfaces touch or coincide near {at}, or are rough: the creases of the field are not resolved there",
-        )
-    return replace(measures, notes=notes, figures=figures)
 
 
 def label_combined_solids(solids: tuple[Any, ...], lo: Array, hi: Array) -> OcctSolids:
