@@ -89,7 +89,7 @@ def test_both_ways_of_trimming_agree(monkeypatch: pytest.MonkeyPatch) -> None:
     def refuse(*_: Any) -> None:
         raise tpmscad.InvalidRequest("free-form, say")
 
-    monkeypatch.setattr("tpmscad.solids.bodies.kernel_body.brep_from_shape", refuse)
+    monkeypatch.setattr("tpmscad.solids.cut.brep_from_shape", refuse)
     slow = tpmscad.infill(body, **P)
     assert (quick.trimmed_by, slow.trimmed_by) == ("patches", "kernel")
     assert quick.certificate.volume == pytest.approx(slow.certificate.volume, rel=1e-6)

@@ -9,7 +9,7 @@ which no boolean takes part in.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass, replace
 from functools import partial
 from traceback import extract_tb
@@ -19,9 +19,22 @@ import numpy as np
 
 from tpmscad._typing import Array, BoolArray
 from tpmscad.brep.boundary_representation import Brep
-from tpmscad.errors import EmptyInfill, InvalidRequest, KernelError, NothingLeft, TpmscadError, TrimmingError
+from tpmscad.errors import (
+    EmptyInfill,
+    InvalidRequest,
+    KernelError,
+    NothingLeft,
+    NotQuadric,
+    TpmscadError,
+    TrimmingError,
+)
 from tpmscad.fallbacks import Fallback, Fallbacks
-from tpmscad.kernel.body_import.body_brep import FreeFormBody
+from tpmscad.kernel.body_import.body_brep import (
+    FreeFormBody,
+    brep_from_shape,
+    has_tight_edges,
+    read_free_form_body,
+)
 from tpmscad.kernel.body_import.cad_body import CadBody
 from tpmscad.kernel.boolean.boolean_operations import OcctSolids, estimate_volume
 from tpmscad.kernel.build.solids import BrepSolids, build_solids
@@ -203,6 +216,19 @@ def numerical_failures() -> Iterator[None]:
             (f.name for f in reversed(extract_tb(error.__traceback__)) if "tpmscad" in f.filename), "the kernel"
         )
         raise TrimmingError(f"the cut met a singular case ({type(error).__name__} in {step})") from error
+
+
+def read_trimming_body(body: CadBody, tol: float | None = None) -> FreeFormBody:
+    """The boundary representation of a CAD body; with free-form faces if it has some; NotQuadric if that is impossible.
+
+    tol: the tolerance of what it is cut with, of which its edges may be off its faces by a hundredth.
+    """
+    with suppress(NotQuadric):
+        brep = brep_from_shape(body.shape, body.face_labels)
+        if has_tight_edges(brep):
+            return FreeFormBody(brep, {})
+    with numerical_failures():
+        return read_free_form_body(body.shape, body.face_labels, body.accuracy, tol)
 
 
 def cut_on_parameters(

@@ -31,8 +31,13 @@ from tpmscad.kernel.measure.shape_sampling import contains_points
 from tpmscad.kernel.occt.construction import make_compound
 from tpmscad.kernel.occt.exploration import faces_of
 from tpmscad.results.certificate import Check
-from tpmscad.solids.bodies.kernel_body import read_trimming_body
-from tpmscad.solids.cut import MadeSolids, build_valid_solids, numerical_failures, require_few_faces
+from tpmscad.solids.cut import (
+    MadeSolids,
+    build_valid_solids,
+    numerical_failures,
+    read_trimming_body,
+    require_few_faces,
+)
 from tpmscad.solids.matter.crossing_fields import Remake
 from tpmscad.solids.matter.patch_measures import move_patch_measures
 from tpmscad.solids.volume_samples import estimate_fraction, sample_body

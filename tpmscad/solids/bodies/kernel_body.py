@@ -3,14 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from contextlib import suppress
 from dataclasses import dataclass
 from typing import Any
 
 from tpmscad._typing import Array, BoolArray
 from tpmscad.brep.triangles.closed_mesh import SolidMesh, join_meshes
-from tpmscad.errors import NotQuadric
-from tpmscad.kernel.body_import.body_brep import FreeFormBody, brep_from_shape, has_tight_edges, read_free_form_body
+from tpmscad.kernel.body_import.body_brep import FreeFormBody
 from tpmscad.kernel.body_import.cad_body import CadBody
 from tpmscad.kernel.boolean.hollow_body import count_closed_cavities
 from tpmscad.kernel.export.solid_mesh import mesh_solids
@@ -19,7 +17,7 @@ from tpmscad.kernel.measure.shape_sampling import contains_points
 from tpmscad.kernel.measure.skin_depth import SkinDepth
 from tpmscad.kernel.occt.exploration import faces_of
 from tpmscad.results.certificate import PatchMeasures
-from tpmscad.solids.cut import numerical_failures
+from tpmscad.solids.cut import read_trimming_body
 from tpmscad.solids.volume_samples import sample_body
 
 MESH_ANGLE = 0.5
@@ -104,13 +102,3 @@ class KernelBody(HasKernelSolid):
     def join_measures(self, measures: PatchMeasures) -> PatchMeasures:
         """The measures of what is made of the body: its own faces are exact."""
         return measures
-
-
-def read_trimming_body(body: CadBody, tol: float | None = None) -> FreeFormBody:
-    """The boundary representation of a CAD body; see `KernelBody.read`."""
-    with suppress(NotQuadric):
-        brep = brep_from_shape(body.shape, body.face_labels)
-        if has_tight_edges(brep):
-            return FreeFormBody(brep, {})
-    with numerical_failures():
-        return read_free_form_body(body.shape, body.face_labels, body.accuracy, tol)
