@@ -42,6 +42,7 @@ from tpmscad.kernel.measure.shape_report import is_valid
 from tpmscad.kernel.measure.validity import is_brep_valid
 from tpmscad.kernel.occt.construction import make_compound
 from tpmscad.results.certificate import Check, PatchMeasures
+from tpmscad.solids.matter.reference_distance import DistanceFunction
 from tpmscad.solids.volume_samples import compare_with_sample
 from tpmscad.trimming.network_boolean import (
     DEFAULT_TOL,
@@ -65,9 +66,6 @@ MAX_KERNEL_FACES = 20_000
 """Patches that the kernel's boolean is given; with 35,000 it took 14 GiB, and had not ended after four minutes."""
 
 N = TypeVar("N", NetworkResult, DividedNetwork)
-
-DistanceFunction = Callable[[Array], Array]
-"""Points (n, 3), model units, to distances (n,)."""
 
 Finish = Callable[[Brep], Any]
 """Makes something, solids as a rule, of what a cut has left; after a TrimmingError the next placement of the matter is tried."""

@@ -10,8 +10,9 @@ from tpmscad.kernel.measure.envelope import Envelope
 from tpmscad.results.certificate import certify_built_solids, certify_kernel_solids
 from tpmscad.results.loose_pieces import NOTHING_DROPPED, DroppedPieces, drop_loose_pieces, drop_loose_solids
 from tpmscad.results.model import Model
-from tpmscad.solids.cut import DistanceFunction, MadeSolids
+from tpmscad.solids.cut import MadeSolids
 from tpmscad.solids.matter.crossing_fields import Remake
+from tpmscad.solids.matter.reference_distance import DistanceFunction
 from tpmscad.solids.passive_regions import NO_REGIONS, PassiveRegions
 from tpmscad.stage_timer import StageTimer
 

@@ -51,7 +51,7 @@ from tpmscad.kernel.step.face_labels import label_outer_faces
 from tpmscad.levelset.crossing_operands import Combination, list_fields, split_crossing_operands, widen_box
 from tpmscad.levelset.field_solid import find_sample_spacing
 from tpmscad.results.certificate import PatchMeasures
-from tpmscad.solids.cut import DistanceFunction, Finish, MadeSolids, build_valid_solids, try_placements
+from tpmscad.solids.cut import Finish, MadeSolids, build_valid_solids, try_placements
 from tpmscad.solids.matter.crossing_measures import (
     compare_creases,
     compare_with_field,
@@ -63,7 +63,7 @@ from tpmscad.solids.matter.field_patches import FieldPatches, fit_field_patches
 from tpmscad.solids.matter.patch_measures import (
     move_patch_measures,
 )
-from tpmscad.solids.matter.reference_distance import field_distance
+from tpmscad.solids.matter.reference_distance import DistanceFunction, field_distance
 from tpmscad.solids.matter.strut_boundaries import (
     bound_struts,
     bound_struts_in_box,

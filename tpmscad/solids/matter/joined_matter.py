@@ -18,7 +18,8 @@ from tpmscad.kernel.boolean.boolean_operations import OcctSolids
 from tpmscad.kernel.build.solids import BrepSolids
 from tpmscad.kernel.measure.shape_sampling import contains_points
 from tpmscad.results.certificate import PatchMeasures
-from tpmscad.solids.cut import DistanceFunction, Finish, Matter, read_trimming_body, try_placements
+from tpmscad.solids.cut import Finish, Matter, read_trimming_body, try_placements
+from tpmscad.solids.matter.reference_distance import DistanceFunction
 from tpmscad.trimming.network_boolean import DividedNetwork, NetworkResult, Operation, combine_networks, divide_network
 
 MAX_SHIFT_TOLS = 0.1

@@ -40,13 +40,13 @@ from tpmscad.memory_limit import require_memory
 from tpmscad.requests.lattice_request import LatticeRequest
 from tpmscad.results.certificate import PatchMeasures
 from tpmscad.rigid_motion import Motion
-from tpmscad.solids.cut import DistanceFunction, Finish, require_few_faces
+from tpmscad.solids.cut import Finish, require_few_faces
 from tpmscad.solids.matter.mapped_block import exact_source
 from tpmscad.solids.matter.patch_measures import (
     measure_lattice_patches,
     move_patch_measures,
 )
-from tpmscad.solids.matter.reference_distance import lattice_distance
+from tpmscad.solids.matter.reference_distance import DistanceFunction, lattice_distance
 from tpmscad.stage_timer import StageTimer
 from tpmscad.trimming.network_boolean import NetworkResult, Operation, combine_networks
 from tpmscad.trimming.operands.polyhedra import box

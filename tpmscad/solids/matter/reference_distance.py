@@ -8,6 +8,7 @@ measures it.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from functools import partial
 from typing import Any
 
@@ -20,8 +21,10 @@ from tpmscad.fields.kinds.normal_distance import NormalDistance
 from tpmscad.lattices.coordinate_maps import Map
 from tpmscad.lattices.mapped_surface import evaluate_thickness
 from tpmscad.requests.lattice_request import LatticeRequest
-from tpmscad.solids.cut import DistanceFunction
 from tpmscad.sources.patched_surface import PatchedSurface
+
+DistanceFunction = Callable[[Array], Array]
+"""Points (n, 3), model units, to distances (n,)."""
 
 
 def lattice_distance(request: LatticeRequest, mapping: Map | None, rotation: Array | None = None) -> DistanceFunction:
