@@ -134,7 +134,7 @@ BODIES: dict[str, Callable[[Path], Any]] = {
     "free form": lambda _: bd.Pos(0, 0, -4.5) * bd.extrude(bd.Ellipse(6.5, 4.7), 9),
     "mesh": _mesh,
     "image": _image,
-    "formula": lambda _: fields.expression("x^2/36 + y^2/25 + z^4/500 - 1"),
+    "formula": lambda _: fields.expression("x^2/36 + y^2/25 + z^2/20 - 1"),
     "several": lambda _: bd.Compound([bd.Pos(-5, 0, 0) * bd.Box(7, 8, 8), bd.Pos(5, 0, 0) * bd.Cylinder(3.6, 8)]),
 }
 
