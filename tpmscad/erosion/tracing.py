@@ -158,9 +158,8 @@ def _follow(graph: EdgeGraph, pair: Pair, start: Array, first: float = np.inf) -
         path = np.concatenate([path, rows])
     if closes:
         return path, -1
-    if len(
-        step
-    ):  # steps are halved before a point in which the sheets are tangent, as tubes of two edges are at their corner
+    # steps are halved before a point in which the sheets are tangent, as tubes of two edges are at their corner
+    if len(step):
         end = _find_vertex(graph, pair, traced[-1], 2.0 * traced[-1] - traced[-2])
         if end is not None:
             return np.concatenate([path, _end_row(graph, path[-1], *end)[None]]), end[0]
