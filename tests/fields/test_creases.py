@@ -13,6 +13,7 @@ from benchmarks.hidden_creases import LENGTH_RTOL, draw_hidden_ball, measure_hid
 from tpmscad import fields
 from tpmscad.fields.analysis import crease_cells, crease_network
 from tpmscad.fields.analysis.crease_network import BOX, CORNER, UNRESOLVED, CreaseNetwork, count_curves, trace_creases
+from tpmscad.fields.analysis.crease_pieces import SIDE_TOL
 from tpmscad.fields.analysis.outermost_extremes import expose_extremes, list_leaves
 from tpmscad.fields.field import Field
 
@@ -56,7 +57,8 @@ def test_creases_of_convex_polyhedra_are_their_edges_and_vertices(seed: int, cou
     spaces = [fields.halfspace(tuple(d * n), tuple(n)) for n, d in zip(normals, offsets, strict=True)]
     network = trace(fields.intersection(*spaces))
     box = np.concatenate([np.eye(3), -np.eye(3)])
-    rows = np.hstack([np.concatenate([normals, box]), -np.concatenate([offsets, np.full(6, 2.0)])[:, None]])
+    sides = np.full(6, 2.0 + 4.0 * SIDE_TOL)  # the box that is searched, a billionth wider, for creases in its sides
+    rows = np.hstack([np.concatenate([normals, box]), -np.concatenate([offsets, sides])[:, None]])
     vertices = HalfspaceIntersection(rows, np.zeros(3)).intersections
     on = np.abs(vertices @ rows[:, :3].T + rows[:, 3]) < 1e-9  # the planes through each vertex
     length, edges = 0.0, 0
