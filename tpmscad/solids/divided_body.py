@@ -75,7 +75,7 @@ def _build_domains(
     for number, own in enumerate(members):
         part = select_domain(shared, own, cut.reversed_beyond if number else None)
         if number:
-            own_tags = [OPENING] * n_body_tags + [tag for tag in part.tags[n_body_tags:]]
+            own_tags = [OPENING] * n_body_tags + list(part.tags[n_body_tags:])
             part = replace(part, tags=tuple(own_tags))
         check_closed(part)
         breps.append(drop_unused_geometry(part))

@@ -10,12 +10,13 @@ from OCP.BRepAdaptor import BRepAdaptor_Surface
 from OCP.BRepClass3d import BRepClass3d_SolidClassifier
 from OCP.BRepPrimAPI import BRepPrimAPI_MakeCylinder, BRepPrimAPI_MakePrism
 from OCP.GeomAbs import GeomAbs_Cylinder, GeomAbs_Plane
-from OCP.gp import gp_Ax2, gp_Dir, gp_Pnt, gp_Vec
+from OCP.gp import gp_Ax2, gp_Cylinder, gp_Dir, gp_Pnt, gp_Vec
 from OCP.TopAbs import TopAbs_ON
 from OCP.TopoDS import TopoDS_Face, TopoDS_Shape, TopoDS_Solid
 
 from tpmscad._typing import Array
 from tpmscad.kernel.boolean.boolean_operations import estimate_volume, intersect_solids, merge_faces
+from tpmscad.kernel.boolean.hollow_body import outward_plane
 from tpmscad.kernel.boolean.solid_trees import SolidSet, combine_sets, list_solids
 from tpmscad.kernel.measure.shape_sampling import interior_points
 from tpmscad.kernel.occt import convert
@@ -59,19 +60,25 @@ def find_holes(solid: TopoDS_Solid) -> tuple[Hole, ...]:
     parts: list[tuple[Hole, float]] = []
     for face in faces_of(solid):
         surface = BRepAdaptor_Surface(face)
-        if surface.GetType() != GeomAbs_Cylinder:
+        cylinder = _find_bore(face, surface)
+        if cylinder is None:
             continue
-        cylinder = surface.Cylinder()
-        if (orientation_sign(face) > 0) == cylinder.Position().Direct():
-            continue  # a shaft
         axis = np.array(cylinder.Axis().Direction().Coord())
         axis *= np.sign(axis[np.abs(axis).argmax()])
         point = np.array(cylinder.Location().Coord())
-        ends = [axis @ (np.array(surface.Value(surface.FirstUParameter(), v).Coord())) for v in _v_range(surface)]
+        ends = [axis @ np.array(surface.Value(surface.FirstUParameter(), v).Coord()) for v in _v_range(surface)]
         foot = point - (point @ axis) * axis
         turn = surface.LastUParameter() - surface.FirstUParameter()
         parts.append((Hole(foot, axis, cylinder.Radius(), min(ends), max(ends)), turn))
     return tuple(_join_round(parts))
+
+
+def _find_bore(face: TopoDS_Face, surface: BRepAdaptor_Surface) -> gp_Cylinder | None:
+    """The cylinder of a face on the surface of a bore; None for other faces, those of shafts included."""
+    if surface.GetType() != GeomAbs_Cylinder:
+        return None
+    cylinder = surface.Cylinder()
+    return None if (orientation_sign(face) > 0) == cylinder.Position().Direct() else cylinder
 
 
 def _v_range(surface: BRepAdaptor_Surface) -> tuple[float, float]:
@@ -126,22 +133,17 @@ def _grow_face(face: TopoDS_Face, reach: float) -> TopoDS_Shape | None:
     """What lies before a plane face up to a distance, or within a face that goes round a hole; None before others."""
     surface = BRepAdaptor_Surface(face)
     if surface.GetType() == GeomAbs_Plane:
-        plane = surface.Plane()
-        out = np.array(plane.Axis().Direction().Coord()) * (
-            orientation_sign(face) if plane.Direct() else -orientation_sign(face)
-        )
+        out = outward_plane(face).normal
         inside = convert.transform_shape(face, Motion(np.eye(3), -INSET * reach * out))
         return BRepPrimAPI_MakePrism(inside, gp_Vec(*((1 + INSET) * reach * out).tolist())).Shape()
-    if surface.GetType() == GeomAbs_Cylinder:
-        cylinder = surface.Cylinder()
-        if (orientation_sign(face) > 0) == cylinder.Position().Direct():
-            return None
-        low, high = _v_range(surface)
-        axis = cylinder.Position()
-        start = axis.Location().Translated(gp_Vec(axis.Direction()).Multiplied(low - reach))
-        frame = gp_Ax2(start, axis.Direction())
-        return BRepPrimAPI_MakeCylinder(frame, cylinder.Radius(), high - low + 2 * reach).Solid()
-    return None
+    cylinder = _find_bore(face, surface)
+    if cylinder is None:
+        return None
+    low, high = _v_range(surface)
+    axis = cylinder.Position()
+    start = axis.Location().Translated(gp_Vec(axis.Direction()).Multiplied(low - reach))
+    frame = gp_Ax2(start, axis.Direction())
+    return BRepPrimAPI_MakeCylinder(frame, cylinder.Radius(), high - low + 2 * reach).Solid()
 
 
 def _common_volume(first: TopoDS_Solid, second: TopoDS_Solid) -> float:

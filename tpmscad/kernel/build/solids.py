@@ -66,6 +66,11 @@ class BrepSolids:
         """Number of solids."""
         return len(self.nesting.shells_of_solid)
 
+    @property
+    def n_cavities(self) -> int:
+        """Number of closed cavities in them."""
+        return len(self.nesting.volume) - self.n_solids
+
     @cached_property
     def faces(self) -> tuple[TopoDS_Face, ...]:
         """The OCCT face of each face."""

@@ -126,7 +126,7 @@ class FittedBody(HasKernelSolid):
 
     def count_closed_cavities(self) -> int:
         """Cavities that it has of its own."""
-        return len(self.built.nesting.volume) - self.built.n_solids
+        return self.built.n_cavities
 
     def join_measures(self, measures: PatchMeasures) -> PatchMeasures:
         """The measures of what is made of the body, and its own: each against its own tolerance."""

@@ -18,7 +18,7 @@ from tpmscad.erosion.hollowed_body import hollow_body
 from tpmscad.errors import InvalidRequest, KernelError, LevelSetError, NothingLeft, TrimmingError
 from tpmscad.fallbacks import Fallback, Fallbacks
 from tpmscad.kernel.boolean.cut_faces import SKIN
-from tpmscad.kernel.build.solids import BrepSolids, build_faces
+from tpmscad.kernel.build.solids import build_faces
 from tpmscad.kernel.measure.skin_depth import measure_skin_thickness
 from tpmscad.results.certificate import Check
 from tpmscad.solids.bodies.body_choice import Body
@@ -90,7 +90,7 @@ def _fill_cavity(body: Body, matter: Matter, skin: float, cavity: CavityOfSkin, 
         brep = hollow_body(read.brep, voids, is_open[read.brep.faces.tag])
         built = build_valid_solids(brep)
     notes, checks = cavity.describe(brep)
-    closed = describe_closed_voids(_count_cavities(built), body.count_closed_cavities(), bool(is_open.any()))
+    closed = describe_closed_voids(built.n_cavities, body.count_closed_cavities(), bool(is_open.any()))
     told = dict.fromkeys(note for cut in cuts for note in cut.notes)
     moved = max(cut.moved for cut in cuts)
     return MadeSolids(
@@ -102,11 +102,6 @@ def _fill_cavity(body: Body, matter: Matter, skin: float, cavity: CavityOfSkin, 
         (*(cut.check for cut in cuts), *checks),
         before=body.volume - sum(cut.volume for cut in cuts),
     )
-
-
-def _count_cavities(built: BrepSolids) -> int:
-    """Closed cavities of solids."""
-    return len(built.nesting.volume) - built.n_solids
 
 
 def _fill_by_offset_faces(body: Body, matter: Matter, skin: float, finish: Finish) -> MadeSolids:
