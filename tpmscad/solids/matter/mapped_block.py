@@ -84,7 +84,8 @@ def cover_mapped_lattice(request: LatticeRequest, map: Map) -> MappedCover:
         closed = mapped_surface.find_closed_axes(map, request.cells, cell)
         placements = copies.place_whole_cells(request.surface, request.cells, phase, closed)
         return MappedCover(placements, _periods(request, closed), None, None)
-    source, reach = exact_source(request), _greatest_offset(request, map)
+    source = exact_source(request)
+    reach = find_greatest_offset(request, lambda: map(mapped_surface.box_points(request.cells, cell)))
     patch, symmetry = source.patch, source.symmetry
     try:
         bounds = mapped_lattice.map_box(map, size)
@@ -109,13 +110,12 @@ def cover_mapped_lattice(request: LatticeRequest, map: Map) -> MappedCover:
     return MappedCover(placements, _periods(request, closed), _sweep(revolved), (-open_ended, size + open_ended))
 
 
-def _greatest_offset(request: LatticeRequest, map: Map) -> float:
-    """The greatest distance of the walls from the mid surface, in model units; of graded walls, sampled in the box."""
+def find_greatest_offset(request: LatticeRequest, sample: Callable[[], Array]) -> float:
+    """The greatest distance of the walls from the mid surface, in model units; of graded walls, at points (..., 3) of it."""
     greatest = float(np.abs(request.offset).max())
     if request.thickness is None:
         return greatest
-    points = map(mapped_surface.box_points(request.cells, request.cell[0]))
-    return greatest * float(mapped_surface.evaluate_thickness(request.thickness, points).max())
+    return greatest * float(mapped_surface.evaluate_thickness(request.thickness, sample()).max())
 
 
 def _points_inside(revolved: RevolvedBox, request: LatticeRequest) -> Array:

@@ -23,13 +23,13 @@ from tpmscad.kernel.occt.exploration import faces_of
 from tpmscad.lattices import mapped_lattice
 from tpmscad.lattices.coordinate_maps import Map
 from tpmscad.lattices.copies import translate_motions
-from tpmscad.lattices.mapped_surface import MappedSurface, evaluate_thickness, repeats_after
+from tpmscad.lattices.mapped_surface import MappedSurface, repeats_after
 from tpmscad.lattices.self_contact import require_no_self_contact
 from tpmscad.lattices.spline_maps import SplineMap
 from tpmscad.requests.lattice_request import LatticeRequest
 from tpmscad.rigid_motion import Motion
 from tpmscad.solids.matter.lattice_block import MAX_CELLS_IN_BOX, LatticeBlock, check_wall_thickness
-from tpmscad.solids.matter.mapped_block import compose_map, exact_source
+from tpmscad.solids.matter.mapped_block import compose_map, exact_source, find_greatest_offset
 from tpmscad.solids.matter.patch_measures import measure_lattice_patches
 from tpmscad.solids.matter.reference_distance import lattice_distance
 from tpmscad.stage_timer import StageTimer
@@ -62,13 +62,10 @@ def build_mapped_block(
     """The lattice under a map around a body; `rotation` (3, 3) takes the model of the map to the body's coordinates."""
     check_wall_thickness(request)
     edges = np.array(request.cell)
-    if isinstance(map, SplineMap):
-        counts = np.maximum(1, np.rint(map.mean_edges() / edges)).astype(int)
-        request = replace(request, cells=triple(counts.tolist()))
-    else:
-        request = replace(
-            request, cells=(0, 0, 0)
-        )  # coordinates are counted from the origin of the map, not from a block's end
+    # the domain of a spline is divided; other maps count cells from their own origin, not from the end of a block
+    is_spline = isinstance(map, SplineMap)
+    counts = np.maximum(1, np.rint(map.mean_edges() / edges)).astype(int) if is_spline else np.zeros(3, int)
+    request = replace(request, cells=triple(counts.tolist()))
     mapping, notes = compose_map(request, map)
     assert mapping is not None
     with stages("fit") as done:
@@ -119,9 +116,7 @@ def _measure_cells(images: Array) -> Array:
     return np.asarray(np.linalg.norm(np.ptp(images, axis=1), axis=1))
 
 
-def _find_cells(
-    mapping: Map, request: LatticeRequest, near: _Near, given: Any
-) -> tuple[IntArray, tuple[float, float, float]]:
+def _find_cells(mapping: Map, request: LatticeRequest, near: _Near, given: Any) -> tuple[IntArray, IntArray]:
     """The origins (n, 3) of the cells near a body, and the periods of the lattice, both in cells."""
     cell, periods = request.cell[0], np.zeros(3, np.int64)
     low, high = np.full(3, -MAX_CELLS_ROUND), np.full(3, MAX_CELLS_ROUND)
@@ -145,7 +140,7 @@ def _find_cells(
         periods = np.array([_find_period(mapping, cell, np.asarray(cell * (start + 0.5)), axis) for axis in range(3)])
     found = _spread(mapping, cell, start, near, periods, low, high)
     _require_apart(mapping, cell, found, periods)
-    return found, triple(periods.astype(float).tolist())
+    return found, periods
 
 
 def _is_usable(mapping: Map, cell: float, origins: IntArray) -> BoolArray:
@@ -162,6 +157,11 @@ def _find_period(mapping: Map, cell: float, points: Array, axis: int) -> int:
     return next((n for n in range(1, MAX_CELLS_ROUND + 1) if repeats_after(mapping, n * step, points[:8])), 0)
 
 
+def _go_round_once(cells: IntArray, periods: IntArray) -> IntArray:
+    """Cells, each once, with their numbers along an axis that closes from 0 to below its period."""
+    return np.unique(np.where(periods > 0, np.mod(cells, np.maximum(periods, 1)), cells), axis=0)
+
+
 def _spread(
     mapping: Map, cell: float, start: IntArray, near: _Near, periods: IntArray, low: Any, high: Any
 ) -> IntArray:
@@ -169,8 +169,8 @@ def _spread(
     steps = np.concatenate([np.eye(3, dtype=np.int64), -np.eye(3, dtype=np.int64)])
 
     def wrap(cells: IntArray) -> IntArray:
-        round_once = np.where(periods > 0, np.mod(cells, np.maximum(periods, 1)), cells)
-        return np.unique(round_once[((round_once >= low) & (round_once < high)).all(axis=1)], axis=0)
+        cells = _go_round_once(cells, periods)
+        return cells[((cells >= low) & (cells < high)).all(axis=1)]
 
     found = front = wrap(start)
     while len(front):
@@ -195,10 +195,8 @@ def _require_apart(mapping: Map, cell: float, origins: IntArray, periods: IntArr
     pairs = cKDTree(middles).query_pairs(ON_EACH_OTHER * float(sizes.max()), output_type="ndarray")
     apart = np.abs(origins[pairs[:, 0]] - origins[pairs[:, 1]])
     apart = np.where(periods > 0, np.minimum(apart, np.abs(periods - apart)), apart).max(axis=1)
-    close = np.linalg.norm(middles[pairs[:, 0]] - middles[pairs[:, 1]], axis=1) < ON_EACH_OTHER * sizes[pairs].min(
-        axis=1
-    )
-    pairs = pairs[close & (apart > 1)]
+    distance = np.linalg.norm(middles[pairs[:, 0]] - middles[pairs[:, 1]], axis=1)
+    pairs = pairs[(distance < ON_EACH_OTHER * sizes[pairs].min(axis=1)) & (apart > 1)]
     if len(pairs):
         first, second = origins[pairs[0]]
         raise InvalidRequest(
@@ -212,21 +210,22 @@ def _fit_cover(
     request: LatticeRequest,
     mapping: Map,
     origins: IntArray,
-    periods: tuple[float, float, float],
+    periods: IntArray,
     near: _Near,
     progress: FractionProgress,
 ) -> tuple[Brep, Any]:
     """The patches of cells, and their fit."""
     cell, source, phase = request.cell[0], exact_source(request), np.array(request.phase)
-    cells = np.unique(np.concatenate([origins, origins - (phase % 1 > 0)]), axis=0)  # those that the phase brings in
-    if any(periods):
-        cells = np.unique(np.where(periods, np.mod(cells, np.maximum(periods, 1)), cells), axis=0)
+    cells = _go_round_once(
+        np.concatenate([origins, origins - (phase % 1 > 0)]), periods
+    )  # with those that the phase brings in
     placements = translate_motions(source.symmetry.cell_motions, cells + (phase - np.floor(phase)))
     images = mapping(cell * mapped_lattice.sample_placements(source.patch, placements))
-    reach = _greatest_reach(request, images)
+    reach = find_greatest_offset(request, lambda: images)
     placements = placements[np.flatnonzero(near(images, mapped_lattice.PATCH_BULGE_FRACTION, reach))]
+    closed = triple(periods.astype(float).tolist())
     surface = MappedSurface(
-        source.patch, source.symmetry, placements, mapping, cell, periods=periods, thickness=request.thickness
+        source.patch, source.symmetry, placements, mapping, cell, periods=closed, thickness=request.thickness
     )
     surface.orientation()
     mapped_lattice.require_offsets_below_curvature_radius(surface, request.offset, f"mapped {request.surface}")
@@ -234,11 +233,3 @@ def _fit_cover(
         require_no_self_contact(surface, request.offset, None)
     fit = mapped_lattice.fit_mapped_layers(surface, request.layer_offsets, request.tol, progress)
     return mapped_lattice.assemble_mapped_lattice(surface, *fit.surfaces, natural=False), fit
-
-
-def _greatest_reach(request: LatticeRequest, images: Array) -> float:
-    """The greatest distance of the walls from the mid surface, model units; of graded walls at its points (n, m, 3)."""
-    greatest = float(np.abs(request.offset).max())
-    if request.thickness is None:
-        return greatest
-    return greatest * float(evaluate_thickness(request.thickness, images).max())
