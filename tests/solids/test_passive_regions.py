@@ -126,7 +126,8 @@ def test_a_wrong_volume_is_seen_by_the_sample(monkeypatch: pytest.MonkeyPatch) -
     """The body replaced by a thinner one when it is united: the check by points of the right one must notice."""
     combine = passive_regions._combine
     (thin,) = passive_regions.PassiveRegions.read(cylinder(2.0, 1.0, 9.0)).kept
-    monkeypatch.setattr(passive_regions, "_combine", lambda brep, _, operation: combine(brep, thin, operation))
+    other = passive_regions._read_brep(thin)
+    monkeypatch.setattr(passive_regions, "_combine", lambda brep, _, operation: combine(brep, other, operation))
     model = make(keep=cylinder(3.0, 1.0, 9.0))
     assert not model.certificate.met
     assert "the volume with the passive regions is" in model.certificate.shortfalls[0]

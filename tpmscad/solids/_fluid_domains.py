@@ -46,7 +46,6 @@ from tpmscad.solids.divided_body import divide_body
 from tpmscad.solids.matter.closed_channels import build_closed_block
 from tpmscad.solids.matter.lattice_block import LatticeBlock, build_lattice_block
 from tpmscad.solids.passive_regions import PassiveRegions
-from tpmscad.solids.volume_samples import sample_body
 from tpmscad.stage_timer import StageTimer
 
 TOTAL_VOLUME_RTOL = 1e-6
@@ -153,11 +152,7 @@ def _read_passive(body: Body, options: FluidDomainsOptions) -> tuple[Body, tuple
     if isinstance(body, FittedBody):
         raise InvalidRequest(f"keep and clear are for CAD bodies, which {body.name} is not: leave them out")
     passive = PassiveRegions.read_for(body.cad, True, options.keep, options.clear)
-    for each in passive.kept:
-        if not body.contains(sample_body(each)).all():
-            raise InvalidRequest(
-                f"{each.name} reaches beyond {body.name}: unite both in the CAD system first, and keep it then"
-            )
+    passive.require_inside(body)
     cad = body.cad
     for each in passive.cleared:
         left = subtract_solid(cad.shape, each.shape)

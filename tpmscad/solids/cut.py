@@ -65,6 +65,9 @@ CUT_REMEDY = "shift the lattice by `phase`, or change `cell` or `tol` a little"
 MAX_KERNEL_FACES = 20_000
 """Patches that the kernel's boolean is given; with 35,000 it took 14 GiB, and had not ended after four minutes."""
 
+MAX_SHIFT_TOLS = 0.1
+"""In tolerances: how far matter is moved where its surfaces touch what they are combined with."""
+
 N = TypeVar("N", NetworkResult, DividedNetwork)
 
 Finish = Callable[[Brep], Any]
@@ -190,8 +193,9 @@ def build_valid_solids(brep: Brep) -> BrepSolids:
     return built
 
 
-def try_placements(run: Callable[[Array], N], limit: float) -> N:
-    """What a combination of surfaces gives at the first translation of the matter (3,), up to a length, at which it succeeds."""
+def try_placements(run: Callable[[Array], N], tol: float) -> N:
+    """What a combination of surfaces gives at the first translation of the matter (3,), within its tolerance, that succeeds."""
+    limit = MAX_SHIFT_TOLS * tol
     shifts = [shift for each in SHIFT_TOLS if (shift := each * DEFAULT_TOL * SHIFT_DIRECTION) @ shift <= limit**2]
     placements = tuple(Fallback(f"moved by {np.linalg.norm(shift):.2g}", partial(run, shift)) for shift in shifts)
     outcome = Fallbacks(placements, retry_on=(TrimmingError,), final=(NothingLeft,)).run()
@@ -283,13 +287,18 @@ def intersect(body: Domain, matter: Matter, cad: CadBody | None) -> MadeSolids:
     return replace(made, notes=(f"{first}: {outcome.reasons}", *others))
 
 
+def _lie_in_both(body: Domain, matter: Matter, points: Array) -> BoolArray:
+    """Whether points (n, 3) lie in a body and in the matter."""
+    return body.contains(points) & matter.contains(points)
+
+
 def _intersect_on_parameters(body: Domain, matter: Matter, cad: CadBody | None) -> MadeSolids:
     cut = cut_on_parameters(body, matter)
     return MadeSolids(
         cut.built,
         cut.built.brep,
         matter.measure(cut.built, cut.moved),
-        lambda points: body.contains(points) & matter.contains(points),
+        partial(_lie_in_both, body, matter),
         cut.notes,
         (cut.check,),
     )
@@ -308,7 +317,7 @@ def _intersect_in_kernel(body: Domain, matter: Matter, cad: CadBody | None) -> M
         built,
         matter.patches,
         matter.measure(built, 0.0),
-        lambda points: body.contains(points) & matter.contains(points),
+        partial(_lie_in_both, body, matter),
         ("trimmed by the kernel's boolean",),
         (check,),
     )
@@ -316,12 +325,12 @@ def _intersect_in_kernel(body: Domain, matter: Matter, cad: CadBody | None) -> M
 
 BY_PARAMETERS: Fallback[[Domain, Matter, CadBody | None], MadeSolids] = Fallback(
     "trimming on the patches' parameters",
-    lambda body, matter, cad: _intersect_on_parameters(body, matter, cad),
+    _intersect_on_parameters,
     "a second for a few cells; several with free-form faces, which must meet within 1e-10",
 )
 BY_KERNEL: Fallback[[Domain, Matter, CadBody | None], MadeSolids] = Fallback(
     "the kernel's boolean",
-    lambda body, matter, cad: _intersect_in_kernel(body, matter, cad),
+    _intersect_in_kernel,
     "ten times as long for a few cells, and more than in proportion for many",
 )
 

@@ -16,7 +16,6 @@ from tpmscad.solids.finished_model import finish_model
 from tpmscad.solids.matter.joined_matter import JoinedMatter
 from tpmscad.solids.passive_regions import NO_REGIONS, PassiveRegions
 from tpmscad.solids.skins.filled_skin import fill_within_skin
-from tpmscad.solids.volume_samples import sample_body
 from tpmscad.stage_timer import StageTimer, show_activity
 
 
@@ -39,8 +38,7 @@ def fill_body(
             made, passive = _fill_within_skin(body, matter, skin, passive)
         else:
             made, passive, filling = _intersect(body, matter, passive)
-            if passive.bodies and not passive.touch(body.read(matter.measures.tol).brep):
-                remake = partial(_intersect_moved, body, filling)
+            remake = partial(_intersect_moved, body, filling, passive)
     return finish_model(
         name or matter.name,
         replace(
@@ -74,8 +72,13 @@ def _intersect(body: Body, matter: Matter, passive: PassiveRegions) -> tuple[Mad
     return replace(made, notes=(*made.notes, *told)), left, joined
 
 
-def _intersect_moved(body: Body, matter: Matter, finish: Finish) -> tuple[BrepSolids, float]:
-    """What matter and body have in common, finished, the matter moved where that is needed."""
+def _intersect_moved(body: Body, matter: Matter, passive: PassiveRegions, finish: Finish) -> tuple[BrepSolids, float]:
+    """What matter and body have in common, finished, the matter moved where that is needed.
+
+    InvalidRequest where faces of what is kept or cleared lie in those of the body, which no placement of the matter mends.
+    """
+    if passive.touch(body.read(matter.measures.tol).brep):
+        raise InvalidRequest("the solid is not moved")
     cut = cut_on_parameters(body, matter, finish=finish)
     return cut.built, cut.moved
 
@@ -89,11 +92,7 @@ def _fill_within_skin(
     """
     if not passive.kept + passive.within:
         return fill_within_skin(body, matter, skin), passive
-    for kept in passive.kept:
-        if not body.contains(sample_body(kept)).all():
-            raise InvalidRequest(
-                f"{kept.name} reaches beyond {body.name}, which has a skin: unite both in the CAD system first, and keep it then"
-            )
+    passive.require_inside(body, ", which has a skin")
     made = fill_within_skin(body, matter, skin, passive.carve)
     own = replace(passive.cut_within(body.cad), cleared=())
     checked = own.check(made, made.before, made.contains, "taken from the voids within the skin")

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from functools import partial, reduce
+from functools import cached_property, partial, reduce
 from typing import Any
 
 import numpy as np
@@ -32,6 +32,7 @@ from tpmscad.kernel.occt.construction import make_compound
 from tpmscad.kernel.occt.exploration import faces_of
 from tpmscad.results.certificate import Check
 from tpmscad.solids.cut import (
+    Domain,
     MadeSolids,
     build_valid_solids,
     numerical_failures,
@@ -55,7 +56,7 @@ BOSSES = "bosses"
 Solids = BrepSolids | OcctSolids
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@dataclass(frozen=True, eq=False)
 class PassiveRegions:
     """Bodies that a solid contains (`kept`), and bodies that stay empty (`cleared`), those after those. They may overlap.
 
@@ -109,6 +110,19 @@ class PassiveRegions:
         """How each body is combined with the solid, one after the other."""
         return (*(("union", body) for body in self.kept), *(("difference", body) for body in self.cleared))
 
+    @cached_property
+    def breps(self) -> tuple[tuple[Operation, Brep], ...]:
+        """The same with the boundary representations, read once for all placements."""
+        return tuple((operation, _read_brep(body)) for operation, body in self.steps)
+
+    @cached_property
+    def solid_breps(self) -> tuple[Brep, ...]:
+        """The boundary representations of what is kept, bodies that touch being one."""
+        kept = self.kept + self.within
+        if len(kept) > 1:
+            kept = _read_all(merge_faces(combine_sets(-1, [SolidSet(body.shape) for body in kept]).shape), "kept")
+        return tuple(map(_read_brep, kept))
+
     def describe(self) -> tuple[str, ...]:
         """What is contained or stays empty, with its volume."""
         return tuple(
@@ -119,6 +133,14 @@ class PassiveRegions:
     def hold(self, points: Array) -> BoolArray:
         """Whether points (n, 3) lie in one of the bodies that are kept."""
         return np.any([contains_points(body.shape, points) for body in self.kept], axis=0)
+
+    def require_inside(self, body: Domain, what: str = "") -> None:
+        """InvalidRequest if a body that is kept reaches beyond the filled one, of which a message says `what` it has."""
+        for kept in self.kept:
+            if not body.contains(sample_body(kept)).all():
+                raise InvalidRequest(
+                    f"{kept.name} reaches beyond {body.name}{what}: unite both in the CAD system first, and keep it then"
+                )
 
     def touch(self, brep: Brep) -> bool:
         """Whether faces of a body lie in those of a solid, so that no placement of what fills it lets both be combined."""
@@ -180,16 +202,13 @@ class PassiveRegions:
 
     def finish(self, brep: Brep) -> BrepSolids:
         """The valid solids of a boundary representation with what is kept, without what is cleared, by cuts of their faces."""
-        for operation, body in self.steps:
-            brep = _combine(brep, body, operation)
+        for operation, own in self.breps:
+            brep = _combine(brep, own, operation)
         return build_valid_solids(brep)
 
     def carve(self, voids: Brep) -> BrepSolids:
-        """Voids without what is kept, bodies that touch being one; NothingLeft if that holds them."""
-        kept = self.kept + self.within
-        if len(kept) > 1:
-            kept = _read_all(merge_faces(combine_sets(-1, [SolidSet(body.shape) for body in kept]).shape), "kept")
-        return build_valid_solids(reduce(lambda brep, body: _combine(brep, body, "difference"), kept, voids))
+        """Voids without what is kept; NothingLeft if that holds them."""
+        return build_valid_solids(reduce(lambda brep, own: _combine(brep, own, "difference"), self.solid_breps, voids))
 
     def finish_one_by_one(self, built: Solids) -> Solids:
         """The same as `finish`, each body by the kernel where the cut fails; faces in one plane are then made one."""
@@ -266,10 +285,23 @@ def _measure_volume(built: Solids) -> float:
     return sum(map(estimate_volume, built.solids))
 
 
-def _combine(brep: Brep, body: CadBody, operation: Operation) -> Brep:
+def _read_brep(body: CadBody) -> Brep:
+    """The boundary representation of a CAD body."""
+    with numerical_failures():
+        return read_trimming_body(body).brep
+
+
+def _combine(first: Brep, second: Brep, operation: Operation) -> Brep:
     """A union or difference by cuts of the faces by each other, neither being moved."""
     with numerical_failures():
-        return combine_networks(brep, read_trimming_body(body).brep, operation, may_move=False).brep
+        return combine_networks(first, second, operation, may_move=False).brep
+
+
+def _require_patches(built: Solids) -> Brep:
+    """The boundary representation of solids; TrimmingError of those that the kernel made."""
+    if not isinstance(built, BrepSolids):
+        raise TrimmingError("the kernel made the solid, which has no patches of its own")
+    return built.brep
 
 
 Finished = tuple[Solids, float]
@@ -277,9 +309,7 @@ Finished = tuple[Solids, float]
 
 
 def _finish_on_patches(regions: PassiveRegions, made: MadeSolids, remake: Remake | None) -> Finished:
-    if not isinstance(made.built, BrepSolids):
-        raise TrimmingError("the kernel made the solid, which has no patches of its own")
-    return regions.finish(made.built.brep), 0.0
+    return regions.finish(_require_patches(made.built)), 0.0
 
 
 def _finish_moved(regions: PassiveRegions, made: MadeSolids, remake: Remake | None) -> Finished:
@@ -304,12 +334,8 @@ def _combine_in_kernel(built: Solids, body: CadBody, operation: Operation) -> So
 
 def _combine_patches(built: Solids, body: CadBody, operation: Operation) -> Solids:
     """The union or difference by cuts of the faces by each other."""
-    if not isinstance(built, BrepSolids):
-        raise TrimmingError("the kernel made the solid, which has no patches of its own")
-    return build_valid_solids(_combine(built.brep, body, operation))
+    return build_valid_solids(_combine(_require_patches(built), _read_brep(body), operation))
 
-
-REMEDY = "move or resize the body a little, so that none of its faces touches the solid's, or change `tol`"
 
 ONE_BODY: Fallbacks[[Solids, CadBody, Operation], Solids] = Fallbacks(
     (Fallback("on the patches", _combine_patches), Fallback("by the kernel", _combine_in_kernel))
@@ -324,6 +350,6 @@ METHODS: Fallbacks[[PassiveRegions, MadeSolids, Remake | None], Finished] = Fall
         ),
         Fallback("by the kernel's boolean", _finish_one_by_one, "10 ms for each patch"),
     ),
-    remedy=REMEDY,
+    remedy="move or resize the body a little, so that none of its faces touches the solid's, or change `tol`",
 )
 """How bodies are united with a solid, and subtracted from it."""

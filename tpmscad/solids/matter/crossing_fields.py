@@ -88,10 +88,6 @@ ON_SIDE_TOL = 1e-5
 """Model units: distance from a side of the box at which a planar face lies in it, a hundred times the kernel's tolerance."""
 
 
-MAX_SHIFT_TOLS = 0.1
-"""In tolerances: how far a field may be moved where its surfaces touch what they are combined with."""
-
-
 Operand = FieldPatches | QuadricLeaf | StrutLeaf
 """What a leaf of the tree was made into: fitted patches, an exact quadric, or struts, whose boundary is exact."""
 
@@ -155,13 +151,13 @@ class CrossingFields:
         """
         if isinstance(domain, SolidSet) and all(isinstance(operand, QuadricLeaf) for operand in self.operands):
             raise InvalidRequest("planes, spheres and cylinders alone are combined by the kernel, which is exact")
-        run = partial(self._combine_at, domain, operation, finish)
-        return try_placements(run, MAX_SHIFT_TOLS * self.tol)
+        return try_placements(partial(self._combine_at, domain, operation, finish), self.tol)
 
     def _combine_at(self, domain: ExactOrCut, operation: Operation, finish: Finish, shift: Array) -> NetworkResult:
         """What is combined once the field is translated by a vector."""
         moved = replace(self, operands=[_move_operand(each, shift) for each in self.operands]) if shift.any() else self
-        found = moved.evaluate(moved.bound_operands(), domain, _combine_mixed, _complement, operation)
+        complement = _complement if operation == "difference" else None
+        found = moved.evaluate(moved.bound_operands(), domain, _combine_mixed, complement)
         assert not isinstance(found, SolidSet)  # as the domain or an operand is not
         report = NetworkReport(0, 0, float(found[0].edges.deviation.max(initial=0.0)), shift, "")
         return NetworkResult(found[0], report, finish(found[0]))
@@ -196,15 +192,13 @@ class CrossingFields:
         domain: T,
         combine: Callable[[int, Sequence[T]], T],
         complement: Callable[[T], T] | None = None,
-        operation: Operation = "intersection",
     ) -> T:
-        """What the domain has in common with the tree of the sets, or without it if the operation is a difference.
+        """What the domain has in common with the tree of the sets, or with its complement if that is how to take it.
 
         One operation for both if the tree is an intersection.
         """
         left = iter(sets)
-        if operation == "difference":
-            assert complement is not None
+        if complement is not None:
             return combine(+1, [domain, complement(_evaluate(self.tree, left, combine))])
         if isinstance(self.tree, Combination) and self.tree.sign > 0:
             return combine(+1, [domain, *(_evaluate(part, left, combine) for part in self.tree.parts)])
@@ -228,11 +222,7 @@ def fit_crossing_fields(field: Field, lo: Array, hi: Array, tol: float, stages: 
 
 
 def combine_field_solids(
-    field: Field,
-    lo: Array,
-    hi: Array,
-    tol: float,
-    stages: StageTimer,
+    field: Field, lo: Array, hi: Array, tol: float, stages: StageTimer
 ) -> tuple[MadeSolids, Remake]:
     """The solid {field < 0} in the box [lo, hi], and what makes it again and finishes it otherwise.
 
@@ -293,8 +283,8 @@ def _close_struts_in_box(matter: CrossingFields) -> Combined:
 
 def _combine_networks_of(matter: CrossingFields, finish: Finish = build_valid_solids) -> Combined:
     """The solids by cuts of patches, planes and quadrics by each other; InvalidRequest if all operands are single quadrics."""
-    box = make_box_set(matter.lo, matter.hi)
-    found = matter.combine(box, "intersection", lambda brep: finish(_tag_sides(brep, matter.lo, matter.hi)))
+    domain = make_box_set(matter.lo, matter.hi)
+    found = matter.combine(domain, "intersection", lambda brep: finish(_tag_sides(brep, matter.lo, matter.hi)))
     return found.built, found.report.shifted
 
 

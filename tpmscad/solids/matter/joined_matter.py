@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from functools import partial, reduce
+from functools import cached_property, reduce
 from typing import Any
 
 import numpy as np
@@ -22,11 +22,8 @@ from tpmscad.solids.cut import Finish, Matter, read_trimming_body, try_placement
 from tpmscad.solids.matter.reference_distance import DistanceFunction
 from tpmscad.trimming.network_boolean import DividedNetwork, NetworkResult, Operation, combine_networks, divide_network
 
-MAX_SHIFT_TOLS = 0.1
-"""In tolerances: how far the matter may be moved where it touches what is kept or the body."""
 
-
-@dataclass(frozen=True, slots=True, eq=False)
+@dataclass(frozen=True, eq=False)
 class JoinedMatter:
     """Matter, and solids whose part in the body is kept; their faces cross those of the body, and are not moved."""
 
@@ -48,6 +45,11 @@ class JoinedMatter:
         """The union where it stands."""
         return self._unite(np.zeros(3))
 
+    @cached_property
+    def kept_breps(self) -> list[Brep]:
+        """The boundary representations of what is kept, read once for all placements."""
+        return [read_trimming_body(body).brep for body in self.kept]
+
     @property
     def measures(self) -> PatchMeasures:
         """Those of the matter: the others are exact."""
@@ -67,13 +69,12 @@ class JoinedMatter:
 
     def cut(self, domain: FreeFormBody, operation: Operation, finish: Finish) -> NetworkResult:
         """A body cut by the union of both, the matter moved where that is needed."""
-        return try_placements(
-            partial(self._cut_at, domain, operation, finish), MAX_SHIFT_TOLS * self.matter.measures.tol
-        )
 
-    def _cut_at(self, domain: FreeFormBody, operation: Operation, finish: Finish, shift: Array) -> NetworkResult:
-        found = combine_networks(domain.brep, self._unite(shift), operation, may_move=False, build=finish)
-        return replace(found, report=replace(found.report, shift=shift))
+        def cut_at(shift: Array) -> NetworkResult:
+            found = combine_networks(domain.brep, self._unite(shift), operation, may_move=False, build=finish)
+            return replace(found, report=replace(found.report, shift=shift))
+
+        return try_placements(cut_at, self.measures.tol)
 
     def divide(self, domain: Brep, build: Callable[[DividedNetwork], Any]) -> DividedNetwork:
         """A body divided by the union of both into what lies in it and what does not."""
@@ -82,14 +83,14 @@ class JoinedMatter:
             found = divide_network(domain, self._unite(shift), build=build, may_move=False)
             return replace(found, report=replace(found.report, shift=shift))
 
-        return try_placements(divide_at, MAX_SHIFT_TOLS * self.matter.measures.tol)
+        return try_placements(divide_at, self.measures.tol)
 
     def _unite(self, shift: Array) -> Brep:
         """The union with the matter translated by a vector."""
         closed = self.matter.closed
         return reduce(
-            lambda brep, body: combine_networks(brep, read_trimming_body(body).brep, "union", may_move=False).brep,
-            self.kept,
+            lambda brep, own: combine_networks(brep, own, "union", may_move=False).brep,
+            self.kept_breps,
             translate_brep(closed, shift) if shift.any() else closed,
         )
 
