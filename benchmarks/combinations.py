@@ -166,20 +166,24 @@ class _Judge:
         points = rng.uniform(-9, 9, (POINTS, 3))
         if isinstance(body, str):
             body = fields.mesh(body)
-        if isinstance(body, fields.Field):
-            self.points = points[body(points) < 0]
-            depth = -fields.normal_distance(body) if not hasattr(body, "mesh") else -body
-            self.depth = np.asarray(depth(self.points))
-            self.solids: list[Any] = []
+        self.field = body if isinstance(body, fields.Field) else None
+        self.solids = [] if self.field is not None else [each.shape for each in read_bodies(body, "all")]
+        if self.field is not None:
+            inside = self.field(points) < 0
         else:
-            self.solids = [each.shape for each in read_bodies(body, "all")]
             inside = np.any([contains_points(solid, points) for solid in self.solids], axis=0)
-            self.points = points[inside]
-            self.depth = self._measure_depth(lambda solid: faces_of(solid))
-        self.volume = 18.0**3 * len(self.points) / POINTS
+        self.points = points[inside]
 
-    def _measure_depth(self, choose: Callable[[Any], Any]) -> Array:
-        return np.min([SkinDepth(solid, choose(solid)).distances(self.points) for solid in self.solids], axis=0)
+    def _measure_depth(self, leaves_open: bool) -> Array:
+        """Depths (n,) of the points below the body's boundary, or below its faces that are not square to z."""
+        if self.field is not None:
+            is_distance = hasattr(self.field, "mesh")
+            depth = -self.field if is_distance else -fields.normal_distance(self.field)
+            return np.asarray(depth(self.points))
+        faces = [face for solid in self.solids for face in faces_of(solid)]
+        if leaves_open:
+            faces = [face for face in faces if abs(bd.Face(face).normal_at().Z) < 0.999]
+        return SkinDepth(self.solids[0], faces).distances(self.points)
 
     def expect(
         self, matter: Callable[[Array], BoolArray], skin: dict[str, Any], passive: dict[str, Any]
@@ -187,18 +191,7 @@ class _Judge:
         """The volume that is expected, and its standard error."""
         filled = matter(self.points)
         if skin:
-            depth = self.depth
-            if "open_faces" in skin:
-                tops = [bd.Face(face) for solid in self.solids for face in faces_of(solid)]
-                closed = {id(f.wrapped): abs(f.normal_at().Z) < 0.999 for f in tops}
-                depth = np.min(
-                    [
-                        SkinDepth(solid, [f.wrapped for f in tops if closed[id(f.wrapped)]]).distances(self.points)
-                        for solid in self.solids[:1]
-                    ],
-                    axis=0,
-                )
-            filled = filled | (depth < skin["skin"])
+            filled = filled | (self._measure_depth("open_faces" in skin) < skin["skin"])
         for name, solid in passive.items():
             inside = contains_points(solid.solid().wrapped, self.points)
             filled = (filled | inside) if name == "keep" else (filled & ~inside)
