@@ -15,7 +15,7 @@ import numpy as np
 
 from tpmscad._typing import Array, BoolArray, IntArray
 from tpmscad.brep.triangles.closed_mesh import join_meshes
-from tpmscad.brep.triangles.filled_mesh import choose_cells
+from tpmscad.brep.triangles.filled_mesh import choose_pieces
 from tpmscad.errors import EmptyInfill, NotMet
 from tpmscad.files.checked_write import write_checked_solids
 from tpmscad.kernel.body_import.cad_body import read_body
@@ -94,16 +94,15 @@ def divide_body(shapes: Sequence[Any], low: Array, cell: Array, slab: int) -> Ce
     """The cells of a body of disjoint solids, in layers of `slab` cells along the axis that has the most equal layers."""
     deviation = MESH_DEVIATION_CELLS * float(cell.min())
     mesh = join_meshes([mesh for shape in shapes for mesh in mesh_solids(shape, deviation, MESH_ANGLE)])
-    choice = choose_cells(low, cell, mesh, margin=2 * MESH_DEVIATION_CELLS)
-    inside = np.zeros(choice.size, bool)
-    inside[tuple((choice.whole - choice.origin).T)] = True
+    choice = choose_pieces(cell, low[None], (low + cell)[None], mesh, margin=2 * MESH_DEVIATION_CELLS)
+    inside, size = choice.whole[..., 0], choice.whole.shape
     axis = min((2, 1, 0), key=lambda a: len({layer.tobytes() for layer in np.moveaxis(inside, a, 0)}))
     u, v = (a for a in range(3) if a != axis)
     whole: list[IntArray] = []
     layers: list[tuple[int, int, tuple[Any, ...]]] = []
     known: list[tuple[int, BoolArray, Array]] = []
-    for first in range(0, choice.size[axis], slab):
-        count = min(slab, int(choice.size[axis]) - first)
+    for first in range(0, size[axis], slab):
+        count = min(slab, size[axis] - first)
         slab_cells: BoolArray = np.moveaxis(inside, axis, 0)[first : first + count]
         mask = clear_diagonals(np.logical_and.reduce(slab_cells))
         at = np.repeat(np.argwhere(mask), count, axis=0)

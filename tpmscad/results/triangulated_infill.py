@@ -44,7 +44,8 @@ class TriangulatedInfill:
     deviation : float
         Greatest distance of the triangles from the exact patches and faces, mm, as measured.
     whole_cells, cut_cells : int
-        Cells that lie wholly in the body, copies of one, and cells that its boundary may touch.
+        How many cells the pieces make up that lie wholly in the body, copies of those of one cell but for a graded thickness, and
+        the pieces that its boundary may touch.
     notes : tuple of str
         What was left out.
     """
@@ -87,7 +88,7 @@ class TriangulatedInfill:
     @property
     def n_pieces(self) -> int:
         """Number of pieces that do not touch; components of negative volume are voids."""
-        return int((np.bincount(self.mesh.component, self.mesh.cone_volumes) > 0).sum())
+        return int((self.mesh.component_volumes > 0).sum())
 
     @validate_method_options(TrianglesFileOptions, 'write("part.stl")')
     def write(self, options: TrianglesFileOptions) -> None:

@@ -2,17 +2,19 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 
+from tpmscad._typing import Array, BoolArray
 from tpmscad.api.public_calls import validate_options
 from tpmscad.brep.sections.polygon_regions import Operation
-from tpmscad.brep.triangles.cell_polyhedron import SURFACE, PeriodicCell, find_periodic_cell
+from tpmscad.brep.triangles.cell_polyhedron import find_periodic_cell
 from tpmscad.brep.triangles.closed_mesh import SolidMesh, join_meshes, load_manifold
-from tpmscad.brep.triangles.filled_mesh import FIRST_OF_BODY, choose_cells, fill_mesh
-from tpmscad.brep.triangles.patch_triangles import triangulate_patches
+from tpmscad.brep.triangles.filled_mesh import FIRST_OF_BODY, PieceChoice, choose_pieces, fill_mesh
+from tpmscad.brep.triangles.patch_triangles import PatchGrid, triangulate_patches
+from tpmscad.brep.triangles.repeated_pieces import RepeatedPieces
 from tpmscad.errors import InvalidRequest, TrimmingError
 from tpmscad.fields.data.triangle_mesh import TriangleMesh
 from tpmscad.kernel.boolean.hollow_body import subtract_voids
@@ -26,12 +28,16 @@ from tpmscad.solids.matter.lattice_block import fit_patches_over_box
 from tpmscad.solids.skins.offset_skin import erode_body
 from tpmscad.solids.tiled_body import TILE_CORNERS, read_tiled_body
 from tpmscad.stage_timer import StageTimer
+from tpmscad.studies.wall_pieces import GradedThickness, find_wall, require_thickness_below_curvature_radius
 
 DEFAULT_DEVIATION_CELLS = 0.01
 """In cells: default deviation of the triangles."""
 
 FACET_ANGLE = 0.35
 """Radians between neighbouring facets of the body."""
+
+REACH_MARGIN = 1.1
+"""Factor on the greatest sampled thickness of a graded wall, within which its pieces are sought."""
 
 BYTES_PER_WHOLE_TRIANGLE, BYTES_PER_CUT_TRIANGLE = 90, 450
 """Memory taken at the peak for each triangle of a whole cell, and of one that the body cuts, as measured."""
@@ -87,24 +93,21 @@ def infill_triangles(options: InfillTrianglesOptions) -> TriangulatedInfill:
             mesh, own = _triangulate_body(solid, deviation)
             others.append((operation, replace(mesh, face=mesh.face + first_kept) if operation == "union" else mesh))
             reached = max(reached, own)
-    with stages("fit"):
-        cell, of_cell = _find_cell(request, deviation)
     body = replace(body, points=body.points @ tiled.turn)
     others = [(operation, replace(mesh, points=mesh.points @ tiled.turn)) for operation, mesh in others]
+    with stages("fit"):
+        lattice = triangulate_lattice(request, tiled.turn, body, [mesh for _, mesh in others], deviation)
     with stages("cut"):
-        _require_memory(cell, int(body.volume / np.prod(cell.cell)), 0, deviation)
-        choice = choose_cells(cell.low, cell.cell, body, [mesh for _, mesh in others])
-        _require_memory(cell, len(choice.whole), len(choice.cut), deviation)
-        filled = fill_mesh(cell, choice, body, others)
+        filled = fill_mesh(lattice.pieces, lattice.choice, body, others, lattice.scale)
         filled, notes = _drop_loose_pieces(filled, options.loose, first_kept + FIRST_OF_BODY)
     return TriangulatedInfill(
         f"{request.surface} infill",
         filled.points @ tiled.turn.T,
         filled.triangles,
         filled.face,
-        max(reached, of_cell),
-        len(choice.whole),
-        len(choice.cut),
+        max(reached, lattice.reached),
+        lattice.count_cells(lattice.choice.whole),
+        lattice.count_cells(lattice.choice.cut),
         notes,
     )
 
@@ -114,13 +117,12 @@ def _drop_loose_pieces(mesh: SolidMesh, loose: str, first_kept: int) -> tuple[So
 
     InvalidRequest if one of them has faces of what is kept, which are numbered from `first_kept`.
     """
-    component = mesh.component
-    volumes = np.bincount(component, mesh.cone_volumes)
+    volumes = mesh.component_volumes
     solid = np.flatnonzero(volumes > 0)
     kept, dropped = select_pieces(volumes[solid].tolist(), loose)
     if not dropped.volumes:
         return mesh, ()
-    shown = volumes <= 0
+    component, shown = mesh.component, volumes <= 0
     shown[solid[kept]] = True
     if (mesh.face[~shown[component]] >= first_kept).any():
         raise InvalidRequest(
@@ -138,7 +140,61 @@ def _triangulate_body(body: Any, deviation: float) -> tuple[SolidMesh, float]:
     return join_meshes(list(found.meshes)), found.deviation
 
 
-def _find_cell(request: LatticeRequest, deviation: float) -> tuple[PeriodicCell, float]:
+@dataclass(frozen=True, slots=True, eq=False)
+class TriangulatedLattice:
+    """The pieces of a lattice, those that fill a body, the scale of a graded wall, and the deviation of the triangles."""
+
+    pieces: RepeatedPieces
+    choice: PieceChoice
+    scale: GradedThickness | None
+    reached: float
+
+    def count_cells(self, chosen: BoolArray) -> int:
+        """How many cells chosen pieces make up."""
+        return round(float(chosen.sum()) / len(self.pieces.low))
+
+
+def triangulate_lattice(
+    request: LatticeRequest, turn: Array, body: SolidMesh, others: list[SolidMesh], deviation: float
+) -> TriangulatedLattice:
+    """The triangles of a lattice for a body in the lattice's coordinates, and the pieces that others or the body cut."""
+
+    def choose(pieces: RepeatedPieces) -> PieceChoice:
+        per_cell = pieces.surface_count
+        _require_memory(int(body.volume / np.prod(pieces.cell)) * per_cell, 0, deviation)
+        choice = choose_pieces(pieces.cell, pieces.low, pieces.high, body, others)
+        whole, cut = (int(chosen.sum()) * per_cell / len(pieces.low) for chosen in (choice.whole, choice.cut))
+        _require_memory(whole, cut, deviation)
+        return choice
+
+    wall = find_wall(request)
+    if wall is None:
+        pieces, reached = _find_cell(request, deviation)
+        return TriangulatedLattice(pieces, choose(pieces), None, reached)
+    if request.thickness is None:
+        grid, turned, reached = wall.choose_grid((1.0,), deviation, 1)
+        pieces = wall.pieces(grid, turned, 1.0)
+        return TriangulatedLattice(pieces, choose(pieces), None, reached)
+    thickness = GradedThickness(request.thickness, turn)
+    near = choose(wall.pieces(PatchGrid(np.array([0.0, 1.0])), [False, False], 0.0))
+    at = np.argwhere(near.whole | near.cut)
+    scales = thickness.find_range(wall, at[:, :3] + near.origin, at[:, 3])
+    steps = 1
+    while True:
+        grid, turned, reached = wall.choose_grid(scales, deviation, steps)
+        pieces = wall.pieces(grid, turned, REACH_MARGIN * scales[1])
+        choice = choose(pieces)
+        at = np.argwhere(choice.whole | choice.cut)
+        patch = at[:, 3] * len(wall.outward) // len(pieces.low)
+        measured = thickness.measure(wall, grid, turned, at[:, :3] + choice.origin, patch, deviation)
+        require_thickness_below_curvature_radius(request, thickness.greatest)
+        if measured <= deviation and thickness.greatest <= REACH_MARGIN * scales[1]:
+            return TriangulatedLattice(pieces, choice, thickness, max(measured, reached))
+        scales = scales[0], max(scales[1], thickness.greatest)
+        steps = grid.steps + (measured > deviation)
+
+
+def _find_cell(request: LatticeRequest, deviation: float) -> tuple[RepeatedPieces, float]:
     """The triangulated cell of a lattice, and the greatest distance of its triangles from the patches."""
     cell, failure = np.array(request.cell), TrimmingError("")
     for corner in TILE_CORNERS:
@@ -153,12 +209,11 @@ def _find_cell(request: LatticeRequest, deviation: float) -> tuple[PeriodicCell,
     raise failure
 
 
-def _require_memory(cell: PeriodicCell, whole: int, cut: int, deviation: float) -> None:
-    """OutOfMemory if the triangles would not fit; whole and cut are numbers of cells."""
-    own, all_sides = int((cell.side == SURFACE).sum()), len(cell.triangles)
+def _require_memory(whole: float, cut: float, deviation: float) -> None:
+    """OutOfMemory if this many triangles of whole and of cut pieces would not fit."""
     require_memory(
-        whole * own * BYTES_PER_WHOLE_TRIANGLE + cut * all_sides * BYTES_PER_CUT_TRIANGLE,
+        whole * BYTES_PER_WHOLE_TRIANGLE + cut * BYTES_PER_CUT_TRIANGLE,
         1.0,
-        f"{whole} whole and {cut} cut cells of {own} triangles each",
+        f"{whole + cut:.3g} triangles",
         f"raise deviation = {deviation:g}, cut the body into parts, or write its layers, infill_layers(...)",
     )

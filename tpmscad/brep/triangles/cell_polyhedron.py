@@ -7,85 +7,20 @@ sides are identified by translation, and the solid's part of each side is filled
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
 
 import numpy as np
 
 from tpmscad._typing import Array, IntArray
 from tpmscad.brep.sections.periodic_section import close_along_sides
-from tpmscad.brep.triangles.closed_mesh import SolidMesh, is_closed, load_manifold, narrow_indices, weld_points
+from tpmscad.brep.triangles.closed_mesh import is_closed, load_manifold, weld_points
+from tpmscad.brep.triangles.repeated_pieces import SURFACE, RepeatedPieces
 from tpmscad.errors import TrimmingError
 
 MATCH_REL_TOL = 1e-8
 """In cells: distance of a point on a side from the translate of its partner on the opposite one."""
 
-SURFACE = -1
-"""Side of the triangles that bound the solid; 2 axis and 2 axis + 1 are those in the lower and upper sides of the cell."""
 
-
-@dataclass(frozen=True, slots=True, eq=False)
-class PeriodicCell:
-    """A closed polyhedron in the cell [low, low + cell].
-
-    Node i is base[node_base[i]] + node_shift[i] * cell; shift (3,) of zeros and ones. triangles (m, 3) of nodes, outward; `side`
-    (m,) tells those that the next cell shares.
-    """
-
-    low: Array
-    cell: Array
-    base: Array
-    node_base: IntArray
-    node_shift: IntArray
-    triangles: IntArray
-    side: IntArray
-
-    def place(self, cells: IntArray, origin: IntArray, size: IntArray) -> PlacedCells:
-        """Cells at integer positions (k, 3) in the range `size` (3,) from `origin`, without the sides that two of them share."""
-        at = cells - origin
-        nodes = tuple(np.moveaxis(at[:, None] + self.node_shift, 2, 0))
-        corners = (size + 1).tolist()
-        key = np.ravel_multi_index(nodes, corners) * len(self.base) + self.node_base
-        del nodes
-        used, index = np.unique(key, return_inverse=True)
-        index = narrow_indices(index.reshape(key.shape))
-        taken = np.zeros(size + 2, bool)
-        taken[tuple((at + 1).T)] = True
-        triangles, faces = [], []
-        for side in np.unique(self.side).tolist():
-            shown = np.ones(len(cells), bool)
-            if side != SURFACE:
-                beside = at + 1
-                beside[:, side // 2] += 1 if side % 2 else -1
-                shown = ~taken[tuple(beside.T)]
-            triangles.append(index[shown][:, self.triangles[self.side == side]].reshape(-1, 3))
-            faces.append(np.full(len(triangles[-1]), side, np.int32))
-        place = np.stack(np.unravel_index(used // len(self.base), corners), axis=1)
-        points = self.base[used % len(self.base)] + (place + origin) * self.cell
-        return PlacedCells(SolidMesh(points, np.concatenate(triangles), np.concatenate(faces)), used)
-
-    @property
-    def surface(self) -> PeriodicCell:
-        """The cell without its sides, open, on the nodes that are left; keys of placed cells stay."""
-        triangles = self.triangles[self.side == SURFACE]
-        used, index = np.unique(triangles, return_inverse=True)
-        return replace(
-            self,
-            node_base=self.node_base[used],
-            node_shift=self.node_shift[used],
-            triangles=index.reshape(-1, 3),
-            side=np.full(len(triangles), SURFACE),
-        )
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class PlacedCells:
-    """Cells joined by index: their mesh, with sides as faces, and the key of each point, by which other cells know it."""
-
-    mesh: SolidMesh
-    key: IntArray
-
-
-def find_periodic_cell(points: Array, triangles: IntArray, low: Array, cell: Array) -> PeriodicCell:
+def find_periodic_cell(points: Array, triangles: IntArray, low: Array, cell: Array) -> RepeatedPieces:
     """The cell [low, low + cell] of a lattice whose triangles cover it and what is around it.
 
     TrimmingError if the triangles do not repeat, or a side of the cell touches them.
@@ -99,17 +34,20 @@ def find_periodic_cell(points: Array, triangles: IntArray, low: Array, cell: Arr
     base = np.concatenate([base, low[None]])
     nodes = _Nodes(node_base, shift)
     sides = _find_open_sides(triangles, len(points))
-    found, side = [triangles], [np.full(len(triangles), SURFACE)]
+    found, beyond = [triangles], [np.zeros((len(triangles), 3), np.int64)]
     for axis in range(3):
         on = (points[sides][..., axis] == low[axis]).all(axis=1)
         lower, upper = nodes.fill_side(points, sides[on], axis, low, high, corner=len(base) - 1)
         found += [lower, upper]
-        side += [np.full(len(lower), 2 * axis), np.full(len(upper), 2 * axis + 1)]
-    numbers = np.array(list(nodes.number))
-    closed = np.concatenate(found)
+        beyond += [np.tile(sign * np.eye(3, dtype=np.int64)[axis], (len(lower), 1)) for sign in (-1, 1)]
+    closed, shifts = np.concatenate(found), np.concatenate(beyond)
     if not is_closed(closed):
         raise TrimmingError("the triangles of a cell do not repeat in the next one")
-    return PeriodicCell(low, cell, base, numbers[:, 0], numbers[:, 1:], closed, np.concatenate(side))
+    node = np.insert(np.array(list(nodes.number)), 1, 0, axis=1)
+    piece = np.zeros(len(closed), np.int64)
+    neighbour = np.where(shifts.any(axis=1), 0, SURFACE)
+    arm = np.zeros((len(base), 1, 3))
+    return RepeatedPieces(cell, low[None], high[None], base, arm, node, closed, piece, neighbour, shifts)
 
 
 class _Nodes:

@@ -2,23 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from scipy.sparse import coo_array
-from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
+from tpmscad._compiled_loops import njit_cached
 from tpmscad._lazy_import import import_extra
 from tpmscad._typing import Array, BoolArray, IntArray, UIntArray
 from tpmscad.brep.linked_items import label_linked
 from tpmscad.brep.sections.polygon_regions import Operation
 from tpmscad.errors import TrimmingError
-
-BATCH = 1_000_000
-"""Triangles that are worked on at a time, which limits the memory."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -35,47 +31,39 @@ class SolidMesh:
     @property
     def volume(self) -> float:
         """The volume enclosed."""
-        return float(self.cone_volumes.sum())
-
-    @property
-    def cone_volumes(self) -> Array:
-        """Signed volumes (m,) of the cones over the triangles, whose apex is the mean of the points, which keeps the digits."""
-        found = [np.einsum("md,md->m", a, np.cross(b, c)) / 6.0 for a, b, c in self._arms()]
-        return np.concatenate([np.zeros(0), *found])
+        return float(self._measures[0])
 
     @property
     def area(self) -> float:
         """Area of the triangles."""
-        return sum(float(0.5 * np.linalg.norm(np.cross(b - a, c - a), axis=1).sum()) for a, b, c in self._arms())
+        return float(self._measures[1])
 
     @property
     def center_of_mass(self) -> Array:
         """Centre of mass (3,) of the solid enclosed."""
-        total, moment = 0.0, np.zeros(3)
-        for a, b, c in self._arms():
-            volumes = np.einsum("md,md->m", a, np.cross(b, c)) / 6.0
-            total, moment = total + float(volumes.sum()), moment + volumes @ (a + b + c) / 4.0
-        return np.asarray(self.points.mean(axis=0) + moment / total)
+        found = self._measures
+        return np.asarray(self.points.mean(axis=0) + found[2:] / found[0])
 
     @property
     def component(self) -> IntArray:
-        """The connected component of each triangle (m,), by shared points."""
-        a, b, c = self.triangles.T.astype(np.int32)
-        links = np.concatenate([a, b]), np.concatenate([b, c])
-        graph = coo_array((np.ones(len(links[0]), np.int8), links), shape=(len(self.points),) * 2)
-        return np.asarray(connected_components(graph, directed=False)[1][a])
+        """The connected component of each triangle (m,), by shared points, as the number of one of them."""
+        return np.asarray(_find_components(self.triangles, len(self.points)))
+
+    @property
+    def component_volumes(self) -> Array:
+        """Signed volumes within the components, by their numbers, which not all occur: (n,)."""
+        return np.asarray(_measure_components(self.points, self.triangles, self.component, self.points.mean(axis=0)))
+
+    @property
+    def _measures(self) -> Array:
+        return np.asarray(_measure_triangles(self.points, self.triangles, self.points.mean(axis=0)))
 
     def select(self, kept: BoolArray) -> SolidMesh:
         """The mesh of some triangles, on the points that they use."""
-        used, triangles = np.unique(self.triangles[kept], return_inverse=True)
-        return SolidMesh(self.points[used], triangles.reshape(-1, 3).astype(self.triangles.dtype), self.face[kept])
-
-    def _arms(self) -> Iterator[tuple[Array, Array, Array]]:
-        """The corners of the triangles about the mean of the points, in batches: (BATCH, 3) each."""
-        about = self.points - self.points.mean(axis=0)
-        for start in range(0, len(self.triangles), BATCH):
-            a, b, c = self.triangles[start : start + BATCH].T
-            yield about[a], about[b], about[c]
+        triangles, used = self.triangles[kept], np.zeros(len(self.points), bool)
+        used[triangles.ravel()] = True
+        number = narrow_indices(np.cumsum(used, dtype=np.int32)) - np.int32(1)
+        return SolidMesh(self.points[used], number[triangles], self.face[kept])
 
 
 def narrow_indices(values: Any) -> Any:
@@ -102,41 +90,112 @@ def weld_points(points: Array, tol: float) -> tuple[Array, IntArray]:
     return points[first], label
 
 
-def mix_bits(words: UIntArray) -> UIntArray:
-    """64-bit words scrambled, one to one, so that their sums tell sets apart (the finaliser of MurmurHash3, A. Appleby)."""
-    with np.errstate(over="ignore"):
-        words = (words ^ (words >> np.uint64(33))) * np.uint64(0xFF51AFD7ED558CCD)
-        words = (words ^ (words >> np.uint64(33))) * np.uint64(0xC4CEB9FE1A85EC53)
-        return np.asarray(words ^ (words >> np.uint64(33)))
+@njit_cached
+def mix_bits(word: np.uint64) -> np.uint64:
+    """A 64-bit word scrambled, one to one, so that sums of them tell sets apart (the finaliser of MurmurHash3, A. Appleby)."""
+    word = (word ^ (word >> np.uint64(33))) * np.uint64(0xFF51AFD7ED558CCD)
+    word = (word ^ (word >> np.uint64(33))) * np.uint64(0xC4CEB9FE1A85EC53)
+    return word ^ (word >> np.uint64(33))
+
+
+@njit_cached
+def _label_words(words: UIntArray) -> UIntArray:
+    labels = np.empty(len(words), np.uint64)
+    for i in range(len(words)):
+        label = np.uint64(0)
+        for k in range(3):
+            label += mix_bits(np.uint64(words[i, k]) + np.uint64(k)) * np.uint64(2 * k + 1)
+        labels[i] = label
+    return labels
 
 
 def label_points(points: Array) -> UIntArray:
     """A 64-bit label of each point (n, 3), equal for equal coordinates in single or double precision."""
     bits = np.ascontiguousarray(points + points.dtype.type(0))  # -0 becomes 0
-    words = bits.view(np.uint64 if bits.itemsize == 8 else np.uint32).astype(np.uint64)
-    with np.errstate(over="ignore"):
-        x, y, z = (mix_bits(words[..., k] + np.uint64(k)) for k in range(3))
-        return np.asarray(x + np.uint64(3) * y + np.uint64(5) * z)
+    return np.asarray(_label_words(bits.view(np.uint64 if bits.itemsize == 8 else np.uint32)))
 
 
-def sum_open_sides(labels: UIntArray) -> int:
-    """0 if triangles whose corners have these labels (m, 3), 64 bits, run through every side as often in either direction.
+@njit_cached
+def sum_open_sides(triangles: IntArray, labels: UIntArray) -> Any:
+    """0 if triangles (m, 3) of points with these labels (n,), 64 bits, run through every side as often in either direction.
 
     The sum of a scrambled number for each directed side, less that of the sides reversed, modulo 2^64; sums of parts of a mesh
     may be added. An open mesh gives 0 once in 2^64 times. Triangles that repeat a corner do not count.
     """
-    with np.errstate(over="ignore"):
-        mixed = mix_bits(labels)
-        turned = np.roll(mixed, -1, axis=1)
-        along = mix_bits(mixed + np.uint64(3) * turned)
-        against = mix_bits(turned + np.uint64(3) * mixed)
-        return int((along - against).sum(dtype=np.uint64))
+    total = np.uint64(0)
+    for t in range(len(triangles)):
+        for k in range(3):
+            a, b = labels[triangles[t, k]], labels[triangles[t, (k + 1) % 3]]
+            total += mix_bits(a + np.uint64(3) * b) - mix_bits(b + np.uint64(3) * a)
+    return total
 
 
 def is_closed(triangles: IntArray) -> bool:
     """Whether triangles (m, 3) run through every side as often in either direction."""
-    parts = (triangles[start : start + BATCH].astype(np.uint64) for start in range(0, len(triangles), BATCH))
-    return sum(map(sum_open_sides, parts)) % 2**64 == 0
+    labels = _label_words(np.arange(3 * (int(triangles.max(initial=-1)) + 1), dtype=np.uint64).reshape(-1, 3))
+    return int(sum_open_sides(triangles, labels)) == 0
+
+
+@njit_cached
+def _measure_triangles(points: Array, triangles: IntArray, about: Array) -> Array:
+    """Volume, area and first moments (5,) of what triangles enclose, the moments about a point, which keeps the digits."""
+    volume, area, mx, my, mz = 0.0, 0.0, 0.0, 0.0, 0.0
+    for t in range(len(triangles)):
+        (ax, ay, az), (ux, uy, uz), (vx, vy, vz), (x, y, z) = span_triangle(points, triangles[t], about)
+        cone = (ax * x + ay * y + az * z) / 6.0
+        volume += cone
+        area += 0.5 * np.sqrt(x * x + y * y + z * z)
+        mx += cone * (3.0 * ax + ux + vx)
+        my += cone * (3.0 * ay + uy + vy)
+        mz += cone * (3.0 * az + uz + vz)
+    return np.array([volume, area, mx / 4.0, my / 4.0, mz / 4.0])
+
+
+@njit_cached
+def _measure_components(points: Array, triangles: IntArray, component: IntArray, about: Array) -> Array:
+    found = np.zeros(len(points))
+    for t in range(len(triangles)):
+        (ax, ay, az), _, _, (x, y, z) = span_triangle(points, triangles[t], about)
+        found[component[t]] += (ax * x + ay * y + az * z) / 6.0
+    return found
+
+
+@njit_cached
+def span_triangle(points: Array, corners: IntArray, about: Array) -> Any:
+    """The first corner about a point, the sides from it to the two others, and their vector product, as numbers."""
+    i, j, k = corners[0], corners[1], corners[2]
+    x, y, z = points[i, 0], points[i, 1], points[i, 2]
+    ux, uy, uz = points[j, 0] - x, points[j, 1] - y, points[j, 2] - z
+    vx, vy, vz = points[k, 0] - x, points[k, 1] - y, points[k, 2] - z
+    across = uy * vz - uz * vy, uz * vx - ux * vz, ux * vy - uy * vx
+    return (x - about[0], y - about[1], z - about[2]), (ux, uy, uz), (vx, vy, vz), across
+
+
+@njit_cached
+def _find_components(triangles: IntArray, n: int) -> Any:
+    """The least point of the component of each triangle, by union and find with halved paths."""
+    parent = np.arange(n).astype(np.int32)
+    for t in range(len(triangles)):
+        for k in range(1, 3):
+            a, b = triangles[t, 0], triangles[t, k]
+            while parent[a] != a:
+                parent[a] = parent[parent[a]]
+                a = parent[a]
+            while parent[b] != b:
+                parent[b] = parent[parent[b]]
+                b = parent[b]
+            if a < b:
+                parent[b] = a
+            elif b < a:
+                parent[a] = b
+    found = np.empty(len(triangles), np.int32)
+    for t in range(len(triangles)):
+        a = triangles[t, 0]
+        while parent[a] != a:
+            parent[a] = parent[parent[a]]
+            a = parent[a]
+        found[t] = a
+    return found
 
 
 def load_manifold() -> Any:
@@ -157,6 +216,7 @@ def combine_meshes(first: SolidMesh, second: SolidMesh, operation: Operation) ->
         run = {
             "run_index": np.array([0, triangles.size], np.uint64),
             "run_original_id": np.array([original], np.uint32),
+            "face_id": np.arange(len(triangles), dtype=np.uint64),
         }
         found = manifold.Manifold(manifold.Mesh64(points, triangles, **run))
         if found.status() != manifold.Error.NoError:

@@ -1,8 +1,8 @@
-"""A triangulated body filled with the cells of a lattice: whole cells are placed, and only what the body cuts is computed.
+"""A triangulated body filled with pieces of a periodic solid: whole ones are placed, and only what the body cuts is computed.
 
-The cells that the boundary of the body, of its skin or of another mesh may touch are one closed block of polyhedra; its boolean
-with all of these is that of the library Manifold, which leaves the coordinates of other points as they are. The sides towards
-whole cells are left out of the result, and the surfaces of the whole cells join it in the same points.
+The pieces that the boundary of the body, of its skin or of another mesh may touch are one closed block; its boolean with
+all of these is that of the library Manifold, which leaves the coordinates of other points as they are. The sides towards
+whole pieces are left out of the result, and the surfaces of the whole pieces join it in the same points.
 """
 
 from __future__ import annotations
@@ -15,69 +15,93 @@ from scipy import ndimage
 
 from tpmscad._typing import Array, BoolArray, IntArray
 from tpmscad.brep.sections.polygon_regions import Operation
-from tpmscad.brep.triangles.cell_polyhedron import SURFACE, PeriodicCell
-from tpmscad.brep.triangles.closed_mesh import (
-    SolidMesh,
-    combine_meshes,
-    is_closed,
-    join_meshes,
-    label_points,
-    narrow_indices,
-)
+from tpmscad.brep.triangles.closed_mesh import SolidMesh, combine_meshes, is_closed, label_points
+from tpmscad.brep.triangles.repeated_pieces import BETWEEN_PIECES, LATTICE, RepeatedPieces, Scale
 from tpmscad.brep.winding_numbers import winding_numbers
 from tpmscad.errors import TrimmingError
 
-BETWEEN_CELLS, LATTICE, FIRST_OF_BODY = -1, 0, 1
-"""Faces of the triangles of a filled body: the lattice, and from 1 on those of the body and its skin. Those between cut and whole
-cells are left out."""
+FIRST_OF_BODY = 1
+"""Faces of a filled body from this one on are those of the body, its skin and other meshes."""
 
-TOUCH_MARGIN_CELLS = 1e-6
-"""In cells: a cell whose box is nearer to triangles counts as touched by them."""
+VOXELS_PER_CELL = 8
+"""Voxels along each edge of a cell, by which pieces near a boundary are found."""
+
+TOUCH_MARGIN_CELLS = 1e-7
+"""In cells: a voxel that is nearer to triangles counts as touched by them."""
+
+ROUND_OFF_VOXELS = 1e-7
+"""By how much a box may reach into a voxel that it does not meet."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class CellChoice:
-    """The cells of a lattice in a body: positions of whole and of cut ones, (k, 3), in the range `size` from `origin`."""
+class PieceChoice:
+    """The pieces of a periodic solid in a body: whole and cut ones, (x, y, z, P) each, in the cells from `origin` on."""
 
     origin: IntArray
-    size: IntArray
-    whole: IntArray
-    cut: IntArray
+    whole: BoolArray
+    cut: BoolArray
 
 
-def choose_cells(
-    low: Array, cell: Array, body: SolidMesh, others: Sequence[SolidMesh] = (), margin: float = TOUCH_MARGIN_CELLS
-) -> CellChoice:
-    """The cells [low + i cell, low + (i + 1) cell] inside a body and no other mesh, and those that a boundary may touch.
+def choose_pieces(
+    cell: Array,
+    low: Array,
+    high: Array,
+    body: SolidMesh,
+    others: Sequence[SolidMesh] = (),
+    margin: float = TOUCH_MARGIN_CELLS,
+) -> PieceChoice:
+    """The pieces inside a body and no other mesh, and those that a boundary may touch.
 
-    margin: in cells; a cell whose box is nearer to the boundary counts as touched.
+    low, high (P, 3): the boxes of the pieces of one cell, which repeat after `cell` (3,). margin: in cells, below half a voxel.
     """
-    reach = (body.points - low) / cell
-    origin = np.floor(reach.min(axis=0) - margin).astype(np.int64)
-    size = np.floor(reach.max(axis=0) + margin).astype(np.int64) - origin + 1
-    touched = np.zeros(size, bool)
+    least, most = low.min(axis=0), high.max(axis=0)
+    origin = np.floor((body.points.min(axis=0) - most) / cell).astype(np.int64)
+    size = np.floor((body.points.max(axis=0) - least) / cell).astype(np.int64) - origin + 1
+    pitch, corner = cell / VOXELS_PER_CELL, least + origin * cell
+    shape = (size - 1) * VOXELS_PER_CELL + np.ceil((most - least) / pitch).astype(np.int64)
+    touched = np.zeros(shape, bool)
     for mesh in (body, *others):
-        _mark_touched(touched, (mesh.points[mesh.triangles] - low) / cell - origin, margin)
+        _mark_touched(touched, (mesh.points[mesh.triangles] - corner) / pitch, margin * VOXELS_PER_CELL)
     label, count = ndimage.label(~touched)
-    places = np.argwhere(~touched)
-    _, first = np.unique(label[tuple(places.T)], return_index=True)
-    centres = low + (places[first] + origin + 0.5) * cell
+    first = np.zeros(count + 1, np.int64)
+    first[label.ravel()[::-1]] = np.arange(label.size)[::-1]
+    centres = corner + (np.stack(np.unravel_index(first[1:], touched.shape), axis=1) + 0.5) * pitch
     filled = winding_numbers(body.points, body.triangles, centres) > 0
     for other in others:
         filled &= winding_numbers(other.points, other.triangles, centres) == 0
-    inside: BoolArray = np.append(False, filled)[label] if count else np.zeros(size, bool)
-    return CellChoice(origin, size, np.argwhere(inside) + origin, np.argwhere(touched) + origin)
+    inside: BoolArray = np.append(False, filled)[label]
+    total = np.pad(touched, [(1, 0)] * 3).astype(np.int32)
+    for axis in range(3):
+        np.cumsum(total, axis=axis, out=total)
+    starts = np.floor((low - least) / pitch + ROUND_OFF_VOXELS).astype(np.int64)
+    stops = np.ceil((high - least) / pitch - ROUND_OFF_VOXELS).astype(np.int64)
+    whole, cut = np.zeros((*size, len(starts)), bool), np.zeros((*size, len(starts)), bool)
+    for piece, ends in enumerate(np.stack([starts, stops], axis=1)):
+        count = np.zeros(size, np.int64)
+        for which in np.ndindex(2, 2, 2):
+            at = _every_cell([int(ends[w, axis]) for axis, w in enumerate(which)], size)
+            count += (-1) ** (3 - sum(which)) * total[at]
+        cut[..., piece] = count > 0
+        whole[..., piece] = (count == 0) & inside[_every_cell(ends[0].tolist(), size)]
+    return PieceChoice(origin, whole, cut)
+
+
+def _every_cell(first: Sequence[int], size: IntArray) -> tuple[slice, ...]:
+    """The voxels that lie in each cell as one does in the first."""
+    step = VOXELS_PER_CELL
+    return tuple(slice(f, f + step * (n - 1) + 1, step) for f, n in zip(first, size.tolist(), strict=True))
 
 
 def _mark_touched(touched: BoolArray, corners: Array, margin: float) -> None:
-    """Mark the cells that triangles (m, 3, 3), in cells, may meet: those of their boxes, after large ones are divided."""
+    """Mark the voxels that triangles (m, 3, 3), in voxels, may meet: those of their boxes, after large ones are divided."""
+    most = np.array(touched.shape)
     while len(corners):
         low, high = corners.min(axis=1), corners.max(axis=1)
-        first, last = (np.floor(v).astype(np.int64) for v in (low - margin, high + margin))
         small = ((high - low) <= 1.0).all(axis=1)
+        first, last = (np.floor(v[small]).astype(np.int64) for v in (low - margin, high + margin))
         for shift in np.ndindex(3, 3, 3):
-            at = np.minimum(first[small] + shift, last[small])
-            at = np.clip(at, 0, np.array(touched.shape) - 1)
+            at = np.minimum(first + shift, last)
+            at = at[((at >= 0) & (at < most)).all(axis=1)]
             touched[tuple(at.T)] = True
         a, b, c = np.moveaxis(corners[~small], 1, 0)
         ab, bc, ca = 0.5 * (a + b), 0.5 * (b + c), 0.5 * (c + a)
@@ -87,36 +111,38 @@ def _mark_touched(touched: BoolArray, corners: Array, margin: float) -> None:
 
 
 def fill_mesh(
-    cell: PeriodicCell, choice: CellChoice, body: SolidMesh, others: Sequence[tuple[Operation, SolidMesh]] = ()
+    pieces: RepeatedPieces,
+    choice: PieceChoice,
+    body: SolidMesh,
+    others: Sequence[tuple[Operation, SolidMesh]] = (),
+    scale: Scale | None = None,
 ) -> SolidMesh:
-    """The body filled with the lattice, then united with others, such as its skin, or without them, one after the other.
+    """The body filled with the pieces, then united with others, such as its skin, or without them, one after the other.
 
     Face 0 is the lattice; the faces of the others count from 1. TrimmingError if the result is not closed.
     """
-    block = cell.place(choice.cut, choice.origin, choice.size)
-    cut = replace(block.mesh, face=np.where(block.mesh.face == SURFACE, LATTICE, BETWEEN_CELLS))
-    filled = combine_meshes(cut, replace(body, face=body.face + FIRST_OF_BODY), "intersection")
+    placed = pieces.place(choice.whole, choice.cut, choice.origin, scale)
+    filled = combine_meshes(placed.block, replace(body, face=body.face + FIRST_OF_BODY), "intersection")
     for operation, other in others:
         filled = combine_meshes(filled, replace(other, face=other.face + FIRST_OF_BODY), operation)
-    mesh = filled.select(filled.face != BETWEEN_CELLS)
-    if len(choice.whole):
-        whole = cell.surface.place(choice.whole, choice.origin, choice.size)
-        common = whole.mesh.points[np.isin(whole.key, block.key)]
-        del block, cut, filled
-        mesh = _join_at(mesh, replace(whole.mesh, face=np.full(len(whole.mesh.triangles), LATTICE, np.int32)), common)
+    mesh = filled.select(filled.face != BETWEEN_PIECES)
+    if len(placed.whole):
+        # the points that both have are known by their coordinates, bit for bit
+        common = placed.common[np.argsort(label_points(placed.points[placed.common]))]
+        labels, own = label_points(placed.points[common]), label_points(mesh.points)
+        at = np.minimum(np.searchsorted(labels, own), len(labels) - 1) if len(labels) else np.zeros(len(own), np.int64)
+        shared = labels[at] == own if len(labels) else np.zeros(len(own), bool)
+        number = np.empty(len(own), np.int32)
+        number[shared] = common[at[shared]]
+        number[~shared] = placed.n_whole + np.arange(int((~shared).sum()))
+        joined = number[mesh.triangles]
+        # Manifold doubles the ends of an edge in which four triangles meet, and fills what lies between them
+        kept = (joined != np.roll(joined, 1, axis=1)).all(axis=1)
+        mesh = SolidMesh(
+            np.concatenate([placed.points[: placed.n_whole], mesh.points[~shared]]),
+            np.concatenate([placed.whole, joined[kept]]),
+            np.concatenate([np.full(len(placed.whole), LATTICE, np.int32), mesh.face[kept]]),
+        )
     if not is_closed(mesh.triangles):
-        raise TrimmingError("the triangles of cut and whole cells do not close")
+        raise TrimmingError("the triangles of cut and whole pieces do not close")
     return mesh
-
-
-def _join_at(first: SolidMesh, second: SolidMesh, common: Array) -> SolidMesh:
-    """Two meshes as one, with their points identified that both have among `common` (k, 3), bit for bit."""
-    joined = join_meshes([first, second])
-    label = label_points(joined.points)
-    near = np.flatnonzero(np.isin(label, label_points(common)))
-    _, start, index = np.unique(label[near], return_index=True, return_inverse=True)
-    first_of = np.arange(len(label))
-    first_of[near] = near[start][index]
-    kept = first_of == np.arange(len(label))
-    number = narrow_indices(np.cumsum(kept) - 1)
-    return SolidMesh(joined.points[kept], number[first_of][joined.triangles], joined.face)
