@@ -57,7 +57,7 @@ def plate_walls() -> RepeatedPieces:
         mid.append(np.stack([x, y, height], axis=-1).reshape(-1, 3))
     arm = np.broadcast_to(np.array([0, 0, 0.15]), (6, 25, 3))
     both = np.stack([triangles, triangles])
-    return close_walls(CELL, np.array(mid), np.stack([-arm, arm]), both, block, np.ones(6, int), 1.0, 1e-9)
+    return close_walls(CELL, np.array(mid), np.stack([-arm, arm]), both, block, np.ones(6, int), (1.0, 1.0), 1e-9)
 
 
 @pytest.fixture(scope="module")
@@ -110,7 +110,7 @@ def test_placed_pieces_are_closed_and_share_their_nodes(kind: str, request: pyte
 
 def test_a_scale_moves_both_walls_of_a_node(walls: RepeatedPieces) -> None:
     every = np.ones((2, 2, 1, 24), bool)
-    placed = walls.place(~every, every, np.zeros(3, np.int64), lambda points: 1.0 + points[:, 0])
+    placed = walls.place(~every, every, np.zeros(3, np.int64), lambda points: 1.0 + points[:, [0, 0]])
     x = (np.arange(16) + 0.5) / 8 * CELL[0]
     assert placed.block.volume == pytest.approx(0.3 * float((1 + x).mean()) * 4 * CELL[0] * CELL[1], rel=1e-3)
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -14,7 +14,6 @@ from tpmscad.kernel.body_import.cad_body import CadBody
 from tpmscad.requests.lattice_options import InfillOptions
 from tpmscad.requests.lattice_request import (
     LatticeRequest,
-    as_triple,
     lattice_in_body,
     resolve_lattice_request,
     rotation_matrix,
@@ -55,7 +54,10 @@ def read_tiled_body(
         raise InvalidRequest(f"without a solid only a lattice of equal cells can be made: name a surface, or {instead}")
     if options.map is not None:
         raise InvalidRequest(f"without a solid only a lattice of equal cells can be made: leave map out, or {instead}")
-    request, turn = _resolve_request(options), rotation_matrix(options.rotation)
+    request, turn = resolve_lattice_request(lattice_in_body(options)), rotation_matrix(options.rotation)
+    if request.kind == "skeletal":
+        request.require_even(instead)
+    request = request.turned(turn)
     if as_triangles and options.skin is None and not options.open_faces and options.solid is None:
         with stages("read"):
             field = resolve_field(options.body)
@@ -68,11 +70,3 @@ def read_tiled_body(
     opened = tuple(body.open_faces) if isinstance(body, KernelBody) else ()
     passive = PassiveRegions.read_for(body.cad, isinstance(body, KernelBody), options.keep, options.clear)
     return TiledBody(body.cad, opened, request, turn, passive.cut_within(body.cad))
-
-
-def _resolve_request(options: InfillOptions) -> LatticeRequest:
-    given = lattice_in_body(options)
-    if not callable(given.thickness):
-        return resolve_lattice_request(given)
-    request = resolve_lattice_request(replace(given, thickness=1e-3 * min(as_triple(given.cell or 1.0))))
-    return replace(request, offset=(-0.5, 0.5), thickness=given.thickness)

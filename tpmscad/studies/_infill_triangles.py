@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from tpmscad._typing import Array, BoolArray
+from tpmscad._typing import BoolArray
 from tpmscad.api.public_calls import validate_options
 from tpmscad.brep.sections.polygon_regions import Operation
 from tpmscad.brep.triangles.cell_polyhedron import find_periodic_cell
@@ -28,7 +28,7 @@ from tpmscad.solids.matter.lattice_block import fit_patches_over_box
 from tpmscad.solids.skins.offset_skin import erode_body
 from tpmscad.solids.tiled_body import TILE_CORNERS, read_tiled_body
 from tpmscad.stage_timer import StageTimer
-from tpmscad.studies.wall_pieces import GradedThickness, find_wall, require_thickness_below_curvature_radius
+from tpmscad.studies.wall_pieces import WallDistances, find_wall, require_distances_below_curvature_radius
 
 DEFAULT_DEVIATION_CELLS = 0.01
 """In cells: default deviation of the triangles."""
@@ -37,7 +37,7 @@ FACET_ANGLE = 0.35
 """Radians between neighbouring facets of the body."""
 
 REACH_MARGIN = 1.1
-"""Factor on the greatest sampled thickness of a graded wall, within which its pieces are sought."""
+"""Factor on the sampled distances of a graded wall, within which its pieces are sought."""
 
 BYTES_PER_WHOLE_TRIANGLE, BYTES_PER_CUT_TRIANGLE = 90, 450
 """Memory taken at the peak for each triangle of a whole cell, and of one that the body cuts, as measured."""
@@ -96,7 +96,7 @@ def infill_triangles(options: InfillTrianglesOptions) -> TriangulatedInfill:
     body = replace(body, points=body.points @ tiled.turn)
     others = [(operation, replace(mesh, points=mesh.points @ tiled.turn)) for operation, mesh in others]
     with stages("fit"):
-        lattice = triangulate_lattice(request, tiled.turn, body, [mesh for _, mesh in others], deviation)
+        lattice = triangulate_lattice(request, body, [mesh for _, mesh in others], deviation)
     with stages("cut"):
         filled = fill_mesh(lattice.pieces, lattice.choice, body, others, lattice.scale)
         filled, notes = _drop_loose_pieces(filled, options.loose, first_kept + FIRST_OF_BODY)
@@ -146,7 +146,7 @@ class TriangulatedLattice:
 
     pieces: RepeatedPieces
     choice: PieceChoice
-    scale: GradedThickness | None
+    scale: WallDistances | None
     reached: float
 
     def count_cells(self, chosen: BoolArray) -> int:
@@ -155,7 +155,7 @@ class TriangulatedLattice:
 
 
 def triangulate_lattice(
-    request: LatticeRequest, turn: Array, body: SolidMesh, others: list[SolidMesh], deviation: float
+    request: LatticeRequest, body: SolidMesh, others: list[SolidMesh], deviation: float
 ) -> TriangulatedLattice:
     """The triangles of a lattice for a body in the lattice's coordinates, and the pieces that others or the body cut."""
 
@@ -171,26 +171,26 @@ def triangulate_lattice(
     if wall is None:
         pieces, reached = _find_cell(request, deviation)
         return TriangulatedLattice(pieces, choose(pieces), None, reached)
-    if request.thickness is None:
-        grid, turned, reached = wall.choose_grid((1.0,), deviation, 1)
-        pieces = wall.pieces(grid, turned, 1.0)
+    if not request.is_graded:
+        grid, turned, reached = wall.choose_grid(np.ones((1, 2)), deviation)
+        pieces = wall.pieces(grid, turned, (1.0, 1.0))
         return TriangulatedLattice(pieces, choose(pieces), None, reached)
-    thickness = GradedThickness(request.thickness, turn)
-    near = choose(wall.pieces(PatchGrid(np.array([0.0, 1.0])), [False, False], 0.0))
+    distances, steps = WallDistances(request), 1
+    near = choose(wall.pieces(PatchGrid(np.array([0.0, 1.0])), [False, False], (0.0, 0.0)))
     at = np.argwhere(near.whole | near.cut)
-    scales = thickness.find_range(wall, at[:, :3] + near.origin, at[:, 3])
-    steps = 1
+    extremes = distances.find_extremes(wall, at[:, :3] + near.origin, at[:, 3])
     while True:
-        grid, turned, reached = wall.choose_grid(scales, deviation, steps)
-        pieces = wall.pieces(grid, turned, REACH_MARGIN * scales[1])
+        grid, turned, reached = wall.choose_grid(extremes, deviation, steps)
+        reach = REACH_MARGIN * distances.least, REACH_MARGIN * distances.greatest
+        pieces = wall.pieces(grid, turned, reach)
         choice = choose(pieces)
         at = np.argwhere(choice.whole | choice.cut)
         patch = at[:, 3] * len(wall.outward) // len(pieces.low)
-        measured = thickness.measure(wall, grid, turned, at[:, :3] + choice.origin, patch, deviation)
-        require_thickness_below_curvature_radius(request, thickness.greatest)
-        if measured <= deviation and thickness.greatest <= REACH_MARGIN * scales[1]:
-            return TriangulatedLattice(pieces, choice, thickness, max(measured, reached))
-        scales = scales[0], max(scales[1], thickness.greatest)
+        measured = distances.measure(wall, grid, turned, at[:, :3] + choice.origin, patch, deviation)
+        require_distances_below_curvature_radius(request, distances)
+        if measured <= deviation and reach[0] <= distances.least and distances.greatest <= reach[1]:
+            distances.allowed = reach
+            return TriangulatedLattice(pieces, choice, distances, max(measured, reached))
         steps = grid.steps + (measured > deviation)
 
 

@@ -16,10 +16,11 @@ import numpy as np
 from tpmscad._typing import Array, IntArray
 from tpmscad.brep.triangles.patch_triangles import PatchGrid, choose_grid, measure_deviation
 from tpmscad.brep.triangles.repeated_pieces import RepeatedPieces, close_walls
+from tpmscad.errors import InvalidRequest, format_point
 from tpmscad.lattices.coordinate_maps import stretching
 from tpmscad.lattices.copies import orientation_sign
 from tpmscad.lattices.mapped_lattice import require_offsets_below_curvature_radius
-from tpmscad.lattices.mapped_surface import MappedSurface, evaluate_thickness
+from tpmscad.lattices.mapped_surface import MappedSurface, grading
 from tpmscad.requests.lattice_request import LatticeRequest
 from tpmscad.rigid_motion import Motion
 from tpmscad.sources.exact_sources import CopiedPrimitive, ReflectedPieces
@@ -31,7 +32,7 @@ STEPS_PER_PIECE = 2
 """Steps of the grid along a piece."""
 
 RANGE_SAMPLES = 100_000
-"""Points of the mid surface from which the least and the greatest thickness are estimated."""
+"""Points of the mid surface from which the least and the greatest distance are estimated."""
 
 MEASURED_PATCHES, COMPARED_PATCHES = 200, 20_000
 """Patches of a graded wall that are measured, the worst half of them by an estimate from so many, and the others at random."""
@@ -41,7 +42,7 @@ MEASURED_PATCHES, COMPARED_PATCHES = 200, 20_000
 class WallPatches:
     """The patches of a wall in one cell, each with parameters in the unit square.
 
-    at(index (n,), uv (n, 2)): points of the mid surface, arms from them to the lower and the upper surface for the scale 1, and
+    at(index (n,), uv (n, 2)): points of the mid surface, arms from them to the lower and the upper surface, to be scaled, and
     tangents by both parameters, (n, 3) each. outward (P,): 1 where du x dv is along the arm upwards, else -1. alike: the first
     patch stands for all.
     """
@@ -51,20 +52,21 @@ class WallPatches:
     outward: IntArray
     alike: bool
 
-    def choose_grid(
-        self, scales: tuple[float, ...], deviation: float, least: int
-    ) -> tuple[PatchGrid, list[bool], float]:
-        """The coarsest grid that keeps the deviation at these scales, the diagonal for each surface, and the bound reached."""
-        n, factors = 1 if self.alike else len(self.outward), np.array(scales)
+    def choose_grid(self, scales: Array, deviation: float, least: int = 1) -> tuple[PatchGrid, list[bool], float]:
+        """The coarsest grid that keeps the deviation, the diagonal for each surface, and the bound reached.
+
+        scales (k, 2): of the arms to the lower and the upper surface, at which it is measured.
+        """
+        n = 1 if self.alike else len(self.outward)
 
         def evaluate(wall: int, face: IntArray, uv: Array) -> tuple[Array, Array, Array]:
             mid, *arms, du, dv = self.at(face % n, uv)
-            return mid + factors[face // n, None] * arms[wall], du, dv
+            return mid + scales[face // n, wall, None] * arms[wall], du, dv
 
         return choose_grid([(n * len(scales), partial(evaluate, wall)) for wall in (0, 1)], deviation, least)
 
-    def pieces(self, grid: PatchGrid, turned: list[bool], reach: float) -> RepeatedPieces:
-        """The wall's pieces on a grid; reach: the greatest scale."""
+    def pieces(self, grid: PatchGrid, turned: list[bool], reach: tuple[float, float]) -> RepeatedPieces:
+        """The wall's pieces on a grid; reach: the least and the greatest scale."""
         n, uv = len(self.outward), grid.nodes
         mid, lower, upper, _, _ = (
             found.reshape(n, len(uv), 3) for found in self.at(np.repeat(np.arange(n), len(uv)), np.tile(uv, (n, 1)))
@@ -84,7 +86,7 @@ def find_wall(request: LatticeRequest) -> WallPatches | None:
         motions = source.symmetry.cell_motions
         placements = Motion(motions.rotation, motions.translation + np.array(request.phase))
         surface = MappedSurface(source.patch, source.symmetry, placements, stretching(cell / cell[0]), cell[0])
-        low, high = request.offset
+        low, high = (1.0, 1.0) if request.is_graded else request.offset
 
         def at(index: IntArray, uv: Array) -> tuple[Array, Array, Array, Array, Array]:
             found = surface.points_at(index, *uv.T)
@@ -116,25 +118,41 @@ def find_wall(request: LatticeRequest) -> WallPatches | None:
 
 
 @dataclass(eq=False)
-class GradedThickness:
-    """The thickness of a wall in the lattice, which `turn` (3, 3) takes to the model, and the greatest one that was met."""
+class WallDistances:
+    """Distances of the surfaces of a graded wall from its mid surface, and the least and the greatest one that were met.
 
-    thickness: Callable[[Array], Array]
-    turn: Array
+    allowed: the least and the greatest one that pieces have room for.
+    """
+
+    request: LatticeRequest
+    least: float = 0.0
     greatest: float = 0.0
+    allowed: tuple[float, float] = (-np.inf, np.inf)
 
     def __call__(self, points: Array) -> Array:
-        """The thickness at points (n, 3) of the lattice."""
-        found = evaluate_thickness(self.thickness, points @ self.turn.T)
-        self.greatest = max(self.greatest, float(found.max(initial=0.0)))
+        """The distances of the lower and the upper surface (n, 2) at points (n, 3) of the mid surface."""
+        thickness, centre = grading(self.request.thickness, self.request.centre, points)
+        if not (thickness > 0).all():
+            worst = int(np.argmin(thickness))
+            raise InvalidRequest(
+                f"the wall has the thickness {thickness[worst]:g} near {format_point(points[worst], 4)}: it must be positive "
+                "wherever the lattice is"
+            )
+        found = centre[:, None] + thickness[:, None] * np.array(self.request.offset)
+        self.least, self.greatest = min(self.least, float(found.min())), max(self.greatest, float(found.max()))
+        if self.least < self.allowed[0] or self.greatest > self.allowed[1]:
+            raise InvalidRequest(
+                f"the wall reaches {max(-self.least, self.greatest):g} from its mid surface in a place, more than samples showed: "
+                "let its thickness vary over cells, not between points"
+            )
         return found
 
-    def find_range(self, wall: WallPatches, cells: IntArray, index: IntArray) -> tuple[float, float]:
-        """The least and the greatest thickness at samples of patches in cells (k, 3)."""
+    def find_extremes(self, wall: WallPatches, cells: IntArray, index: IntArray) -> Array:
+        """The least and the greatest distance (2, 2) of either surface at samples of patches in cells (k, 3)."""
         rng = np.random.default_rng(0)
         some = rng.integers(0, len(index), min(RANGE_SAMPLES, 50 * len(index)))
         found = self(wall.at(index[some], rng.random((len(some), 2)))[0] + cells[some] * wall.cell)
-        return float(found.min()), float(found.max())
+        return np.stack([found.min(axis=0), found.max(axis=0)])
 
     def measure(
         self, wall: WallPatches, grid: PatchGrid, turned: list[bool], cells: IntArray, index: IntArray, deviation: float
@@ -147,15 +165,16 @@ class GradedThickness:
         mid = (
             wall.at(np.repeat(index, 9), np.tile(corners, (len(index), 1)))[0] + np.repeat(cells, 9, axis=0) * wall.cell
         )
-        scale = self(mid).reshape(-1, 9)
-        most = np.argsort(-np.ptp(scale, axis=1) - 0.1 * scale.max(axis=1))[: MEASURED_PATCHES // 2]
+        distances = self(mid).reshape(-1, 9, 2)
+        worst = np.ptp(distances, axis=1).max(axis=1) + 0.1 * np.abs(distances).max(axis=(1, 2))
+        most = np.argsort(-worst)[: MEASURED_PATCHES // 2]
         chosen = np.unique(np.append(most, np.arange(min(MEASURED_PATCHES // 2, len(index)))))
         cells, index = cells[chosen], index[chosen]
 
         def evaluate(which: int, face: IntArray, uv: Array) -> tuple[Array, Array, Array]:
             mid, *arms, du, dv = wall.at(index[face], uv)
             mid = mid + cells[face] * wall.cell
-            return mid + self(mid)[:, None] * arms[which], du, dv
+            return mid + self(mid)[:, which, None] * arms[which], du, dv
 
         groups = [(len(index), partial(evaluate, which)) for which in (0, 1)]
         return max(
@@ -163,13 +182,10 @@ class GradedThickness:
         )
 
 
-def require_thickness_below_curvature_radius(request: LatticeRequest, greatest: float) -> None:
-    """InvalidRequest if a graded wall of this greatest thickness reaches beyond the radius of curvature of its mid surface."""
-    source = request.source
+def require_distances_below_curvature_radius(request: LatticeRequest, distances: WallDistances) -> None:
+    """InvalidRequest if a graded wall reaches beyond the least radius of curvature of its mid surface."""
+    source, cell = request.source, np.array(request.cell)
     assert isinstance(source, CopiedPrimitive)
-    cell = np.array(request.cell)
-    surface = MappedSurface(
-        source.patch, source.symmetry, source.symmetry.cell_motions, stretching(cell / cell[0]), cell[0]
-    )
-    offsets = [greatest * offset for offset in request.offset]
-    require_offsets_below_curvature_radius(surface, offsets, source.name)
+    placements = source.symmetry.cell_motions
+    surface = MappedSurface(source.patch, source.symmetry, placements, stretching(cell / cell[0]), cell[0])
+    require_offsets_below_curvature_radius(surface, [distances.least, distances.greatest], source.name)

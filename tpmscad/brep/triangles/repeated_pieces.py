@@ -28,7 +28,7 @@ POINTS_PER_BATCH = 500_000
 """Points that are computed at a time, which limits the memory."""
 
 Scale = Callable[[Array], Array]
-"""Points (n, 3) to lengths (n,)."""
+"""Points (n, 3) to factors of the arms of each wall (n, w)."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -96,8 +96,8 @@ class RepeatedPieces:
             part = slice(start, start + POINTS_PER_BATCH)
             row, column = np.divmod(keys[part], number.shape[1])
             mid = self.base[column // walls] + places[row] * self.cell
-            arm = self.arm[column // walls, column % walls]
-            points[part] = mid + (arm if scale is None else scale(mid)[:, None] * arm)
+            arm, wall = self.arm[column // walls, column % walls], column % walls
+            points[part] = mid + (arm if scale is None else np.take_along_axis(scale(mid), wall[:, None], axis=1) * arm)
         found: list[IntArray] = []
         for at, chosen, _, _ in groups:
             nodes, local = np.unique(self.triangles[chosen], return_inverse=True)
@@ -201,7 +201,7 @@ def close_walls(
     triangles: IntArray,
     block: IntArray,
     outward: IntArray,
-    reach: float,
+    reach: tuple[float, float],
     weld_tol: float,
 ) -> RepeatedPieces:
     """The pieces of a wall between two surfaces over the patches of a mid surface, which repeats after `cell` (3,).
@@ -209,7 +209,7 @@ def close_walls(
     mid (P, k, 3): points of each patch, neighbours have them alike but for a translation by cells; arms (2, P, k, 3) from them to
     the lower and the upper surface; triangles (2, m, 3): of a patch's points, for either surface, counter-clockwise from the
     upper side where outward (P,) is 1, clockwise where it is -1. The triangles of a patch make a piece for each of the blocks
-    (m,) from 0 on. Sides are ruled between both surfaces. reach: the greatest scale.
+    (m,) from 0 on. Sides are ruled between both surfaces. reach: the least and the greatest scale.
     TrimmingError if a patch has no neighbours.
     """
     n, k = mid.shape[:2]
@@ -270,7 +270,7 @@ def close_walls(
     count = n * (int(block.max()) + 1)
     low, high = np.full((count, 3), np.inf), np.full((count, 3), -np.inf)
     for corners, of_wall, wall in zip(walls, pieces, (0, 1), strict=True):
-        for scale in (0.0, reach):
+        for scale in reach:
             ends_of = (points + scale * both[:, wall])[corners]
             np.minimum.at(low, of_wall, ends_of.min(axis=1))
             np.maximum.at(high, of_wall, ends_of.max(axis=1))
