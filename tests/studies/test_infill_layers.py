@@ -9,10 +9,12 @@ from typing import Any
 import build123d as bd
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 import tpmscad
 from tests.cli.test_cli import run
 from tpmscad.brep.sections.polygon_regions import combine_regions
+from tpmscad.sources.catalogue_sources import lattice_source
 
 pytest.importorskip("manifold3d")
 pytestmark = pytest.mark.kernel
@@ -92,6 +94,36 @@ def test_a_box_of_many_cells_has_the_volume_of_its_cells() -> None:
     cell = tpmscad.lattice("P", cell=2, thickness=0.3, phase=(0, 0, 0))
     assert layers.volume == pytest.approx(64 * cell.volume, rel=2e-5)
     assert len(layers) == 31
+
+
+def test_layers_of_a_graded_wall_follow_its_thickness() -> None:
+    """A function that is constant gives the layers of the number; another one its walls, in cells that are tilted, too."""
+    body = bd.Cylinder(1.6, 1.7)
+    asked: dict[str, Any] = {"cell": 1.2, "height": 0.17, "chord_error": 0.01, "skin": 0.2}
+    even = tpmscad.infill_layers(body, "gyroid", thickness=0.2, **asked)
+    graded = tpmscad.infill_layers(body, "gyroid", thickness=lambda p: 0.2 + 0 * p[..., 0], **asked)
+    for own, other in zip(graded, even, strict=True):
+        assert own.area == pytest.approx(other.area, abs=0.5 * 0.01 * other.perimeter)
+        assert own.perimeter == pytest.approx(other.perimeter, rel=0.02)
+        assert signed_area(own.contours) == pytest.approx(own.area, abs=0.01 * own.perimeter)
+
+    def thickness(points: Any) -> Any:
+        return 0.15 + 0.05 * points[..., 2] + 0.02 * points[..., 0]
+
+    del asked["skin"]
+    turn = Rotation.from_euler("XYZ", (10, 20, 0), degrees=True).as_matrix()
+    tilted = tpmscad.infill_layers(body, "gyroid", thickness=thickness, rotation=(10, 20, 0), **asked)
+    mid = lattice_source("gyroid", "minimal").mid_surface((1.2,) * 3, (1, 1, 1), np.zeros(3), None)
+    for layer in list(tilted)[1:-1]:
+        at = np.concatenate(layer.contours)
+        points = np.column_stack([at, np.full(len(at), 0.5 * (layer.bottom + layer.top))])[np.hypot(*at.T) < 1.5][::5]
+        cell = np.floor(points @ turn / 1.2) * 1.2
+        distance, foot = mid.distance_and_foot(points @ turn - cell)
+        assert np.abs(np.abs(distance) - 0.5 * thickness((foot + cell) @ turn.T)).max() < 0.01
+    triangles = tpmscad.infill_triangles(
+        body, "gyroid", cell=1.2, thickness=thickness, rotation=(10, 20, 0), deviation=0.005, loose="keep"
+    )
+    assert tilted.volume == pytest.approx(triangles.volume, rel=1e-4)
 
 
 def test_what_has_no_equal_cells_in_its_layers_is_refused() -> None:

@@ -30,17 +30,25 @@ from tpmscad.brep.sections.polygon_regions import (
 from tpmscad.errors import InvalidRequest, TrimmingError
 from tpmscad.kernel.body_import.cad_body import CadBody
 from tpmscad.kernel.build.solids import build_solids
+from tpmscad.kernel.export.layer_files import Layer
 from tpmscad.kernel.measure.shape_extents import shape_bounds
 from tpmscad.kernel.slicing.contours import LayerContours, slice_solids, split_layers, triangulate_for_slices
 from tpmscad.kernel.slicing.surface_triangulation import SurfaceTriangulation
 from tpmscad.parallel import task_runner
-from tpmscad.requests.lattice_request import LatticeRequest, rotation_matrix
+from tpmscad.requests.lattice_request import (
+    LatticeRequest,
+    lattice_in_body,
+    resolve_lattice_request,
+    rotation_matrix,
+)
 from tpmscad.requests.study_options import InfillLayersOptions
 from tpmscad.solids.matter.lattice_block import find_trim_tolerance, fit_patches_over_box
 from tpmscad.solids.skins.offset_skin import erode_body
-from tpmscad.solids.tiled_body import TILE_CORNERS, read_tiled_body
+from tpmscad.solids.tiled_body import TILE_CORNERS, TiledBody, read_tiled_body
 from tpmscad.stage_timer import StageTimer
+from tpmscad.studies.lattice_triangles import triangulate_lattice, triangulate_parts
 from tpmscad.studies.layer_slices import Slices, choose_chord_error, collect_layers, divide_into_layers
+from tpmscad.studies.triangle_layers import cut_into_layers
 from tpmscad.trimming.network_boolean import combine_networks
 from tpmscad.trimming.operands.polyhedra import box
 
@@ -90,7 +98,8 @@ def infill_layers(options: InfillLayersOptions) -> Slices:
     import_extra("manifold3d", *MANIFOLD_FOR_LAYERS)  # before minutes of work
     stages, skin, instead = StageTimer(options.progress), options.skin, "slice the solid, infill(...).slices(height)"
     turn = rotation_matrix(options.rotation)
-    if turn[2, 2] != 1.0:
+    graded = isinstance(options.surface, str) and resolve_lattice_request(lattice_in_body(options)).is_graded
+    if turn[2, 2] != 1.0 and not graded:
         raise InvalidRequest(
             f"rotation {options.rotation} tilts the cells, so that no two layers are alike: rotate about z only, or {instead}"
         )
@@ -101,6 +110,9 @@ def infill_layers(options: InfillLayersOptions) -> Slices:
         bounds = np.array([shape_bounds(each.shape) for each in (body, *passive.kept)])
         edges = divide_into_layers(options.height, (float(bounds[:, 0, 2].min()), float(bounds[:, 1, 2].max())))
         error = choose_chord_error(options.height, options.chord_error)
+    if graded:
+        return _cut_graded_walls(tiled, options, edges, error, stages)
+    with stages("read"):
         outer, *others = (
             tuple(triangulate_for_slices(each.shape, SLICING_SHARE * error)) for each in (body, *passive.bodies)
         )
@@ -117,6 +129,24 @@ def infill_layers(options: InfillLayersOptions) -> Slices:
         heights, excess = np.diff(edges), lattice.mean_shares(edges) - [each.share for each in sections]
         volumes = heights * ([each.area for each in sections] + excess * [each.room for each in sections])
         return collect_layers(f"{request.surface} infill", edges, error, _join_sections(sections), volumes)
+
+
+def _cut_graded_walls(
+    tiled: TiledBody, options: InfillLayersOptions, edges: Array, error: float, stages: StageTimer
+) -> Slices:
+    """The layers of a body whose lattice has a graded wall, between ascending heights."""
+    with stages("triangulate"):
+        parts = triangulate_parts(tiled, options.skin, SLICING_SHARE * error)
+        lattice = triangulate_lattice(tiled.request, parts, SLICING_SHARE * error)
+    with stages("cut"):
+        found = cut_into_layers(lattice, parts, tiled.turn, edges, (1 - SLICING_SHARE) * error, options.executor)
+    layers = tuple(
+        Layer(float(bottom), float(top), tuple(contours), area, length, float(volume))
+        for (contours, area, length), bottom, top, volume in zip(
+            (section for slab in found.sections for section in slab), edges[:-1], edges[1:], found.volumes, strict=True
+        )
+    )
+    return Slices(f"{tiled.request.surface} infill", layers, error, 0)
 
 
 def _find_gap(heights: Array, period: float) -> float:

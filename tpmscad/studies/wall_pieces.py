@@ -142,7 +142,7 @@ class WallDistances:
         self.least, self.greatest = min(self.least, float(found.min())), max(self.greatest, float(found.max()))
         if self.least < self.allowed[0] or self.greatest > self.allowed[1]:
             raise InvalidRequest(
-                f"the wall reaches {max(-self.least, self.greatest):g} from its mid surface in a place, more than samples showed: "
+                f"the wall reaches {max(-self.least, self.greatest):g} from its mid surface, farther than samples showed: "
                 "let its thickness vary over cells, not between points"
             )
         return found

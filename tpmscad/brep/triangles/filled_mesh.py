@@ -15,7 +15,8 @@ from scipy import ndimage
 
 from tpmscad._typing import Array, BoolArray, IntArray
 from tpmscad.brep.sections.polygon_regions import Operation
-from tpmscad.brep.triangles.closed_mesh import SolidMesh, combine_meshes, is_closed, label_points
+from tpmscad.brep.triangles import closed_mesh
+from tpmscad.brep.triangles.closed_mesh import SolidMesh, combine_meshes, label_points
 from tpmscad.brep.triangles.repeated_pieces import BETWEEN_PIECES, LATTICE, RepeatedPieces, Scale
 from tpmscad.brep.winding_numbers import winding_numbers
 from tpmscad.errors import TrimmingError
@@ -116,10 +117,13 @@ def fill_mesh(
     body: SolidMesh,
     others: Sequence[tuple[Operation, SolidMesh]] = (),
     scale: Scale | None = None,
+    *,
+    is_closed: bool = True,
 ) -> SolidMesh:
     """The body filled with the pieces, then united with others, such as its skin, or without them, one after the other.
 
-    Face 0 is the lattice; the faces of the others count from 1. TrimmingError if the result is not closed.
+    is_closed: whether the pieces are all that fill the body; else the result is open where some are missing. Face 0 is the
+    lattice; the faces of the others count from 1. TrimmingError if the result should be closed and is not.
     """
     placed = pieces.place(choice.whole, choice.cut, choice.origin, scale)
     filled = combine_meshes(placed.block, replace(body, face=body.face + FIRST_OF_BODY), "intersection")
@@ -143,6 +147,6 @@ def fill_mesh(
             np.concatenate([placed.whole, joined[kept]]),
             np.concatenate([np.full(len(placed.whole), LATTICE, np.int32), mesh.face[kept]]),
         )
-    if not is_closed(mesh.triangles):
+    if is_closed and not closed_mesh.is_closed(mesh.triangles):
         raise TrimmingError("the triangles of cut and whole pieces do not close")
     return mesh

@@ -1,0 +1,207 @@
+"""Sections of a closed triangle mesh by horizontal planes: closed contours, joined by the sides of triangles, and their areas.
+
+A point counts as above a plane if it lies in it, so that no case is special; each point of a contour is computed once, from the
+ends of a side in a fixed order.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from tpmscad._compiled_loops import njit_cached
+from tpmscad._typing import Array, IntArray
+from tpmscad.errors import TrimmingError
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class MeshSections:
+    """Contours (n, 2) one after another, counter-clockwise round the solid: starts (c + 1,), and the plane of each, (c,).
+
+    areas, perimeters: of each plane, (l,), before points were left out.
+    """
+
+    points: Array
+    starts: IntArray
+    level: IntArray
+    areas: Array
+    perimeters: Array
+
+    def __iter__(self) -> Iterator[tuple[list[Array], float, float]]:
+        """The contours, area and perimeter of each plane."""
+        first = np.searchsorted(self.level, np.arange(len(self.areas) + 1))
+        for i, (area, length) in enumerate(zip(self.areas.tolist(), self.perimeters.tolist(), strict=True)):
+            ends = self.starts[first[i] : first[i + 1] + 1]
+            yield [self.points[a:b] for a, b in zip(ends[:-1].tolist(), ends[1:].tolist(), strict=True)], area, length
+
+
+def cut_mesh(points: Array, triangles: IntArray, levels: Array, error: float) -> MeshSections:
+    """The sections of a mesh at ascending heights (l,), with fewer points, all others within `error` of the chords.
+
+    TrimmingError if the mesh is open at one of them.
+    """
+    found = MeshSections(*_cut_triangles(points, triangles, levels, error))
+    if (found.areas != found.areas).any():
+        raise TrimmingError("the triangles are open in the plane of a layer")
+    return found
+
+
+@njit_cached
+def measure_sections(points: Array, triangles: IntArray, levels: Array) -> Any:
+    """The areas (l,) of the sections of a closed mesh at ascending heights (l,)."""
+    areas = np.zeros(len(levels))
+    for t in range(len(triangles)):
+        first, last = _list_levels(points, triangles[t], levels)
+        for at in range(first, last):
+            x0, y0, x1, y1, _, _ = _cross_triangle(points, triangles[t], levels[at])
+            areas[at] += 0.5 * (x0 * y1 - x1 * y0)
+    return areas
+
+
+@njit_cached
+def _list_levels(points: Array, corners: IntArray, levels: Array) -> Any:
+    """The range of the levels that cross a triangle."""
+    a, b, c = points[corners[0], 2], points[corners[1], 2], points[corners[2], 2]
+    return np.searchsorted(levels, min(a, b, c), "right"), np.searchsorted(levels, max(a, b, c), "right")
+
+
+@njit_cached
+def _cross_triangle(points: Array, corners: IntArray, level: float) -> Any:
+    """Start and end of the section of a triangle, the solid on its left, and the keys of the sides that they lie on."""
+    x0, y0, x1, y1, start, end = 0.0, 0.0, 0.0, 0.0, 0, 0
+    for k in range(3):
+        i, j = corners[k], corners[(k + 1) % 3]
+        falls = points[i, 2] >= level
+        if falls == (points[j, 2] >= level):
+            continue
+        a, b = min(i, j), max(i, j)
+        share = (level - points[a, 2]) / (points[b, 2] - points[a, 2])
+        x = points[a, 0] + share * (points[b, 0] - points[a, 0])
+        y = points[a, 1] + share * (points[b, 1] - points[a, 1])
+        key = np.int64(a) * len(points) + b
+        if falls:
+            x0, y0, start = x, y, key
+        else:
+            x1, y1, end = x, y, key
+    return x0, y0, x1, y1, start, end
+
+
+@njit_cached
+def _cut_triangles(points: Array, triangles: IntArray, levels: Array, error: float) -> Any:
+    counts = np.zeros(len(levels) + 1, np.int64)
+    for t in range(len(triangles)):
+        first, last = _list_levels(points, triangles[t], levels)
+        for at in range(first, last):
+            counts[at + 1] += 1
+    begins = np.cumsum(counts)
+    crossing, filled = np.empty(begins[-1], np.int32), begins[:-1].copy()
+    for t in range(len(triangles)):
+        first, last = _list_levels(points, triangles[t], levels)
+        for at in range(first, last):
+            crossing[filled[at]] = t
+            filled[at] += 1
+    contours, starts, of = np.empty((begins[-1], 2)), [0], [0]
+    areas, perimeters, total = np.zeros(len(levels)), np.zeros(len(levels)), 0
+    for at in range(len(levels)):
+        n = begins[at + 1] - begins[at]
+        xy, following = np.empty((n, 2)), np.empty(n, np.int64)
+        start, end = np.empty(n, np.int64), np.empty(n, np.int64)
+        size = 4
+        while size < 2 * n:
+            size *= 2
+        table = np.full(size, -1)
+        for s in range(n):
+            corners = triangles[crossing[begins[at] + s]]
+            xy[s, 0], xy[s, 1], _, _, start[s], end[s] = _cross_triangle(points, corners, levels[at])
+            slot = _hash(start[s], size)
+            while table[slot] >= 0:
+                slot = (slot + 1) % size
+            table[slot] = s
+        taken = np.zeros(n, np.bool_)
+        for s in range(n):
+            slot = _hash(end[s], size)
+            while table[slot] >= 0 and (start[table[slot]] != end[s] or taken[table[slot]]):
+                slot = (slot + 1) % size
+            if table[slot] < 0:
+                areas[at] = np.nan
+                break
+            following[s] = table[slot]
+            taken[table[slot]] = True
+        if np.isnan(areas[at]):
+            continue
+        path, seen = np.empty((n + 1, 2)), np.zeros(n, np.bool_)
+        for first in range(n):
+            if seen[first]:
+                continue
+            length, s = 0, first
+            while not seen[s]:
+                seen[s] = True
+                nearer = length > 0 and xy[s, 0] == path[length - 1, 0] and xy[s, 1] == path[length - 1, 1]
+                if not nearer:
+                    path[length] = xy[s]
+                    length += 1
+                s = following[s]
+            path[length] = path[0]
+            area = 0.0
+            for k in range(length):
+                area += 0.5 * (path[k, 0] * path[k + 1, 1] - path[k + 1, 0] * path[k, 1])
+                perimeters[at] += np.hypot(path[k + 1, 0] - path[k, 0], path[k + 1, 1] - path[k, 1])
+            areas[at] += area
+            kept = _thin_contour(path[: length + 1], error)
+            if kept.sum() < 3:
+                continue
+            for k in range(length):
+                if kept[k]:
+                    contours[total] = path[k]
+                    total += 1
+            starts.append(total)
+            of.append(at)
+    return contours[:total].copy(), np.array(starts), np.array(of)[1:], areas, perimeters
+
+
+@njit_cached
+def _hash(key: int, size: int) -> Any:
+    word = np.uint64(key)
+    word = (word ^ (word >> np.uint64(33))) * np.uint64(0xFF51AFD7ED558CCD)
+    return np.int64((word ^ (word >> np.uint64(33))) % np.uint64(size))
+
+
+@njit_cached
+def _thin_contour(path: Array, error: float) -> Any:
+    """Which points (n,) of a closed contour (n + 1, 2) stay, so that all others lie within `error` of the chords.
+
+    The first point and the one farthest from it stay. Source: D. H. Douglas, T. K. Peucker, Cartographica 10 (1973) 112.
+    """
+    n = len(path) - 1
+    kept = np.zeros(n + 1, np.bool_)
+    kept[0] = kept[n] = True
+    if n < 3:
+        return kept[:n]
+    far, most = 0, 0.0
+    for k in range(n):
+        away = (path[k, 0] - path[0, 0]) ** 2 + (path[k, 1] - path[0, 1]) ** 2
+        if away > most:
+            far, most = k, away
+    kept[far] = True
+    spans = [(0, far), (far, n)]
+    while len(spans) > 0:
+        a, b = spans.pop()
+        if b - a < 2:
+            continue
+        cx, cy = path[b, 0] - path[a, 0], path[b, 1] - path[a, 1]
+        square = cx * cx + cy * cy
+        at, most = a, -1.0
+        for k in range(a + 1, b):
+            x, y = path[k, 0] - path[a, 0], path[k, 1] - path[a, 1]
+            share = min(1.0, max(0.0, (x * cx + y * cy) / square)) if square > 0.0 else 0.0
+            off = (x - share * cx) ** 2 + (y - share * cy) ** 2
+            if off > most:
+                at, most = k, off
+        if most > error * error:
+            kept[at] = True
+            spans.append((a, at))
+            spans.append((at, b))
+    return kept[:n]
