@@ -1,6 +1,9 @@
 """Layers of filled bodies without their solids: a box of whole cells and a stem, time, memory, volume, and the file read again.
 
     python -m benchmarks.layers [--bodies box,stem] [--cell 1] [--thickness 0.12] [--height 0.03333] [--chord-error 0.005]
+        [--graded]
+
+With --graded the wall is 40 % thicker above than below, and as thick on average.
 
 Columns: cells that the body's volume holds; layers, contours and points; wall and CPU seconds, those of child processes included;
 memory at its peak; the volume over what another route says (the box: that of one cell times their number; the stem: random points
@@ -14,6 +17,7 @@ import argparse
 import resource
 import tempfile
 import time
+from collections.abc import Callable
 from pathlib import Path
 
 import build123d as bd
@@ -40,6 +44,12 @@ def make_stem() -> bd.Solid:
         bd.Pos(4.5, 0, 40) * bd.Ellipse(11, 6.5).face(),
     ]
     return bd.loft(profiles).solid()
+
+
+def grade_thickness(body: bd.Shape, mean: float) -> Callable[[np.ndarray], np.ndarray]:
+    """A thickness that grows with the height in a body, by 40 % of its mean."""
+    box = body.bounding_box()
+    return lambda points: mean * (1 + 0.4 * ((points[..., 2] - box.min.Z) / box.size.Z - 0.5))
 
 
 def expected_share(name: str, body: bd.Shape, cell: float, thickness: float) -> tuple[float, float]:
@@ -87,6 +97,7 @@ def main() -> None:
     parser.add_argument("--thickness", type=float, default=0.12)
     parser.add_argument("--height", type=float, default=0.03333)
     parser.add_argument("--chord-error", type=float, default=0.005)
+    parser.add_argument("--graded", action="store_true")
     given = parser.parse_args()
     bodies = {"box": lambda: bd.Pos(15, 15, 10) * bd.Box(30, 30, 20), "stem": make_stem}
     for name in given.bodies.split(","):
@@ -96,7 +107,7 @@ def main() -> None:
             body,
             "gyroid",
             cell=given.cell,
-            thickness=given.thickness,
+            thickness=grade_thickness(body, given.thickness) if given.graded else given.thickness,
             height=given.height,
             chord_error=given.chord_error,
         )

@@ -1,7 +1,9 @@
 """Triangles of filled bodies without their solids: time, memory, volume, closedness, and a picture.
 
     python -m benchmarks.triangles [--bodies box,stem] [--cell 1] [--thickness 0.12] [--deviation 0.01]
-        [--skin MM] [--picture FOLDER]
+        [--skin MM] [--graded] [--picture FOLDER]
+
+With --graded the wall is as thick on average, and 40 % thicker above than below.
 
 Bodies are those of `benchmarks.layers`. Columns: whole and cut cells, triangles; wall and CPU seconds; memory at its peak; the
 volume over what another route says (the box: that of one exact cell times their number; the stem: random points in the body by
@@ -20,7 +22,7 @@ from pathlib import Path
 import build123d as bd
 
 import tpmscad
-from benchmarks.layers import cpu_seconds, expected_share, make_stem
+from benchmarks.layers import cpu_seconds, expected_share, grade_thickness, make_stem
 
 MAX_READ_TRIANGLES = 5_000_000
 
@@ -42,18 +44,20 @@ def main() -> None:
     parser.add_argument("--thickness", type=float, default=0.12)
     parser.add_argument("--deviation", type=float, default=0.01)
     parser.add_argument("--skin", type=float)
+    parser.add_argument("--graded", action="store_true")
     parser.add_argument("--picture", type=Path)
     given = parser.parse_args()
     bodies = {"box": lambda: bd.Pos(15, 15, 10) * bd.Box(30, 30, 20), "stem": make_stem}
-    asked = {"cell": given.cell, "thickness": given.thickness, "deviation": given.deviation, "skin": given.skin}
+    asked = {"cell": given.cell, "deviation": given.deviation, "skin": given.skin}
     for name in given.bodies.split(","):
         body = bodies[name]()
+        asked["thickness"] = grade_thickness(body, given.thickness) if given.graded else given.thickness
         begun, used = time.perf_counter(), cpu_seconds()
         part = tpmscad.infill_triangles(body, "gyroid", **asked)
         wall, cpu = time.perf_counter() - begun, cpu_seconds() - used
         memory = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 2**20
         words = ""
-        if given.skin is None:
+        if given.skin is None and not given.graded:
             share, error = expected_share(name, body, given.cell, given.thickness)
             off = part.volume - share * body.volume
             apart, distance = off / (share * body.volume), off / part.area / given.deviation

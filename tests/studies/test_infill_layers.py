@@ -123,7 +123,9 @@ def test_layers_of_a_graded_wall_follow_its_thickness() -> None:
     triangles = tpmscad.infill_triangles(
         body, "gyroid", cell=1.2, thickness=thickness, rotation=(10, 20, 0), deviation=0.005, loose="keep"
     )
-    assert tilted.volume == pytest.approx(triangles.volume, rel=1e-4)
+    assert tilted.volume == pytest.approx(
+        triangles.volume, rel=1e-3
+    )  # a quadrature over layers a seventh of a cell high
 
 
 def test_what_has_no_equal_cells_in_its_layers_is_refused() -> None:
@@ -132,7 +134,7 @@ def test_what_has_no_equal_cells_in_its_layers_is_refused() -> None:
     with pytest.raises(tpmscad.InvalidRequest, match="rotate about z only"):
         tpmscad.infill_layers(box, "P", rotation=(10, 0, 0), **asked)
     with pytest.raises(tpmscad.InvalidRequest, match="slice the solid"):
-        tpmscad.infill_layers(box, tpmscad.fields.sphere((0, 0, 0), 1), tol=0.01, height=0.1)
+        tpmscad.infill_layers(box, "P", map=lambda p: p, **asked)
     with pytest.raises(tpmscad.InvalidRequest, match="give skin="):
         tpmscad.infill_layers(box, "P", open_faces=">Z", **asked)
     with pytest.raises(tpmscad.InvalidRequest, match="heights are in mm"):

@@ -143,6 +143,27 @@ def test_a_graded_wall_has_its_thickness_everywhere(tmp_path: Path) -> None:
         tpmscad.infill_triangles(bd.Box(3, 3, 3), "gyroid", cell=1, thickness=lambda p: 0.6 + 0 * p[..., 0])
 
 
+@pytest.mark.parametrize(
+    ("field", "skin"),
+    [
+        (tpmscad.fields.strut_lattice("bcc", 1.7, 0.3, cells=2), 0.15),
+        (tpmscad.fields.plate_lattice("bcc", cell=2.1, thickness=0.2), None),
+    ],
+)
+def test_struts_and_plates_have_triangles_and_layers(field: Any, skin: float | None, tmp_path: Path) -> None:
+    body = bd.Pos(1.7, 1.7, 1.7) * bd.Cylinder(1.6, 3.1)
+    solid = tpmscad.infill(body, field, tol=0.01, skin=skin, loose="keep")
+    part = tpmscad.infill_triangles(body, field, tol=0.01, skin=skin, deviation=0.01, loose="keep")
+    part.write(tmp_path / "part.stl")
+    assert trimesh.load(tmp_path / "part.stl").is_watertight
+    assert abs(part.volume - solid.volume) < 0.01 * solid.area
+    assert np.allclose(part.bounding_box, solid.bounding_box, atol=0.01)
+    layers = tpmscad.infill_layers(body, field, tol=0.01, skin=skin, height=0.11, chord_error=0.02)
+    assert abs(layers.volume - solid.volume) < 0.01 * solid.area
+    for own, other in zip(layers, solid.slices(0.11, 0.02), strict=True):
+        assert own.area == pytest.approx(other.area, abs=0.02 * other.perimeter)
+
+
 def test_a_mesh_is_filled_as_it_is(tmp_path: Path) -> None:
     sphere = trimesh.creation.icosphere(2, 1.9)
     part = tpmscad.infill_triangles(sphere, "gyroid", cell=1.5, thickness=0.25, deviation=DEVIATION)
@@ -174,9 +195,16 @@ def test_loose_pieces_are_left_out_and_told() -> None:
 
 
 def test_requests_that_cannot_be_met_are_told() -> None:
-    with pytest.raises(tpmscad.InvalidRequest, match="equal cells"):
-        tpmscad.infill_triangles(bd.Box(3, 3, 3), tpmscad.fields.sphere((0, 0, 0), 1), tol=0.01)
-    with pytest.raises(OutOfMemory, match=r"infill_layers"):
+    field = tpmscad.fields.sphere((0, 0, 0), 1)
+    with pytest.raises(tpmscad.InvalidRequest, match="needs tol="):
+        tpmscad.infill_triangles(bd.Box(3, 3, 3), field)
+    with pytest.raises(tpmscad.InvalidRequest, match="leave cell out"):
+        tpmscad.infill_triangles(bd.Box(3, 3, 3), field, cell=1, tol=0.01)
+    with pytest.raises(tpmscad.InvalidRequest, match="under a map"):
+        tpmscad.infill_triangles(bd.Box(3, 3, 3), "gyroid", cell=1, thickness=0.1, map=lambda p: p)
+    with pytest.raises(tpmscad.InvalidRequest, match="no cell is a copy"):
+        tpmscad.infill_triangles(bd.Box(3, 3, 3), "P", cell=1, kind="skeletal", offset=lambda p: 0.01 * p[..., 0])
+    with pytest.raises(OutOfMemory, match=r"cells around the body.*larger cells"):
         tpmscad.infill_triangles(bd.Box(900, 900, 900), "P", cell=1, thickness=0.1, deviation=0.005)
 
     for make in (tpmscad.infill, tpmscad.fluid_domains):

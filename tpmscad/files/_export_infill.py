@@ -57,6 +57,10 @@ from tpmscad.solids.skins.offset_skin import erode_body
 from tpmscad.solids.tiled_body import TILE_CORNERS, read_tiled_body
 from tpmscad.stage_timer import StageTimer
 
+INSTEAD = "export the solid, infill(...).export_step(path), or write it by infill_triangles(...) or infill_layers(...)"
+"""What can be made where no cell is a copy of another."""
+
+
 MAX_COPIES = 100_000
 """Solids in one file; OCCT takes 0.2 ms to place and measure each, and CAD systems far longer to draw them."""
 
@@ -214,7 +218,7 @@ def export_infill(options: InfillFileOptions) -> InfillFile:
     target, schema = validate_output_path(options.path, STEP_SUFFIXES), options.schema
     find_schema(schema)
     stages = StageTimer(options.progress)
-    tiled = read_tiled_body(options, "export the solid, infill(...).export_step(path)", stages)
+    tiled = read_tiled_body(options, INSTEAD, stages, copies=True)
     if not isinstance(tiled.body, CadBody):
         raise InvalidRequest("a mesh has no exact faces to be cut: fill it with infill(...), or infill_triangles(...)")
     request = tiled.request

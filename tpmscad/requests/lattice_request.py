@@ -7,7 +7,7 @@ the surface are filled in, and a thickness or a volume fraction has become a pai
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from functools import partial
 from typing import Any, TypeVar
 
@@ -34,6 +34,11 @@ MIN_TOL_CELLS = 1e-7
 DEFAULT_TOL_CELLS = 1e-3
 """In cells, of the smallest cell edge: the tolerance if none is given."""
 
+
+OPTIONS_OF_FIELDS = {
+    *("body", "box", "surface", "solid", "skin", "open_faces", "keep", "map", "clear", "loose", "tol", "progress")
+}
+"""Arguments of an infill that the solid of a field takes."""
 
 T = TypeVar("T")
 
@@ -168,6 +173,19 @@ read_lattice_request = validate_options(LatticeOptions, 'lattice("gyroid", cell=
     resolve_lattice_request
 )
 """The same from the arguments of `lattice`, each validated at the door."""
+
+
+def reject_lattice_options(options: InfillOptions) -> None:
+    """InvalidRequest for keywords of a lattice together with a field, which defines the whole shape."""
+    extra = [
+        field.name
+        for field in fields(InfillOptions)
+        if field.name not in OPTIONS_OF_FIELDS and getattr(options, field.name) != field.default
+    ]
+    if extra:
+        raise InvalidRequest(
+            f"a field is taken as it is: leave {', '.join(extra)} out, and scale or turn the field itself"
+        )
 
 
 def lattice_in_body(options: InfillOptions | FluidDomainsOptions) -> LatticeOptions:

@@ -7,8 +7,6 @@ subtracted from the body.
 
 from __future__ import annotations
 
-from dataclasses import fields
-
 from tpmscad.api.public_calls import validate_options
 from tpmscad.errors import InvalidRequest
 from tpmscad.fields.field import as_field
@@ -18,7 +16,12 @@ from tpmscad.kernel.occt.bounding_boxes import enclosing_box
 from tpmscad.lattices.coordinate_maps import as_map
 from tpmscad.requests.face_selection import is_numbered, list_given_faces
 from tpmscad.requests.lattice_options import InfillOptions
-from tpmscad.requests.lattice_request import lattice_in_body, resolve_lattice_request, rotation_matrix
+from tpmscad.requests.lattice_request import (
+    lattice_in_body,
+    reject_lattice_options,
+    resolve_lattice_request,
+    rotation_matrix,
+)
 from tpmscad.results.joined_models import join_models
 from tpmscad.results.model import Model
 from tpmscad.solids.bodies.body_choice import Body, find_bodies, leave_open
@@ -30,22 +33,6 @@ from tpmscad.solids.matter.lattice_block import build_lattice_block
 from tpmscad.solids.matter.mapped_cover import build_mapped_block
 from tpmscad.solids.passive_regions import PassiveRegions
 from tpmscad.stage_timer import StageTimer
-
-OPTIONS_OF_FIELDS = (
-    "body",
-    "box",
-    "surface",
-    "solid",
-    "skin",
-    "open_faces",
-    "keep",
-    "map",
-    "clear",
-    "loose",
-    "tol",
-    "progress",
-)
-"""Arguments that the solid of a field takes."""
 
 
 @validate_options(InfillOptions, 'infill(body, "gyroid", cell=8, thickness=0.8, skin=1.5)')
@@ -113,7 +100,7 @@ def _fill(options: InfillOptions, body: Body, tol: float, stages: StageTimer) ->
         else:
             matter = build_mapped_block(request, options.map, turn, body.cad, stages)
     else:
-        _reject_lattice_options(options)
+        reject_lattice_options(options)
         field = as_field(options.surface)
         if options.map is not None:
             if not isinstance(field, StrutsField):
@@ -125,16 +112,3 @@ def _fill(options: InfillOptions, body: Body, tol: float, stages: StageTimer) ->
         field = bound_data_in_body(field, *enclosing_box(body.cad.shape))
         matter = build_field_matter(field, body.cad, tol, stages)
     return fill_body(body, matter, options.skin, options.loose, stages, passive)
-
-
-def _reject_lattice_options(options: InfillOptions) -> None:
-    """InvalidRequest for keywords of a lattice together with a field, which defines the whole shape."""
-    extra = [
-        field.name
-        for field in fields(options)
-        if field.name not in OPTIONS_OF_FIELDS and getattr(options, field.name) != field.default
-    ]
-    if extra:
-        raise InvalidRequest(
-            f"a field is taken as it is: leave {', '.join(extra)} out, and scale or turn the field itself"
-        )

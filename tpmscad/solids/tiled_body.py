@@ -9,18 +9,24 @@ import numpy as np
 from tpmscad._typing import Array
 from tpmscad.errors import InvalidRequest
 from tpmscad.fields.data.triangle_mesh import TriangleMesh
+from tpmscad.fields.field import as_field
+from tpmscad.fields.kinds.data_domains import bound_data_in_body
 from tpmscad.fields.kinds.triangle_meshes import MeshField
 from tpmscad.kernel.body_import.cad_body import CadBody
+from tpmscad.kernel.build.solids import BrepSolids, build_solids
+from tpmscad.kernel.occt.bounding_boxes import enclosing_box
 from tpmscad.requests.lattice_options import InfillOptions
 from tpmscad.requests.lattice_request import (
     LatticeRequest,
     lattice_in_body,
+    reject_lattice_options,
     resolve_lattice_request,
     rotation_matrix,
 )
 from tpmscad.solids.bodies.body_choice import find_body, leave_open
 from tpmscad.solids.bodies.fitted_body import FittedBody, resolve_field
 from tpmscad.solids.bodies.kernel_body import KernelBody
+from tpmscad.solids.matter.field_matter import build_field_matter
 from tpmscad.solids.passive_regions import PassiveRegions
 from tpmscad.stage_timer import StageTimer
 
@@ -31,42 +37,63 @@ touches a side."""
 
 @dataclass(frozen=True, slots=True, eq=False)
 class TiledBody:
-    """A body, the faces of it that are open, and the lattice that fills it; `turn` (3, 3) takes lattice axes to the body's.
+    """A body, the faces of it that are open, and what fills it: a lattice, or the closed matter of a field, as kernel solids.
 
-    passive: what is kept and what is cleared of the filled body.
+    turn (3, 3) takes the axes of a lattice to the body's. passive: what is kept and what is cleared of the filled body.
     """
 
     body: CadBody | TriangleMesh
     openings: tuple[object, ...]
-    request: LatticeRequest
+    filling: LatticeRequest | BrepSolids
     turn: Array
     passive: PassiveRegions
 
+    @property
+    def request(self) -> LatticeRequest:
+        """The lattice, where there is one."""
+        assert isinstance(self.filling, LatticeRequest)
+        return self.filling
+
+    @property
+    def name(self) -> str:
+        """The name of the filled body."""
+        return f"{self.filling.surface if isinstance(self.filling, LatticeRequest) else 'field'} infill"
+
 
 def read_tiled_body(
-    options: InfillOptions, instead: str, stages: StageTimer, *, as_triangles: bool = False
+    options: InfillOptions, instead: str, stages: StageTimer, *, as_triangles: bool = False, copies: bool = False
 ) -> TiledBody:
-    """The body and the lattice of a request; InvalidRequest if it has no equal cells, with what to do `instead`.
+    """The body and what fills it; InvalidRequest if it cannot be made without a solid, with what to do `instead`.
 
-    as_triangles: a triangle mesh stays one, it is not fitted.
+    as_triangles: a triangle mesh stays one, it is not fitted. copies: the cells must be copies of one.
     """
-    if not isinstance(options.surface, str):
-        raise InvalidRequest(f"without a solid only a lattice of equal cells can be made: name a surface, or {instead}")
     if options.map is not None:
-        raise InvalidRequest(f"without a solid only a lattice of equal cells can be made: leave map out, or {instead}")
-    request, turn = resolve_lattice_request(lattice_in_body(options)), rotation_matrix(options.rotation)
-    if request.kind == "skeletal":
-        request.require_even(instead)
-    request = request.turned(turn)
-    if as_triangles and options.skin is None and not options.open_faces and options.solid is None:
-        with stages("read"):
-            field = resolve_field(options.body)
-        if isinstance(field, MeshField):
-            return TiledBody(field.mesh, (), request, turn, PassiveRegions.read(options.keep, options.clear))
-    body = find_body(options.body, options.box, options.solid, request.tol, stages, is_default=options.tol is None)
+        raise InvalidRequest(f"without a solid nothing is made under a map: leave map out, or {instead}")
+    if not isinstance(options.surface, str):
+        if copies:
+            raise InvalidRequest(f"only a lattice of equal cells can be made of copies: name a surface, or {instead}")
+        reject_lattice_options(options)
+        if options.tol is None:
+            raise InvalidRequest("the solid of a field needs tol=, its greatest deviation from the field")
+        filling, tol, turn = None, options.tol, np.eye(3)
+    else:
+        filling, turn = resolve_lattice_request(lattice_in_body(options)), rotation_matrix(options.rotation)
+        if copies or filling.kind == "skeletal":
+            filling.require_even(instead)
+        filling, tol = filling.turned(turn), filling.tol
+        if as_triangles and options.skin is None and not options.open_faces and options.solid is None:
+            with stages("read"):
+                field = resolve_field(options.body)
+            if isinstance(field, MeshField):
+                return TiledBody(field.mesh, (), filling, turn, PassiveRegions.read(options.keep, options.clear))
+    body = find_body(options.body, options.box, options.solid, tol, stages, is_default=options.tol is None)
     if isinstance(body, FittedBody) and options.skin is not None:
         raise InvalidRequest(f"a skin without a solid needs a CAD body: leave skin out, or {instead}")
     body = leave_open(body, options.open_faces, options.skin, stages)
     opened = tuple(body.open_faces) if isinstance(body, KernelBody) else ()
     passive = PassiveRegions.read_for(body.cad, isinstance(body, KernelBody), options.keep, options.clear)
-    return TiledBody(body.cad, opened, request, turn, passive.cut_within(body.cad))
+    if filling is not None:
+        return TiledBody(body.cad, opened, filling, turn, passive.cut_within(body.cad))
+    bounded = bound_data_in_body(as_field(options.surface), *enclosing_box(body.cad.shape))
+    matter = build_field_matter(bounded, body.cad, tol, stages)
+    return TiledBody(body.cad, opened, build_solids(matter.closed), turn, passive.cut_within(body.cad))

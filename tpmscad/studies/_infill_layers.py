@@ -46,7 +46,7 @@ from tpmscad.solids.matter.lattice_block import find_trim_tolerance, fit_patches
 from tpmscad.solids.skins.offset_skin import erode_body
 from tpmscad.solids.tiled_body import TILE_CORNERS, TiledBody, read_tiled_body
 from tpmscad.stage_timer import StageTimer
-from tpmscad.studies.lattice_triangles import triangulate_lattice, triangulate_parts
+from tpmscad.studies.lattice_triangles import triangulate_filling, triangulate_parts
 from tpmscad.studies.layer_slices import Slices, choose_chord_error, collect_layers, divide_into_layers
 from tpmscad.studies.triangle_layers import cut_into_layers
 from tpmscad.trimming.network_boolean import combine_networks
@@ -98,20 +98,21 @@ def infill_layers(options: InfillLayersOptions) -> Slices:
     import_extra("manifold3d", *MANIFOLD_FOR_LAYERS)  # before minutes of work
     stages, skin, instead = StageTimer(options.progress), options.skin, "slice the solid, infill(...).slices(height)"
     turn = rotation_matrix(options.rotation)
-    graded = isinstance(options.surface, str) and resolve_lattice_request(lattice_in_body(options)).is_graded
-    if turn[2, 2] != 1.0 and not graded:
+    by_triangles = not isinstance(options.surface, str) or resolve_lattice_request(lattice_in_body(options)).is_graded
+    if turn[2, 2] != 1.0 and not by_triangles:
         raise InvalidRequest(
             f"rotation {options.rotation} tilts the cells, so that no two layers are alike: rotate about z only, or {instead}"
         )
     tiled = read_tiled_body(options, instead, stages)
-    body, openings, request, passive = tiled.body, tiled.openings, tiled.request, tiled.passive
+    body, openings, passive = tiled.body, tiled.openings, tiled.passive
     assert isinstance(body, CadBody)
     with stages("read"):
         bounds = np.array([shape_bounds(each.shape) for each in (body, *passive.kept)])
         edges = divide_into_layers(options.height, (float(bounds[:, 0, 2].min()), float(bounds[:, 1, 2].max())))
         error = choose_chord_error(options.height, options.chord_error)
-    if graded:
-        return _cut_graded_walls(tiled, options, edges, error, stages)
+    if by_triangles:
+        return _cut_triangles(tiled, options, edges, error, stages)
+    request = tiled.request
     with stages("read"):
         outer, *others = (
             tuple(triangulate_for_slices(each.shape, SLICING_SHARE * error)) for each in (body, *passive.bodies)
@@ -131,22 +132,22 @@ def infill_layers(options: InfillLayersOptions) -> Slices:
         return collect_layers(f"{request.surface} infill", edges, error, _join_sections(sections), volumes)
 
 
-def _cut_graded_walls(
+def _cut_triangles(
     tiled: TiledBody, options: InfillLayersOptions, edges: Array, error: float, stages: StageTimer
 ) -> Slices:
-    """The layers of a body whose lattice has a graded wall, between ascending heights."""
+    """The layers between ascending heights of a body with a graded wall or a field, whose cells are no copies."""
     with stages("triangulate"):
         parts = triangulate_parts(tiled, options.skin, SLICING_SHARE * error)
-        lattice = triangulate_lattice(tiled.request, parts, SLICING_SHARE * error)
+        filling = triangulate_filling(tiled, parts, SLICING_SHARE * error)
     with stages("cut"):
-        found = cut_into_layers(lattice, parts, tiled.turn, edges, (1 - SLICING_SHARE) * error, options.executor)
+        found = cut_into_layers(filling, parts, tiled.turn, edges, (1 - SLICING_SHARE) * error, options.executor)
     layers = tuple(
         Layer(float(bottom), float(top), tuple(contours), area, length, float(volume))
         for (contours, area, length), bottom, top, volume in zip(
             (section for slab in found.sections for section in slab), edges[:-1], edges[1:], found.volumes, strict=True
         )
     )
-    return Slices(f"{tiled.request.surface} infill", layers, error, 0)
+    return Slices(tiled.name, layers, error, 0)
 
 
 def _find_gap(heights: Array, period: float) -> float:

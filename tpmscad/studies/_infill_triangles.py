@@ -8,12 +8,13 @@ from tpmscad.api.public_calls import validate_options
 from tpmscad.brep.triangles.closed_mesh import SolidMesh, load_manifold
 from tpmscad.brep.triangles.filled_mesh import FIRST_OF_BODY
 from tpmscad.errors import InvalidRequest
+from tpmscad.requests.lattice_request import LatticeRequest
 from tpmscad.requests.study_options import InfillTrianglesOptions
 from tpmscad.results.loose_pieces import select_pieces
 from tpmscad.results.triangulated_infill import TriangulatedInfill
-from tpmscad.solids.tiled_body import read_tiled_body
+from tpmscad.solids.tiled_body import TiledBody, read_tiled_body
 from tpmscad.stage_timer import StageTimer
-from tpmscad.studies.lattice_triangles import triangulate_lattice, triangulate_parts
+from tpmscad.studies.lattice_triangles import triangulate_filling, triangulate_parts
 
 DEFAULT_DEVIATION_CELLS = 0.01
 """In cells: default deviation of the triangles."""
@@ -53,25 +54,33 @@ def infill_triangles(options: InfillTrianglesOptions) -> TriangulatedInfill:
     load_manifold()
     stages = StageTimer(options.progress)
     tiled = read_tiled_body(options, "export the solid, infill(...).export(path)", stages, as_triangles=True)
-    request, deviation = tiled.request, options.deviation or DEFAULT_DEVIATION_CELLS * min(tiled.request.cell)
+    deviation = options.deviation or _choose_deviation(tiled, options.tol)
     with stages("triangulate"):
         parts = triangulate_parts(tiled, options.skin, deviation)
     with stages("fit"):
-        lattice = triangulate_lattice(request, parts, deviation)
-        lattice.require_memory(deviation)
+        filling = triangulate_filling(tiled, parts, deviation)
+        filling.require_memory(deviation)
     with stages("cut"):
-        filled = lattice.fill(parts, lattice.choice)
+        filled = filling.fill(parts)
         filled, notes = _drop_loose_pieces(filled, options.loose, parts.first_kept + FIRST_OF_BODY)
     return TriangulatedInfill(
-        f"{request.surface} infill",
+        tiled.name,
         filled.points @ tiled.turn.T,
         filled.triangles,
         filled.face,
-        max(parts.reached, lattice.reached),
-        lattice.count_cells(lattice.choice.whole),
-        lattice.count_cells(lattice.choice.cut),
+        max(parts.reached, filling.reached),
+        filling.whole_cells,
+        filling.cut_cells,
         notes,
     )
+
+
+def _choose_deviation(tiled: TiledBody, tol: float | None) -> float:
+    """The default deviation, in cells of a lattice, or the tolerance of a field's patches."""
+    if isinstance(tiled.filling, LatticeRequest):
+        return DEFAULT_DEVIATION_CELLS * min(tiled.filling.cell)
+    assert tol is not None
+    return tol
 
 
 def _drop_loose_pieces(mesh: SolidMesh, loose: str, first_kept: int) -> tuple[SolidMesh, tuple[str, ...]]:

@@ -11,9 +11,9 @@ from tpmscad._typing import BoolArray
 from tpmscad.brep.sections.polygon_regions import Operation
 from tpmscad.brep.triangles.cell_polyhedron import find_periodic_cell
 from tpmscad.brep.triangles.closed_mesh import SolidMesh, join_meshes
-from tpmscad.brep.triangles.filled_mesh import PieceChoice, choose_pieces, fill_mesh
+from tpmscad.brep.triangles.filled_mesh import PieceChoice, choose_pieces, combine_parts, fill_mesh
 from tpmscad.brep.triangles.patch_triangles import PatchGrid, triangulate_patches
-from tpmscad.brep.triangles.repeated_pieces import RepeatedPieces
+from tpmscad.brep.triangles.repeated_pieces import LATTICE, RepeatedPieces
 from tpmscad.errors import TrimmingError
 from tpmscad.fields.data.triangle_mesh import TriangleMesh
 from tpmscad.kernel.boolean.hollow_body import subtract_voids
@@ -80,6 +80,24 @@ def _triangulate_body(body: Any, deviation: float) -> tuple[SolidMesh, float]:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
+class TriangulatedMatter:
+    """The closed triangles of what fills a body, and their deviation."""
+
+    mesh: SolidMesh
+    reached: float
+
+    whole_cells, cut_cells = 0, 0
+
+    def fill(self, parts: BodyTriangles) -> SolidMesh:
+        """The filled body."""
+        return combine_parts(self.mesh, parts.body, parts.others)
+
+    def require_memory(self, deviation: float) -> None:
+        """OutOfMemory if all triangles would not fit."""
+        _require_memory(0, len(self.mesh.triangles), deviation)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
 class TriangulatedLattice:
     """The pieces of a lattice, those that fill a body, the scale of a graded wall, and the deviation of the triangles."""
 
@@ -88,9 +106,15 @@ class TriangulatedLattice:
     scale: WallDistances | None
     reached: float
 
-    def count_cells(self, chosen: BoolArray) -> int:
-        """How many cells chosen pieces make up."""
-        return round(float(chosen.sum()) / len(self.pieces.low))
+    @property
+    def whole_cells(self) -> int:
+        """How many cells the whole pieces make up."""
+        return round(float(self.choice.whole.sum()) / len(self.pieces.low))
+
+    @property
+    def cut_cells(self) -> int:
+        """How many cells the pieces make up that a boundary may touch."""
+        return round(float(self.choice.cut.sum()) / len(self.pieces.low))
 
     def count_triangles(self, chosen: BoolArray) -> float:
         """About how many triangles of the surface chosen pieces have."""
@@ -101,12 +125,24 @@ class TriangulatedLattice:
         whole, cut = self.count_triangles(self.choice.whole), self.count_triangles(self.choice.cut)
         _require_memory(whole, cut, deviation)
 
-    def fill(self, parts: BodyTriangles, choice: PieceChoice, *, is_closed: bool = True) -> SolidMesh:
-        """The filled body, of some pieces at least, then not closed."""
-        return fill_mesh(self.pieces, choice, parts.body, parts.others, self.scale, is_closed=is_closed)
+    def fill(self, parts: BodyTriangles, choice: PieceChoice | None = None) -> SolidMesh:
+        """The filled body; with a choice of some pieces only, then open where others are missing."""
+        chosen, every = choice or self.choice, choice is None
+        return fill_mesh(self.pieces, chosen, parts.body, parts.others, self.scale, is_closed=every)
 
 
-def triangulate_lattice(request: LatticeRequest, parts: BodyTriangles, deviation: float) -> TriangulatedLattice:
+def triangulate_filling(
+    tiled: TiledBody, parts: BodyTriangles, deviation: float
+) -> TriangulatedLattice | TriangulatedMatter:
+    """The triangles of what fills a body."""
+    if isinstance(tiled.filling, LatticeRequest):
+        return _triangulate_lattice(tiled.filling, parts, deviation)
+    found = measure_meshes(tiled.filling.shape, deviation, FACET_ANGLE)
+    mesh = join_meshes(list(found.meshes))
+    return TriangulatedMatter(replace(mesh, face=np.full_like(mesh.face, LATTICE)), found.deviation)
+
+
+def _triangulate_lattice(request: LatticeRequest, parts: BodyTriangles, deviation: float) -> TriangulatedLattice:
     """The triangles of a lattice for a body in the lattice's coordinates, and the pieces that others or the body cut."""
 
     def choose(pieces: RepeatedPieces) -> PieceChoice:

@@ -13,9 +13,10 @@ import numpy as np
 
 from tpmscad._typing import Array, BoolArray
 from tpmscad.brep.sections.mesh_sections import MeshSections, cut_mesh, measure_sections
+from tpmscad.brep.triangles.closed_mesh import SolidMesh
 from tpmscad.brep.triangles.filled_mesh import PieceChoice
 from tpmscad.parallel import task_runner
-from tpmscad.studies.lattice_triangles import BodyTriangles, TriangulatedLattice
+from tpmscad.studies.lattice_triangles import BodyTriangles, TriangulatedLattice, TriangulatedMatter
 
 TRIANGLES_PER_SLAB = 6_000_000
 """Triangles of the lattice that are placed at a time, which limits the memory: about a gigabyte."""
@@ -33,7 +34,7 @@ class LayersOfTriangles:
 
 
 def cut_into_layers(
-    lattice: TriangulatedLattice,
+    filling: TriangulatedLattice | TriangulatedMatter,
     parts: BodyTriangles,
     turn: Array,
     edges: Array,
@@ -44,36 +45,43 @@ def cut_into_layers(
 
     error: distance of points that are left out from the chords.
     """
-    low, high = _find_heights(lattice, turn)
-    used = lattice.choice.whole | lattice.choice.cut
+    if isinstance(filling, TriangulatedMatter):
+        sections, volumes = _cut_filled(filling.fill(parts), turn, edges, error)
+        return LayersOfTriangles([sections], volumes)
+    low, high = _find_heights(filling, turn)
+    used = filling.choice.whole | filling.choice.cut
     height = max(
-        float(np.diff(edges).max()), np.ptp(edges) * TRIANGLES_PER_SLAB / max(lattice.count_triangles(used), 1.0)
+        float(np.diff(edges).max()), np.ptp(edges) * TRIANGLES_PER_SLAB / max(filling.count_triangles(used), 1.0)
     )
     slab = np.floor((edges[:-1] - edges[0]) / height).astype(int)
     starts = np.append(np.flatnonzero(np.diff(slab, prepend=-1)), len(slab))
     tasks = []
     for first, last in zip(starts[:-1].tolist(), starts[1:].tolist(), strict=True):
         meets: BoolArray = (high >= edges[first]) & (low <= edges[last])
-        choice = PieceChoice(lattice.choice.origin, lattice.choice.whole & meets, lattice.choice.cut & meets)
-        tasks.append((lattice, parts, choice, turn, edges[first : last + 1], error))
+        choice = PieceChoice(filling.choice.origin, filling.choice.whole & meets, filling.choice.cut & meets)
+        tasks.append((filling, parts, choice, turn, edges[first : last + 1], error))
     with task_runner(executor, tasks[0]) as run_tasks:
         found = run_tasks(_cut_slab, tasks)
     return LayersOfTriangles([sections for sections, _ in found], np.concatenate([volumes for _, volumes in found]))
 
 
-def _find_heights(lattice: TriangulatedLattice, turn: Array) -> tuple[Array, Array]:
+def _find_heights(filling: TriangulatedLattice, turn: Array) -> tuple[Array, Array]:
     """The least and the greatest height of each piece in the model, (x, y, z, P)."""
-    pieces, size = lattice.pieces, lattice.choice.whole.shape[:3]
-    corner = np.stack(np.meshgrid(*map(np.arange, size), indexing="ij"), axis=-1) + lattice.choice.origin
+    pieces, size = filling.pieces, filling.choice.whole.shape[:3]
+    corner = np.stack(np.meshgrid(*map(np.arange, size), indexing="ij"), axis=-1) + filling.choice.origin
     middle = (corner * pieces.cell)[..., None, :] + 0.5 * (pieces.low + pieces.high)
     reach = 0.5 * (pieces.high - pieces.low) @ np.abs(turn[2])
     return middle @ turn[2] - reach, middle @ turn[2] + reach
 
 
 def _cut_slab(
-    lattice: TriangulatedLattice, parts: BodyTriangles, choice: PieceChoice, turn: Array, edges: Array, error: float
+    filling: TriangulatedLattice, parts: BodyTriangles, choice: PieceChoice, turn: Array, edges: Array, error: float
 ) -> tuple[MeshSections, Array]:
-    mesh = lattice.fill(parts, choice, is_closed=False)
+    return _cut_filled(filling.fill(parts, choice), turn, edges, error)
+
+
+def _cut_filled(mesh: SolidMesh, turn: Array, edges: Array, error: float) -> tuple[MeshSections, Array]:
+    """Sections in the middles between heights (l + 1,), and the volumes there (l,)."""
     points, middles, heights = mesh.points @ turn.T, 0.5 * (edges[:-1] + edges[1:]), np.diff(edges)
     sections = cut_mesh(points, mesh.triangles, middles, error)
     nodes, weights = np.polynomial.legendre.leggauss(SECTIONS_OF_LAYER)

@@ -20,6 +20,7 @@ from tpmscad.brep.triangles.closed_mesh import SolidMesh, combine_meshes, label_
 from tpmscad.brep.triangles.repeated_pieces import BETWEEN_PIECES, LATTICE, RepeatedPieces, Scale
 from tpmscad.brep.winding_numbers import winding_numbers
 from tpmscad.errors import TrimmingError
+from tpmscad.memory_limit import require_memory
 
 FIRST_OF_BODY = 1
 """Faces of a filled body from this one on are those of the body, its skin and other meshes."""
@@ -29,6 +30,9 @@ VOXELS_PER_CELL = 8
 
 TOUCH_MARGIN_CELLS = 1e-7
 """In cells: a voxel that is nearer to triangles counts as touched by them."""
+
+BYTES_PER_VOXEL = 20
+"""Memory taken at the peak for each voxel while pieces are chosen."""
 
 ROUND_OFF_VOXELS = 1e-7
 """By how much a box may reach into a voxel that it does not meet."""
@@ -58,6 +62,12 @@ def choose_pieces(
     least, most = low.min(axis=0), high.max(axis=0)
     origin = np.floor((body.points.min(axis=0) - most) / cell).astype(np.int64)
     size = np.floor((body.points.max(axis=0) - least) / cell).astype(np.int64) - origin + 1
+    require_memory(
+        float(np.prod(size.astype(float))),
+        BYTES_PER_VOXEL * VOXELS_PER_CELL**3 + 3.0 * len(low),
+        f"{' x '.join(map(str, size.tolist()))} cells around the body",
+        "take larger cells, or cut the body into parts",
+    )
     pitch, corner = cell / VOXELS_PER_CELL, least + origin * cell
     shape = (size - 1) * VOXELS_PER_CELL + np.ceil((most - least) / pitch).astype(np.int64)
     touched = np.zeros(shape, bool)
@@ -111,6 +121,14 @@ def _mark_touched(touched: BoolArray, corners: Array, margin: float) -> None:
         ).reshape(-1, 3, 3)
 
 
+def combine_parts(matter: SolidMesh, body: SolidMesh, others: Sequence[tuple[Operation, SolidMesh]] = ()) -> SolidMesh:
+    """Matter cut by a body, then united with others or without them, whose faces count from FIRST_OF_BODY."""
+    filled = combine_meshes(matter, replace(body, face=body.face + FIRST_OF_BODY), "intersection")
+    for operation, other in others:
+        filled = combine_meshes(filled, replace(other, face=other.face + FIRST_OF_BODY), operation)
+    return filled
+
+
 def fill_mesh(
     pieces: RepeatedPieces,
     choice: PieceChoice,
@@ -126,9 +144,7 @@ def fill_mesh(
     lattice; the faces of the others count from 1. TrimmingError if the result should be closed and is not.
     """
     placed = pieces.place(choice.whole, choice.cut, choice.origin, scale)
-    filled = combine_meshes(placed.block, replace(body, face=body.face + FIRST_OF_BODY), "intersection")
-    for operation, other in others:
-        filled = combine_meshes(filled, replace(other, face=other.face + FIRST_OF_BODY), operation)
+    filled = combine_parts(placed.block, body, others)
     mesh = filled.select(filled.face != BETWEEN_PIECES)
     if len(placed.whole):
         # the points that both have are known by their coordinates, bit for bit
