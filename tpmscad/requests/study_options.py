@@ -218,7 +218,8 @@ class InfillLayersOptions(InfillOptions):
     executor: Annotated[
         Executor | None,
         EXECUTOR,
-        "Joins and clips batches of layers; by default a process for each core from eight batches on. The result is the same.",
+        "Makes batches of layers; by default a process for each core from eight batches on. The result is the same. Batches "
+        "with a thickness that cannot be pickled are made in this process.",
     ] = None
 
 
@@ -231,7 +232,7 @@ class InfillTrianglesOptions(InfillOptions):
         float | None,
         POSITIVE.described_as(example="0.01"),
         "Greatest distance of the triangles from the patches and from the body's faces, mm; by default a hundredth of the "
-        "smallest cell edge.",
+        "smallest cell edge, or `tol` of a field.",
     ] = None
 
 
