@@ -137,3 +137,11 @@ def test_refusals_name_the_remedy(tmp_path: Path, monkeypatch: pytest.MonkeyPatc
     with pytest.raises(InvalidRequest, match=r"more than the 3 parts that .*infill_layers"):
         tpmscad.export_infill(box, "gyroid", path, **WALL)
     assert not list(tmp_path.iterdir())
+
+
+def test_what_has_no_copies_of_cells_is_refused(tmp_path: Path) -> None:
+    asked: dict[str, Any] = {"path": tmp_path / "part.step"}
+    with pytest.raises(InvalidRequest, match=r"no cell is a copy.*infill_triangles"):
+        tpmscad.export_infill(bd.Box(3, 3, 3), "P", cell=1, thickness=lambda p: 0.1 + 0.01 * p[..., 0], **asked)
+    with pytest.raises(InvalidRequest, match=r"made of copies.*infill_triangles"):
+        tpmscad.export_infill(bd.Box(3, 3, 3), tpmscad.fields.sphere((0, 0, 0), 1), tol=0.01, **asked)

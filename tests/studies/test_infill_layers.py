@@ -114,12 +114,13 @@ def test_layers_of_a_graded_wall_follow_its_thickness() -> None:
     turn = Rotation.from_euler("XYZ", (10, 20, 0), degrees=True).as_matrix()
     tilted = tpmscad.infill_layers(body, "gyroid", thickness=thickness, rotation=(10, 20, 0), **asked)
     mid = lattice_source("gyroid", "minimal").mid_surface((1.2,) * 3, (1, 1, 1), np.zeros(3), None)
-    for layer in list(tilted)[1:-1]:
-        at = np.concatenate(layer.contours)
-        points = np.column_stack([at, np.full(len(at), 0.5 * (layer.bottom + layer.top))])[np.hypot(*at.T) < 1.5][::5]
-        cell = np.floor(points @ turn / 1.2) * 1.2
-        distance, foot = mid.distance_and_foot(points @ turn - cell)
-        assert np.abs(np.abs(distance) - 0.5 * thickness((foot + cell) @ turn.T)).max() < 0.01
+    middles = [(0.5 * (layer.bottom + layer.top), np.concatenate(layer.contours)) for layer in tilted]
+    points = np.concatenate([np.insert(at, 2, z, axis=1) for z, at in middles])
+    points = points[(np.hypot(*points.T[:2]) < 1.5) & (np.abs(points[:, 2]) < 0.8)][::11]
+    cell = np.floor(points @ turn / 1.2) * 1.2
+    distance, foot = mid.distance_and_foot(points @ turn - cell)
+    assert len(points) > 100
+    assert np.abs(np.abs(distance) - 0.5 * thickness((foot + cell) @ turn.T)).max() < 0.01
     triangles = tpmscad.infill_triangles(
         body, "gyroid", cell=1.2, thickness=thickness, rotation=(10, 20, 0), deviation=0.005, loose="keep"
     )

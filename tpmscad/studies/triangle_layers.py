@@ -21,9 +21,6 @@ from tpmscad.studies.lattice_triangles import BodyTriangles, TriangulatedLattice
 TRIANGLES_PER_SLAB = 6_000_000
 """Triangles of the lattice that are placed at a time, which limits the memory: about a gigabyte."""
 
-SECTIONS_OF_LAYER = 3
-"""Sections of a layer from which its volume follows: nodes of Gauss and Legendre, one of them in the middle."""
-
 
 @dataclass(frozen=True, slots=True, eq=False)
 class LayersOfTriangles:
@@ -81,10 +78,10 @@ def _cut_slab(
 
 
 def _cut_filled(mesh: SolidMesh, turn: Array, edges: Array, error: float) -> tuple[MeshSections, Array]:
-    """Sections in the middles between heights (l + 1,), and the volumes there (l,)."""
+    """Sections in the middles between heights (l + 1,), and the volumes there (l,), by the rule of Gauss with three sections."""
     points, middles, heights = mesh.points @ turn.T, 0.5 * (edges[:-1] + edges[1:]), np.diff(edges)
     sections = cut_mesh(points, mesh.triangles, middles, error)
-    nodes, weights = np.polynomial.legendre.leggauss(SECTIONS_OF_LAYER)
-    levels = (middles[:, None] + 0.5 * heights[:, None] * nodes).ravel()
-    areas = measure_sections(points, mesh.triangles, levels).reshape(-1, SECTIONS_OF_LAYER)
-    return sections, 0.5 * heights * (areas @ weights)
+    nodes, weights = np.polynomial.legendre.leggauss(3)
+    levels = (middles[:, None] + 0.5 * heights[:, None] * nodes[[0, 2]]).ravel()
+    beside = measure_sections(points, mesh.triangles, levels).reshape(-1, 2).sum(axis=1)
+    return sections, 0.5 * heights * (weights[0] * beside + weights[1] * sections.areas)

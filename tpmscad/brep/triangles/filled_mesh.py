@@ -13,6 +13,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy import ndimage
 
+from tpmscad._compiled_loops import njit_cached
 from tpmscad._typing import Array, BoolArray, IntArray
 from tpmscad.brep.sections.polygon_regions import Operation
 from tpmscad.brep.triangles import closed_mesh
@@ -103,22 +104,32 @@ def _every_cell(first: Sequence[int], size: IntArray) -> tuple[slice, ...]:
     return tuple(slice(f, f + step * (n - 1) + 1, step) for f, n in zip(first, size.tolist(), strict=True))
 
 
+@njit_cached
 def _mark_touched(touched: BoolArray, corners: Array, margin: float) -> None:
     """Mark the voxels that triangles (m, 3, 3), in voxels, may meet: those of their boxes, after large ones are divided."""
-    most = np.array(touched.shape)
-    while len(corners):
-        low, high = corners.min(axis=1), corners.max(axis=1)
-        small = ((high - low) <= 1.0).all(axis=1)
-        first, last = (np.floor(v[small]).astype(np.int64) for v in (low - margin, high + margin))
-        for shift in np.ndindex(3, 3, 3):
-            at = np.minimum(first + shift, last)
-            at = at[((at >= 0) & (at < most)).all(axis=1)]
-            touched[tuple(at.T)] = True
-        a, b, c = np.moveaxis(corners[~small], 1, 0)
-        ab, bc, ca = 0.5 * (a + b), 0.5 * (b + c), 0.5 * (c + a)
-        corners = np.concatenate(
-            [np.stack(t, axis=1) for t in ((a, ab, ca), (ab, b, bc), (ca, bc, c), (ab, bc, ca))]
-        ).reshape(-1, 3, 3)
+    first, last = np.empty(3, np.int64), np.empty(3, np.int64)
+    for t in range(len(corners)):
+        due = [corners[t].copy()]
+        while len(due) > 0:
+            own = due.pop()
+            large = False
+            for axis in range(3):
+                low = min(own[0, axis], own[1, axis], own[2, axis])
+                high = max(own[0, axis], own[1, axis], own[2, axis])
+                large = large or high - low > 1.0
+                first[axis] = max(0, int(np.floor(low - margin)))
+                last[axis] = min(touched.shape[axis] - 1, int(np.floor(high + margin)))
+            if not large:
+                touched[first[0] : last[0] + 1, first[1] : last[1] + 1, first[2] : last[2] + 1] = True
+                continue
+            middles = np.empty((3, 3))
+            for k in range(3):
+                middles[k] = 0.5 * (own[k] + own[(k + 1) % 3])
+            due.append(middles)
+            for k in range(3):
+                part = np.empty((3, 3))
+                part[0], part[1], part[2] = own[k], middles[k], middles[(k + 2) % 3]
+                due.append(part)
 
 
 def combine_parts(matter: SolidMesh, body: SolidMesh, others: Sequence[tuple[Operation, SolidMesh]] = ()) -> SolidMesh:
