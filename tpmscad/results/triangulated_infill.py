@@ -88,7 +88,8 @@ class TriangulatedInfill:
     @property
     def n_pieces(self) -> int:
         """Number of pieces that do not touch; components of negative volume are voids."""
-        return int((self.mesh.component_volumes > 0).sum())
+        mesh = self.mesh
+        return int((mesh.measure_components(mesh.component) > 0).sum())
 
     @validate_method_options(TrianglesFileOptions, 'write("part.stl")')
     def write(self, options: TrianglesFileOptions) -> None:

@@ -89,12 +89,13 @@ def _drop_loose_pieces(mesh: SolidMesh, loose: str, first_kept: int) -> tuple[So
 
     InvalidRequest if one of them has faces of what is kept, which are numbered from `first_kept`.
     """
-    volumes = mesh.component_volumes
+    component = mesh.component
+    volumes = mesh.measure_components(component)
     solid = np.flatnonzero(volumes > 0)
     kept, dropped = select_pieces(volumes[solid].tolist(), loose)
     if not dropped.volumes:
         return mesh, ()
-    component, shown = mesh.component, volumes <= 0
+    shown = volumes <= 0
     shown[solid[kept]] = True
     if (mesh.face[~shown[component]] >= first_kept).any():
         raise InvalidRequest(

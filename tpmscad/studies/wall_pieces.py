@@ -34,7 +34,7 @@ STEPS_PER_PIECE = 2
 RANGE_SAMPLES = 100_000
 """Points of the mid surface from which the least and the greatest distance are estimated."""
 
-MEASURED_PATCHES, COMPARED_PATCHES = 200, 20_000
+MEASURED_PATCHES, COMPARED_PATCHES = 80, 20_000
 """Patches of a graded wall that are measured, the worst half of them by an estimate from so many, and the others at random."""
 
 

@@ -49,10 +49,9 @@ class SolidMesh:
         """The connected component of each triangle (m,), by shared points, as the number of one of them."""
         return np.asarray(_find_components(self.triangles, len(self.points)))
 
-    @property
-    def component_volumes(self) -> Array:
-        """Signed volumes within the components, by their numbers, which not all occur: (n,)."""
-        return np.asarray(_measure_components(self.points, self.triangles, self.component, self.points.mean(axis=0)))
+    def measure_components(self, component: IntArray) -> Array:
+        """Signed volumes within components (m,), by their numbers, which not all occur: (n,)."""
+        return np.asarray(_measure_components(self.points, self.triangles, component, self.points.mean(axis=0)))
 
     @property
     def _measures(self) -> Array:
@@ -68,7 +67,7 @@ class SolidMesh:
 
 def narrow_indices(values: Any) -> Any:
     """Indices in 32 bits, which halves the memory of large meshes."""
-    return np.asarray(values).astype(np.int32)
+    return np.asarray(values).astype(np.int32, copy=False)
 
 
 def join_meshes(meshes: Sequence[SolidMesh]) -> SolidMesh:

@@ -15,7 +15,7 @@ from scipy.spatial import cKDTree
 
 from tpmscad._typing import Array, BoolArray, IntArray
 from tpmscad.brep.linked_items import label_linked
-from tpmscad.brep.triangles.closed_mesh import SolidMesh
+from tpmscad.brep.triangles.closed_mesh import SolidMesh, narrow_indices
 from tpmscad.errors import TrimmingError
 
 SURFACE = -1
@@ -98,21 +98,15 @@ class RepeatedPieces:
             mid = self.base[column // walls] + places[row] * self.cell
             arm, wall = self.arm[column // walls, column % walls], column % walls
             points[part] = mid + (arm if scale is None else np.take_along_axis(scale(mid), wall[:, None], axis=1) * arm)
-        found: list[IntArray] = []
-        for at, chosen, _, _ in groups:
+        ends = np.cumsum([0, *(len(at) * len(chosen) for at, chosen, _, _ in groups)])
+        split = int(ends[int(of_whole.sum())])  # groups of whole pieces come first
+        found: IntArray = narrow_indices(np.empty((int(ends[-1]), 3), np.int32))
+        for (at, chosen, _, _), first, last in zip(groups, ends[:-1].tolist(), ends[1:].tolist(), strict=True):
             nodes, local = np.unique(self.triangles[chosen], return_inverse=True)
-            found.append(number[find_rows(at, nodes), columns[nodes]][:, local.reshape(-1, 3)].reshape(-1, 3))
-        none = np.zeros((0, 3), np.int32)
-        of_cut = np.flatnonzero(~of_whole).tolist()
-        return PlacedPieces(
-            points,
-            n_whole,
-            common,
-            np.concatenate([none, *(found[i] for i in np.flatnonzero(of_whole).tolist())]),
-            np.concatenate([none, *(found[i] for i in of_cut)]),
-            np.concatenate([none[:, 0], *(np.full(len(found[i]), groups[i][3], np.int32) for i in of_cut)]),
-            walls,
-        )
+            own = found[first:last].reshape(len(at), 3 * len(chosen))
+            np.take(number[find_rows(at, nodes), columns[nodes]], local.ravel(), axis=1, out=own, mode="clip")
+        faces: IntArray = narrow_indices(np.repeat([face for _, _, _, face in groups], np.diff(ends)[: len(groups)]))
+        return PlacedPieces(points, n_whole, common, found[:split], found[split:], faces[split:], walls)
 
     def _groups(self, chosen: BoolArray, closed: bool) -> list[tuple[IntArray, IntArray, bool, int]]:
         """Cells (k, 3), triangles that they all show, whether they are closed, and the face of the triangles."""
