@@ -1,7 +1,7 @@
 """Closed polyhedra that fill an endless periodic solid, and their copies: neighbours share nodes, sides between them vanish.
 
-The pieces of one cell are stored once. A *side* is a group of triangles that a piece shares with a neighbour, which has them the
-other way; all others bound the solid. Nodes are known by integers, a base point and a shift in cells, so that copies that meet
+The pieces of one cell are stored once. A *side* is a group of triangles towards a neighbour, which has a side of its own there;
+all others bound the solid. Nodes are known by integers, a base point and a shift in cells, so that copies that meet
 in a node have it once, whatever its coordinates. What is left open where a piece is missing is closed by its sides.
 """
 
@@ -246,14 +246,9 @@ def close_walls(
     if len(np.unique(label)) < len(label) or (label[partner] != against_label).any():
         raise TrimmingError("the patches of a cell do not meet their neighbours side by side")
     step = start[:, 0] - start[partner, 1]
-    # both pieces divide a common side alike: from its lesser end, in the lower surface
     a, b = sides.T
-    turned = np.array([tuple(e) < (0, 0, 0) for e in ends[:, 2:].tolist()])
-    forward = (ends[:, 0] < ends[:, 1]) | ((ends[:, 0] == ends[:, 1]) & ~turned)
-    lower, upper = 2 * a, 2 * a + 1
-    lower_b, upper_b = 2 * b, 2 * b + 1
-    one = np.stack([lower, lower_b, np.where(forward, upper_b, upper)], axis=1)
-    two = np.stack([np.where(forward, lower, lower_b), upper_b, upper], axis=1)
+    one = np.stack([2 * a, 2 * b, 2 * b + 1], axis=1)
+    two = np.stack([2 * a, 2 * b + 1, 2 * a + 1], axis=1)
     everything = np.concatenate([2 * walls[0][:, ::-1], 2 * corners + 1, one, two])
     n_surface = len(walls[0]) + len(corners)
     beyond = np.concatenate([np.full(n_surface, SURFACE), of[partner], of[partner]])
