@@ -86,7 +86,6 @@ def struts(options: StrutOptions) -> Model:
         with stages("diameter"):
             field = _solve_diameter(graph[0], graph[1], options.node_radius, hi, fraction)
         notes = (f"struts of {2 * field.radius:.9g} mm fill {fraction:g} of the box",)
-    require_struts_apart(field)
     tol = DEFAULT_TOL_CELLS * float(edges.min()) if options.tol is None else options.tol
     model = solidify_crossing(field, (low, hi), tol, options.loose, stages)
     return replace(

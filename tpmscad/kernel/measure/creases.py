@@ -147,18 +147,14 @@ def _list_brep_edges(built: BrepSolids) -> _SharedEdges:
     _, first, label = np.unique(np.vstack(keys).T.astype(np.int64), axis=0, return_index=True, return_inverse=True)
     chosen, place = np.unique(face[pair[first]], return_inverse=True)
     made = build_faces(drop_unused_geometry(select_faces(brep, chosen)))
+    of_face = [[edge for edge in edges_of(each) if not BRep_Tool.Degenerated_s(edge)] for each in made]
     begin = faces.use_start[faces.loop_start]
     pairs = []
     for uses_of, at in zip(pair[first].tolist(), place.reshape(-1, 2).tolist(), strict=True):
-        both = [(_proper_edges(made[f])[k - int(begin[face[k]])], made[f]) for k, f in zip(uses_of, at, strict=True)]
+        both = [(of_face[f][k - int(begin[face[k]])], made[f]) for k, f in zip(uses_of, at, strict=True)]
         pairs.append((both[0], both[1]))
     points = sample_edges(brep, N_SIDE_POINTS)[own]
     return _SharedEdges(np.column_stack([edges.start, edges.end])[own], points, label.ravel(), pairs)
-
-
-def _proper_edges(face: TopoDS_Face) -> list[TopoDS_Edge]:
-    """The edges of a face without those of poles, in the order in which it uses them."""
-    return [edge for edge in edges_of(face) if not BRep_Tool.Degenerated_s(edge)]
 
 
 class _Wedge:
