@@ -20,11 +20,19 @@ from tpmscad.brep.face_classes import group_congruent_faces
 from tpmscad.brep.linked_items import label_linked
 from tpmscad.brep.triangles.measured_deviation import bound_chords, divide_curves
 from tpmscad.index_ranges import expand_ranges
+from tpmscad.kernel.build.edges import straight_edges
 from tpmscad.kernel.build.solids import BrepSolids, build_faces
 from tpmscad.kernel.occt import convert
 from tpmscad.kernel.occt.exploration import ShapeKey, edges_of, first_vertex, last_vertex, orientation_sign
-from tpmscad.kernel.occt.geometry_evaluators import CurveTable
+from tpmscad.kernel.occt.geometry_evaluators import (
+    CurveEvaluator,
+    CurveTable,
+    SplineCurveEvaluator,
+    edge_evaluator,
+    pack_curves,
+)
 from tpmscad.rigid_motion import Motion
+from tpmscad.splines.bspline import BSplineCurve
 
 EDGE_FRACTION = 0.97
 """Part of the deviation that chords of edges take: the triangles at the edge add to it."""
@@ -38,7 +46,8 @@ class FaceOutlines:
     motion: from there, None if every face stands for itself. uses (k,): edges face by face, those of face i from use_start[i]
     on, in the order in which the explorer finds those of its representative, degenerate ones left out; turned (k,): whether the
     curve runs the other way than that of the representative. ends (e, 2): vertices of each edge along its curve. edges: those
-    that representatives use, by number. solids: faces of each group, in order, and whether they are seen from behind.
+    that representatives use, by number; curves: theirs, in ascending order. solids: faces of each group, in order, and whether
+    they are seen from behind.
     """
 
     sources: tuple[TopoDS_Face, ...]
@@ -51,6 +60,7 @@ class FaceOutlines:
     ends: IntArray
     points: Array
     edges: dict[int, TopoDS_Edge]
+    curves: CurveTable
     solids: tuple[tuple[IntArray, BoolArray], ...]
 
     def uses_of(self, representative: int) -> IntArray:
@@ -126,6 +136,7 @@ def explore_faces(groups: Sequence[Sequence[TopoDS_Face]]) -> FaceOutlines:
         np.array(ends, np.int64).reshape(-1, 2),
         np.array(points, float).reshape(-1, 3),
         dict(enumerate(edges)),
+        pack_curves([edge_evaluator(edge) for edge in edges]),
         tuple(
             (np.array([number[ShapeKey(face)] for face in faces], np.int64), np.array([*map(_is_turned, faces)], bool))
             for faces in groups
@@ -156,7 +167,8 @@ def outline_built_solids(built: Sequence[BrepSolids], resolution: float) -> Face
     own, turned = np.empty(len(uses), np.int64), np.empty(len(uses), bool)
     own[place] = uses.edge[classes.use_order]
     turned[place] = uses.sense[classes.use_order] != uses.sense[classes.use_order[other]]
-    made = build_faces(drop_unused_geometry(select_faces(brep, classes.first)))
+    part = drop_unused_geometry(select_faces(brep, classes.first))
+    made = build_faces(part)
     edges: dict[int, TopoDS_Edge] = {}
     for each, f in zip(made, classes.first.tolist(), strict=True):
         edges |= dict(zip(uses.edge[start[f] : start[f + 1]].tolist(), list_proper_edges(each), strict=True))
@@ -171,8 +183,33 @@ def outline_built_solids(built: Sequence[BrepSolids], resolution: float) -> Face
     ends = np.column_stack([brep.edges.start, brep.edges.end])
     motion = faces.motion @ inverse
     return FaceOutlines(
-        made, classes.first, classes.label, motion, start, own, turned, ends, brep.vertices, edges, tuple(solids)
+        made,
+        classes.first,
+        classes.label,
+        motion,
+        start,
+        own,
+        turned,
+        ends,
+        brep.vertices,
+        edges,
+        _pack_edges(part, [edges[e] for e in sorted(edges)]),
+        tuple(solids),
     )
+
+
+def _pack_edges(brep: Brep, made: Sequence[TopoDS_Edge]) -> CurveTable:
+    """The curves of edges with the parameters of those that were made of them; splines need not be read from these."""
+    straight = set(straight_edges(brep).tolist())
+    evaluators: list[CurveEvaluator] = []
+    for e, (index, edge) in enumerate(zip(brep.edges.curve.tolist(), made, strict=True)):
+        curve = brep.curves[index]
+        if isinstance(curve, BSplineCurve) and e not in straight:
+            moved = BSplineCurve(brep.edges.motion[e].apply(curve.poles), curve.knots, curve.degree)
+            evaluators.append(SplineCurveEvaluator(moved))
+        else:
+            evaluators.append(edge_evaluator(edge))
+    return pack_curves(evaluators)
 
 
 def _share_items(breps: Sequence[Brep]) -> tuple[Brep, IntArray]:
@@ -216,14 +253,9 @@ def _share_items(breps: Sequence[Brep]) -> tuple[Brep, IntArray]:
     return select_faces(brep, np.array(first_of)), np.array(number)
 
 
-def divide_edges(
-    outlines: FaceOutlines, curves: CurveTable, deviation: float, angle: float, least: IntArray
-) -> EdgeDivision:
-    """The nodes of edges, divided alike where congruent faces use them; `least` (e,) chords or more.
-
-    curves: of the edges that representatives use, in ascending order.
-    """
-    own = outlines.own_edges
+def divide_edges(outlines: FaceOutlines, deviation: float, angle: float, least: IntArray) -> EdgeDivision:
+    """The nodes of edges, divided alike where congruent faces use them; `least` (e,) chords or more."""
+    own, curves = outlines.own_edges, outlines.curves
     label, against = _link_edges(outlines)
     turned = label > against
     kinds, first = np.unique(np.minimum(label, against)[own], return_index=True)

@@ -47,7 +47,7 @@ from tpmscad.kernel.occt.exploration import (
     solids_of,
     unwrap,
 )
-from tpmscad.kernel.occt.geometry_evaluators import edge_evaluator, face_evaluator, pack_curves, pack_surfaces
+from tpmscad.kernel.occt.geometry_evaluators import face_evaluator, pack_surfaces
 from tpmscad.memory_limit import require_memory
 
 MAX_REFINEMENTS = 3
@@ -268,14 +268,13 @@ def _triangulate(outlines: FaceOutlines, deviation: float, angle: float, limit: 
     Where OCCT finds loops of chords that cross, or leaves a face without triangles, edges are divided further.
     """
     every = range(len(outlines.sources))
-    curves = pack_curves([edge_evaluator(outlines.edges[e]) for e in outlines.own_edges.tolist()])
     least = count_least_chords(outlines)
     size = float(np.ptp(outlines.points, axis=0).max(initial=0.0))
     deflection = np.full(len(every), deviation if limit is None else COARSE_FACTOR * deviation)
     deflection = np.maximum(deflection, LEAST_DEFLECTION * size)
     due, found, used = list(every), dict[int, FaceMesh](), dict[int, IntArray]()
     for _ in range(MAX_REFINEMENTS + 1):
-        division = divide_edges(outlines, curves, deviation, angle, least)
+        division = divide_edges(outlines, deviation, angle, least)
         due = [r for r in every if r in due or (division.chords[outlines.uses_of(r)] != used[r]).any()]
         used |= {r: division.chords[outlines.uses_of(r)] for r in due}
         lines = {r: [division.placed[e] for e in outlines.uses_of(r).tolist()] for r in due}
