@@ -98,10 +98,10 @@ def solidified(row: Row, path: Path) -> None:
 
     gyroid = fields.tpms("gyroid", period=row.cell)
     if row.kind == "graded":
-        level: Any = fields.ramp("z", (0, row.size[2]), (0.15, 0.6))
+        level: Any = fields.expression(f"0.15 + 0.45 * z / {row.size[2]}")
         made = fields.sheet(gyroid, -level, level)
     else:
-        weight = fields.ramp("x", (0, row.size[0]), (0.0, 1.0))
+        weight = fields.expression(f"x / {row.size[0]}")
         made = fields.sheet(gyroid + weight * (fields.tpms("diamond", period=row.cell) - gyroid), -0.3, 0.3)
     model = tpmscad.solidify(made, ((0, 0, 0), row.size), tol=TOL_FRACTION * row.deviation)
     model.export(path, deviation=row.deviation)
@@ -279,34 +279,25 @@ def slope(function: Callable[..., Array], p: Array, step: float = 1e-5) -> tuple
 
 
 def nodal(row: Row, x: Any, y: Any, z: Any) -> Any:
-    a, b, c = (2 * np.pi / row.cell * each for each in (x, y, z))
+    a, b, c = (2 * np.pi / row.cell * each for each in to_lattice(row, x, y, z))
     return np.sin(a) * np.cos(b) + np.sin(b) * np.cos(c) + np.sin(c) * np.cos(a)
 
 
 def wall_distance(row: Row, p: Array, *, offset: bool) -> Array:
     """Distances (n,) of points from the wall's faces: offsets of the nodal surface, or level sets."""
-    q = np.stack(to_lattice(row, *p.T), axis=1)
-    scale = np.ones(len(p))
+    foot = p.copy()
     if offset:
-        foot = q.copy()
         for _ in range(40):  # along the surface towards the point, and back onto it
             value, up = slope(lambda *at: nodal(row, *at), foot)
             unit = up / np.linalg.norm(up, axis=1, keepdims=True)
-            arm = q - foot
+            arm = p - foot
             along = arm - (arm * unit).sum(axis=1, keepdims=True) * unit
             foot += 0.7 * along - value[:, None] * up / (up**2).sum(axis=1, keepdims=True)
-        found, way = np.abs(np.linalg.norm(q - foot, axis=1) - 0.06 * row.cell), q - foot
-    else:
-        foot = q.copy()
-        for _ in range(8):
-            value, up = slope(lambda *at: wall(row, *at), foot)
-            foot -= value[:, None] * up / np.maximum((up**2).sum(axis=1, keepdims=True), 1e-12)
-        found, way = np.linalg.norm(q - foot, axis=1), up
-    if row.kind == "ring":
-        radius = 12 * row.cell / (2 * np.pi)
-        way = way / np.maximum(np.linalg.norm(way, axis=1, keepdims=True), 1e-12)
-        scale = np.hypot(way[:, 0] * radius / np.hypot(*p[:, :2].T), np.hypot(way[:, 1], way[:, 2]))
-    return found / scale
+        return np.abs(np.linalg.norm(p - foot, axis=1) - 0.06 * row.cell)
+    for _ in range(8):
+        value, up = slope(lambda *at: wall(row, *to_lattice(row, *at)), foot)
+        foot -= value[:, None] * up / np.maximum((up**2).sum(axis=1, keepdims=True), 1e-12)
+    return np.linalg.norm(p - foot, axis=1)
 
 
 def strut_distance(row: Row, p: Array) -> Array:
