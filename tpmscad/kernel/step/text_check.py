@@ -233,11 +233,10 @@ class FileText(EntityRows):
             if isinstance(curve, BSplineCurve):
                 continue
             own = np.flatnonzero(brep.edges.curve == index)
-            placed = [curve.moved(m) for m in brep.edges.motion[own]]
-            radii = [[c.radius] if isinstance(c, Circle) else [c.major, c.minor] for c in placed]
+            radii = [curve.radius] if isinstance(curve, Circle) else [curve.major, curve.minor]
             kind = "CIRCLE('',#,&)" if isinstance(curve, Circle) else "ELLIPSE('',#,&,&)"
-            frames = np.array([[c.origin, c.normal, c.x_axis] for c in placed])
-            self._check_placements(ends[own, 2], kind, frames, np.array(radii))
+            frames = curve.place_frames(brep.edges.motion[own])
+            self._check_placements(ends[own, 2], kind, frames, np.tile(radii, (len(own), 1)))
 
     def _check_surfaces(self, surface: Array) -> None:
         """The surfaces of faces."""
