@@ -19,9 +19,9 @@ from tpmscad.brep.boundary_representation import Brep, Edges, EdgeUses, Faces
 from tpmscad.brep.carriers import Carrier, Plane
 from tpmscad.brep.linked_items import label_linked
 from tpmscad.brep.loops import chain_faces
+from tpmscad.errors import TrimmingError
 from tpmscad.index_ranges import expand_ranges
 from tpmscad.lattices.strut_classes import find_sides, group_facets
-from tpmscad.lattices.strut_ends import IN_PLANE
 from tpmscad.lattices.strut_facets import SAME_POINT, Side
 from tpmscad.rigid_motion import Motion
 from tpmscad.splines.bspline import BSplineCurve, line_segment
@@ -51,16 +51,20 @@ def build_strut_brep(
     first_side = np.cumsum([0, *(len(facet.loop) for facet in facets)])
     strut, facet = expand_ranges(first_facet[label], first_facet[label + 1])
     face, kind = expand_ranges(first_side[facet], first_side[facet + 1])
-    lines = [] if box is None else _find_lines(points, struts, radius, node_radius, box)
-    sides = [*(side for each in facets for side in each.loop), *lines]
-    corner = points[struts[strut, 0]]
+    sides = [side for each in facets for side in each.loop]
+    corner, tol = points[struts[strut, 0]], SAME_POINT * radius
+    if box is not None:
+        ends = np.array([side.ends()[::2] for side in sides])[kind] + corner[face][:, None]
+        in_corners = np.unique(struts[find_sides(points, box).sum(axis=1)[struts] == 3])
+        sides += _find_lines(ends, points[in_corners], box, tol)
+    n_lines = len(sides) - int(first_side[-1])
     joined = _join_sides(
         sides,
-        np.concatenate([kind, first_side[-1] + np.arange(len(lines))]),
-        np.concatenate([corner[face], np.zeros((len(lines), 3))]),
-        SAME_POINT * radius,
+        np.concatenate([kind, first_side[-1] + np.arange(n_lines)]),
+        np.concatenate([corner[face], np.zeros((n_lines, 3))]),
+        tol,
     )
-    caps = [] if box is None else list(_close_sides(joined, len(face), box, SAME_POINT * radius))
+    caps = [] if box is None else list(_close_sides(joined, len(face), box, tol))
     pcurves, pcurve, deviation = _match_pcurves(joined, [each.carrier for each in facets], facet[face])
     loops = [loop for _, of_plane in caps for loop in of_plane]
     uses = np.array([use for loop in loops for use in loop], np.int64).reshape(-1, 2)
@@ -226,54 +230,24 @@ def _close_sides(
             yield plane, [[uses[i] for i in loop] for loop in face]
 
 
-def _find_lines(
-    points: Array, struts: IntArray, radius: float, node_radius: float, box: tuple[Array, Array]
-) -> list[Side]:
-    """The parts of the edges of the box that lie in the solid."""
-    lo, hi = box
-    sides = find_sides(points, box)
-    corners = np.stack([lo, hi])
-    neighbours: list[list[int]] = [[] for _ in points]
-    for a, b in struts.tolist():
-        neighbours[a].append(b)
-        neighbours[b].append(a)
-    lines = []
+def _find_lines(ends: Array, corners: Array, box: tuple[Array, Array], tol: float) -> list[Side]:
+    """The parts of the edges of the box that lie in the solid, given ends (k, 2, 3) of sides of faces, and its own corners there.
+
+    An edge of the box enters and leaves the solid in turn, in vertices of faces, which it has nowhere else.
+    """
+    points, lines = np.concatenate([ends.reshape(-1, 3), corners]), list[Side]()
+    at = np.abs(points[:, None] - np.stack(box)) <= tol
     for axis in range(3):
         first, second = (axis + 1) % 3, (axis + 2) % 3
         for i, j in np.ndindex(2, 2):
-            on = np.flatnonzero(sides[:, first + 3 * i] & sides[:, second + 3 * j])
-            spans = []
-            for node in on.tolist():
-                if not neighbours[node]:
-                    continue
-                ways = points[neighbours[node]] - points[node]
-                ways = ways / np.linalg.norm(ways, axis=1)[:, None]
-                reach = []
-                for sign in (-1, +1):
-                    cosine = sign * ways[:, axis]
-                    along = np.flatnonzero(cosine > 1 - IN_PLANE)
-                    if len(along):
-                        reach.append(points[neighbours[node][along[0]], axis])
-                        continue
-                    sine = np.sqrt(1 - cosine[cosine > 0] ** 2)
-                    far = max([node_radius, *(radius / sine)])
-                    reach.append(float(np.clip(points[node, axis] + sign * far, lo[axis], hi[axis])))
-                spans.append(tuple(reach))
-            for low, high in _unite_spans(spans):
+            met = np.sort(points[at[:, i, first] & at[:, j, second], axis])
+            met = met[np.diff(met, prepend=-np.inf) > tol]
+            if len(met) % 2:
+                raise TrimmingError("an edge of the box touches struts without a way out")
+            for low, high in met.reshape(-1, 2).tolist():
                 start = np.zeros(3)
-                start[[first, second]] = corners[i, first], corners[j, second]
+                start[[first, second]] = box[i][first], box[j][second]
                 end = start.copy()
                 start[axis], end[axis] = low, high
-                span = 0.0, float(np.linalg.norm(end - start))
-                lines.append(Side(line_segment(start, end, span), span, 1, None))
+                lines.append(Side(line_segment(start, end, (0.0, high - low)), (0.0, high - low), 1, None))
     return lines
-
-
-def _unite_spans(spans: Sequence[tuple[float, float]]) -> list[tuple[float, float]]:
-    united: list[tuple[float, float]] = []
-    for low, high in sorted(spans):
-        if united and low <= united[-1][1]:
-            united[-1] = united[-1][0], max(high, united[-1][1])
-        else:
-            united.append((low, high))
-    return united
