@@ -135,10 +135,23 @@ MAPS: dict[str, Row] = {
         lambda: lattice(thickness=2.4, map=maps.stretching((1, 1, 0.4))),
         "curvature radius",
     ),
-    "graded wall without a map": (lambda: lattice(thickness=lambda p: 1 + 0 * p[..., 0]), "give `map`"),
-    "graded wall of no thickness": (
-        lambda: lattice(thickness=lambda p: p[..., 0] - 5, map=maps.stretching((1, 1, 1))),
-        "must be positive and finite",
+    "graded wall without exact patches": (
+        lambda: lattice(surface="iwp", thickness="1 + 0*x"),
+        "gyroid, diamond and P only",
+    ),
+    "graded wall that pores are solved for": (
+        lambda: lattice(cell=None, pore_size=2.0, thickness="1 + 0*x"),
+        "pore_size is solved for an even wall",
+    ),
+    "graded wall beyond the bend": (
+        lambda: lattice(thickness="1 + 0.6*x"),
+        "curvature radius.*so far the wall reaches at",
+    ),
+    "graded fraction out of reach": (lambda: lattice(thickness=None, volume_fraction="0.3 + 0.06*x"), "out of reach"),
+    "graded wall of no thickness": (lambda: lattice(thickness=lambda p: p[..., 0] - 5), "must be positive"),
+    "graded wall that ends": (
+        lambda: lattice(thickness=lambda p: np.where(p[..., 0] > 5, np.inf, 1.0)),
+        "is not finite",
     ),
     "graded wall of vectors": (
         lambda: lattice(thickness=lambda p: p, map=maps.stretching((1, 1, 1)), boundary="natural"),

@@ -155,6 +155,13 @@ OVERHANG = ArgumentKind(
 WALL_THICKNESS = ArgumentKind(
     f"{POSITIVE.text}, or {FUNCTION.text}", "1.0", lambda value: value if callable(value) else read_positive(value)
 )
+FORMULA = instance_of('text such as "0.5 + 0.03*z"', "", str)
+GRADED_THICKNESS = WALL_THICKNESS.or_else(FORMULA)
+GRADED_FRACTION = FRACTION.or_else(FUNCTION).or_else(FORMULA)
+_GRADED_DISTANCE = NUMBER.or_else(FUNCTION).or_else(FORMULA)
+GRADED_OFFSET = _GRADED_DISTANCE.or_else(
+    tuple_of(_GRADED_DISTANCE.read, 2, "two of them, the lower first", "")
+).described_as(example="(-0.5, 0.5)")
 LABEL = ArgumentKind("a whole number", "1", read_whole).or_else(
     sequence_of(read_whole, "several", "").or_else(choice_of("all")).described_as('several, or "all"')
 )

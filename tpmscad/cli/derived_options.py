@@ -26,6 +26,9 @@ from tpmscad.api.shared_kinds import (
     FACES,
     FLAG,
     FRACTION,
+    GRADED_FRACTION,
+    GRADED_OFFSET,
+    GRADED_THICKNESS,
     LENGTHS,
     NOT_NEGATIVE,
     OFFSET,
@@ -39,7 +42,6 @@ from tpmscad.api.shared_kinds import (
     TEXT,
     TEXTS,
     VIEW,
-    WALL_THICKNESS,
 )
 from tpmscad.catalogue import CATALOGUE, find_surface
 from tpmscad.cli.option_language import speak_in_options
@@ -108,6 +110,20 @@ def parse_openings(texts: list[str]) -> dict[str, str]:
     return {channel: ",".join(faces) for channel, faces in found.items()}
 
 
+def parse_graded(text: str) -> float | str:
+    """A number, or the formula of a graded wall as it is."""
+    try:
+        return float(text)
+    except ValueError:
+        return text
+
+
+def parse_graded_pair(text: str) -> float | str | tuple[float | str, ...]:
+    """One of these, or two with a comma between them."""
+    parts = tuple(map(parse_graded, text.split(",")))
+    return parts if len(parts) > 1 else parts[0]
+
+
 def parse_direction(text: str) -> str | tuple[float, ...]:
     """An axis such as -x, or the numbers of a vector."""
     if "," not in text:
@@ -135,13 +151,15 @@ OPERANDS: Mapping[str, Any] = {"body": BodyArgument, "surface": SurfaceArgument}
 
 WRITTEN: Mapping[Any, tuple[Any, dict[str, Any]]] = {
     POSITIVE.read: (float | None, {"metavar": "MM"}),
-    WALL_THICKNESS.read: (float | None, {"metavar": "MM"}),
+    GRADED_THICKNESS.read: (Any, {"metavar": "MM|FORMULA", "parser": parse_graded}),
+    GRADED_FRACTION.read: (Any, {"metavar": "0..1|FORMULA", "parser": parse_graded}),
     FRACTION.read: (float | None, {"metavar": "0..1"}),
     TEXT.read: (str | None, {}),
     LENGTHS.read: (Any, {"metavar": "L|X,Y,Z", "parser": parse_numbers}),
     CELL_COUNTS.read: (Any, {"metavar": "N|X,Y,Z", "parser": parse_numbers}),
     ANGLE.read: (float | None, {"metavar": "DEGREES"}),
     OFFSET.read: (Any, {"metavar": "LO,HI", "parser": parse_numbers}),
+    GRADED_OFFSET.read: (Any, {"metavar": "LO,HI", "parser": parse_graded_pair}),
     POINT.read: (Any, {"metavar": "X,Y,Z", "parser": parse_numbers}),
     FACES.read: (str, {"metavar": "FACES"}),
     SHAPE.read: (Any, {"metavar": "PART.step|bosses,W", "parser": parse_part}),

@@ -147,6 +147,7 @@ def export_instances(options: InstanceOptions) -> InstancedFile:
     if options.loose != KEEP:
         raise InvalidRequest("a piece that is loose in a cell touches the next one: leave loose out")
     request = resolve_lattice_request(options)
+    request.require_even("write the whole with lattice")
     target = validate_output_path(options.path, STEP_SUFFIXES)
     find_schema(options.schema)
     n_copies = math.prod(request.cells)

@@ -174,6 +174,7 @@ def export_slabs(options: SlabOptions) -> SlabFiles:
     """
     _refuse_what_does_not_repeat(options)
     request, schema = resolve_lattice_request(options), options.schema
+    request.require_even("write the whole with lattice")
     slabs = divide(request.cells, options.slab)
     find_schema(schema)
     template = Path(options.path)

@@ -140,6 +140,10 @@ class Map:
         return Map(lambda p: self(p - shift), None if exact is None else lambda p: exact(p - shift), self.name)
 
 
+IDENTITY = Map(lambda p: p, lambda p: np.broadcast_to(np.eye(3), (*p.shape, 3)), "no map")
+"""The map of a lattice that is not mapped: its patches are moved rigidly."""
+
+
 @validate_call()
 def as_map(
     function: Annotated[

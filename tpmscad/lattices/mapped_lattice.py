@@ -99,17 +99,21 @@ def select_placements_near_box(
     symmetry: PatchSymmetry,
     map: Map,
     box: tuple[Array, Array],
+    first: Array,
     cells: tuple[int, int, int],
     phase: Array,
     cell: float,
     reach: float,
 ) -> Motion:
-    """The placements whose mapped mid patch comes within `reach` of the box; the map must be valid a cell beyond the lattice."""
+    """The placements whose mapped mid patch comes within `reach` of the box, among those of the cells from `first` on.
+
+    The map must be valid a cell beyond the lattice.
+    """
     placements = translate_motions(
-        symmetry.cell_motions, cell_origins(cells, SEARCH_MARGIN_CELLS) + (phase - np.floor(phase))
+        symmetry.cell_motions, first + cell_origins(cells, SEARCH_MARGIN_CELLS) + (phase - np.floor(phase))
     )
     points = sample_placements(patch, placements)
-    near = ((points.max(axis=1) > -0.5) & (points.min(axis=1) < np.array(cells) + 0.5)).all(axis=1)
+    near = ((points.max(axis=1) > first - 0.5) & (points.min(axis=1) < first + np.array(cells) + 0.5)).all(axis=1)
     image = map(cell * points[near])
     margin = reach + PATCH_BULGE_FRACTION * np.ptp(image, axis=1).max()
     inside = ((image.max(axis=1) > box[0] - margin) & (image.min(axis=1) < box[1] + margin)).all(axis=1)
@@ -220,9 +224,9 @@ def _sample_classes(
     parts: list[list[Array]] = [[] for _ in distances]
     for start in range(0, len(classes[0].first), PATCHES_AT_ONCE):
         points = mapped.points(u, v, classes[0].first[start : start + PATCHES_AT_ONCE])
-        unit = mapped.distance_unit(points.position)
+        unit, centre = mapped.grading(points.position)
         for part, distance in zip(parts, distances, strict=True):
-            part.append(points.position + (distance * unit)[..., None] * points.normal)
+            part.append(points.position + (centre + distance * unit)[..., None] * points.normal)
     return [np.concatenate(part) for part in parts]
 
 
@@ -278,7 +282,8 @@ def _compare_at_grid(
     for start in range(0, len(classes.first), PATCHES_AT_ONCE):
         index = classes.first[start : start + PATCHES_AT_ONCE]
         points = mapped.points(u, v, index)
-        exact = points.position + (distance * mapped.distance_unit(points.position))[..., None] * points.normal
+        unit, centre = mapped.grading(points.position)
+        exact = points.position + (centre + distance * unit)[..., None] * points.normal
         fitted = np.stack([layer.patches[start + i].grid(t, t) for i in range(len(index))])
         along = np.einsum("pijd,pijd->pij", fitted - exact, points.normal)
         greatest.append(np.linalg.norm(fitted - exact, axis=-1).max(axis=(1, 2)))
@@ -328,13 +333,13 @@ def require_patches_that_bend(
     fit_mapped_layers(replace(mapped, placements=mapped.placements[find_most_bent(mapped, MOST_BENT)]), distances, tol)
 
 
-def find_least_curvature_radius(
-    mapped: MappedSurface, samples: int = CURVATURE_SAMPLES_PER_PARAMETER
+def find_greatest_reach(
+    mapped: MappedSurface, offsets: Sequence[float], samples: int = CURVATURE_SAMPLES_PER_PARAMETER
 ) -> tuple[float, int]:
-    """Least radius of curvature of the mapped mid surface, sampled, and the placement that has it; offsets stay below it.
+    """The greatest of the offsets in local radii of curvature of the mapped mid surface, sampled, and the placement that has it.
 
-    Of a wall of graded thickness the radius is measured in local thicknesses, as its offsets are. The curvature is the
-    derivative of the exact normals by central differences: their error is far below what lies between the samples.
+    It stays below 1. The curvature is the derivative of the exact normals by central differences: their error is far below what
+    lies between the samples.
     """
     u, v = (g.ravel() for g in np.meshgrid(*[np.linspace(0, 1, samples)] * 2))
     largest, worst = 0.0, 0
@@ -346,34 +351,37 @@ def find_least_curvature_radius(
         tangents = np.stack([here.du, here.dv], axis=-1)
         dual = np.linalg.inv(np.swapaxes(tangents, -1, -2) @ tangents) @ np.swapaxes(tangents, -1, -2)
         curvature = np.linalg.norm(np.stack([by_u, by_v], axis=-1) @ dual, ord=2, axis=(-2, -1))
-        curvature = curvature * mapped.distance_unit(here.position)
-        if curvature.max() > largest:
-            largest = float(curvature.max())
-            worst = int(index[np.argmax(curvature.max(axis=1))])
-    return 1.0 / largest, worst
+        unit, centre = mapped.grading(here.position)
+        reach = curvature * np.abs([centre + d * unit for d in offsets]).max(axis=0)
+        if reach.max() > largest:
+            largest = float(reach.max())
+            worst = int(index[np.argmax(reach.max(axis=1))])
+    return largest, worst
 
 
 def least_curvature_radius(mapped: MappedSurface) -> float:
-    """Least radius of curvature of the mapped mid surface; see `find_least_curvature_radius`."""
-    return find_least_curvature_radius(mapped)[0]
+    """Least radius of curvature of the mapped mid surface, in local thicknesses of a graded wall; see `find_greatest_reach`."""
+    return 1.0 / find_greatest_reach(mapped, (1.0,))[0]
 
 
 def require_offsets_below_curvature_radius(
     mapped: MappedSurface, offsets: Sequence[float], name: str, samples: int = CURVATURE_SAMPLES_PER_PARAMETER
 ) -> None:
     """InvalidRequest if an offset is not below the least radius of curvature; `name` is that of the surface in the message."""
-    worst = max(offsets, key=abs)
-    limit, index = find_least_curvature_radius(mapped, samples)
-    if abs(worst) >= limit and mapped.thickness is not None:
+    reach, index = find_greatest_reach(mapped, offsets, samples)
+    if reach < 1:
+        return
+    if mapped.is_graded:
         raise InvalidRequest(
             f"the graded wall reaches beyond the curvature radius of the {name}, {describe_cell(mapped, index)}, by the "
-            f"factor {0.5 / limit:.3g}: make it thinner there, or take larger cells"
+            f"factor {reach:.3g}: make it thinner there, or take larger cells"
         )
-    if abs(worst) >= limit:
-        raise InvalidRequest(
-            f"offset {worst:g} passes the least curvature radius of the {name}, {limit:.6g} {describe_cell(mapped, index)}: "
-            f"offsets stay below it, a symmetric wall's thickness below {2 * limit:.6g}; larger cells have larger radii"
-        )
+    worst = max(offsets, key=abs)
+    limit = abs(worst) / reach
+    raise InvalidRequest(
+        f"offset {worst:g} passes the least curvature radius of the {name}, {limit:.6g} {describe_cell(mapped, index)}: "
+        f"offsets stay below it, a symmetric wall's thickness below {2 * limit:.6g}; larger cells have larger radii"
+    )
 
 
 def assemble_mapped_lattice(

@@ -14,7 +14,7 @@ import numpy as np
 from tpmscad._typing import Array, IntArray, triple
 from tpmscad.api.public_calls import call_for_array
 from tpmscad.errors import InvalidRequest, format_point
-from tpmscad.lattices.coordinate_maps import Map
+from tpmscad.lattices.coordinate_maps import IDENTITY, Map
 from tpmscad.rigid_motion import Motion
 from tpmscad.surfaces import PatchSymmetry, SurfacePatch
 
@@ -46,9 +46,9 @@ class SurfacePoints:
 class MappedSurface:
     """The mapped mid surface over given placements of the primitive patch (in cells); `map` acts on cell * x.
 
-    `periods`, in cells, are the lengths after which the lattice meets itself along the axes; 0 where it ends. With a graded
-    `thickness`, a positive function of points of the model, all signed distances are multiples of its value at the point of the
-    mid surface.
+    `periods`, in cells, are the lengths after which the lattice meets itself along the axes; 0 where it ends. Of a graded wall
+    `thickness` and `centre` are functions of points of the model: signed distances are multiples of the thickness at the point of
+    the mid surface, counted from the centre.
     """
 
     patch: SurfacePatch
@@ -58,6 +58,12 @@ class MappedSurface:
     cell: float
     periods: tuple[float, float, float] = (0.0, 0.0, 0.0)
     thickness: Callable[[Array], Array] | None = None
+    centre: Callable[[Array], Array] | None = None
+
+    @property
+    def is_graded(self) -> bool:
+        """Whether the signed distances of a wall vary."""
+        return self.thickness is not None or self.centre is not None
 
     def points(self, u: Array, v: Array, index: int | slice | IntArray = slice(None)) -> SurfacePoints:
         """Points at (u, v) of every chosen placement: (P, ..., 3), or (..., 3) of one."""
@@ -72,6 +78,9 @@ class MappedSurface:
     def _points(self, u: Array, v: Array, turn: Array, translation: Array) -> SurfacePoints:
         jet = self.patch.jet(u, v)
         lattice = self.cell * ((turn @ jet.position[..., None])[..., 0] + translation)
+        if self.map is IDENTITY:
+            du, dv, normal = ((turn @ t[..., None])[..., 0] for t in (jet.du, jet.dv, jet.normal))
+            return SurfacePoints(lattice, lattice, self.cell * du, self.cell * dv, normal)
         position, jacobian = self.map.images_and_jacobians(lattice, self.cell)
         du, dv = (self.cell * (jacobian @ (turn @ t[..., None]))[..., 0] for t in (jet.du, jet.dv))
         normal = (turn @ jet.normal[..., None])[..., 0]
@@ -82,42 +91,47 @@ class MappedSurface:
     def offset(self, u: Array, v: Array, distance: float, index: int | slice | IntArray = slice(None)) -> Array:
         """Points at the signed normal distance from the mapped surface, of every chosen placement, as in `points`."""
         points = self.points(u, v, index)
-        unit = self.distance_unit(points.position)
-        return points.position + (distance * unit)[..., None] * points.normal
+        unit, centre = self.grading(points.position)
+        return points.position + (centre + distance * unit)[..., None] * points.normal
 
-    def distance_unit(self, points: Array) -> Array:
-        """What signed distances are multiples of at points (..., 3) of the mid surface: 1, or the graded thickness."""
-        return np.ones(points.shape[:-1]) if self.thickness is None else evaluate_thickness(self.thickness, points)
-
-    def distance_unit_at(self, u: Array, v: Array, index: slice | IntArray = slice(None)) -> Array:
-        """As `distance_unit`, at (u, v) of the chosen placements: (P, ...). A wall of one thickness evaluates no points."""
-        if self.thickness is None:
-            return np.ones((len(np.arange(len(self.placements))[index]), *u.shape))
-        return self.distance_unit(self.points(u, v, index).position)
+    def grading(self, points: Array) -> tuple[Array, Array]:
+        """At points (..., 3) of the mid surface what signed distances are multiples of, and what they are counted from: (...)."""
+        return grading(self.thickness, self.centre, points)
 
     def orientation(self) -> int:
         """Sign of the Jacobian determinant of the map; InvalidRequest where the map is not regular on the surface."""
+        if self.map is IDENTITY:
+            return 1
         u, v = (g.ravel() for g in np.meshgrid(np.linspace(0, 1, 5), np.linspace(0, 1, 5)))
         return require_regular(
             self.map, self.cell * self.placements[:, None].apply(self.patch.jet(u, v).position), self.cell
         )
 
 
-def evaluate_thickness(thickness: Callable[[Array], Array], points: Array) -> Array:
-    """Values (...) of a graded thickness at points (..., 3) of the model; InvalidRequest where it is not positive and finite."""
-    values = call_for_array("the thickness", thickness, points)
-    if values.shape != points.shape[:-1]:
+def grading(
+    thickness: Callable[[Array], Array] | None, centre: Callable[[Array], Array] | None, points: Array
+) -> tuple[Array, Array]:
+    """The thickness of a graded wall, 1 of an even one, and its centre at points (..., 3) of the mid surface: (...) each."""
+    shape = points.shape[:-1]
+    unit = np.ones(shape) if thickness is None else _evaluate_grading("thickness", thickness, points)
+    return unit, np.zeros(shape) if centre is None else _evaluate_grading("offset", centre, points)
+
+
+def _evaluate_grading(name: str, function: Callable[[Array], Array], points: Array) -> Array:
+    """Values (...) of a graded distance at points (..., 3) of the model; InvalidRequest where it is not finite."""
+    rows = points.reshape(-1, 3)
+    values = call_for_array(f"the {name}", function, rows)
+    if values.shape != rows.shape[:-1]:
         raise InvalidRequest(
-            f"the thickness returned shape {values.shape} for points of shape {points.shape}; it takes points (..., 3) of the "
-            "model and returns a number for each"
+            f"the {name} returned shape {values.shape} for points of shape {rows.shape}; it takes points (n, 3) of the model and "
+            "returns a number for each"
         )
-    wrong = ~(np.isfinite(values) & (values > 0))
-    if wrong.any():
+    if not np.isfinite(values).all():
         raise InvalidRequest(
-            f"the thickness {values[wrong].flat[0]:g} at {format_point(points[wrong][0], 6)} in the model must be positive and "
-            "finite all along the lattice"
+            f"the {name} is not finite at {format_point(rows[~np.isfinite(values)][0], 6)} in the model: give a smooth function, "
+            "which must hold a patch beyond the lattice"
         )
-    return values
+    return values.reshape(points.shape[:-1])
 
 
 def box_points(cells: tuple[int, int, int], cell: float) -> Array:

@@ -92,7 +92,11 @@ def require_no_self_contact(
     if limits is not None:
         pairs = _within(mapped, pairs, limits)
     pairs = _deepest(pairs, PAIRS_PER_PATCHES, PREDICTED_PAIRS)
-    wall = (offsets[1] - offsets[0]) * float(_sample_units(mapped).min())
+    t = np.linspace(0.0, 1.0, SAMPLES_PER_PARAMETER)
+    unit = (
+        mapped.grading(mapped.points(*np.meshgrid(t, t, indexing="ij")).position)[0] if mapped.is_graded else np.ones(1)
+    )
+    wall = (offsets[1] - offsets[0]) * float(unit.min())
     for refinement in range(MAX_REFINEMENTS + 1):
         pairs = _deepest(_find_feet(mapped, pairs, offsets), 1, CLOSE_PAIRS)
         if len(pairs.patch) == 0:
@@ -118,12 +122,6 @@ def _deepest(pairs: WallPairs, each: int, count: int) -> WallPairs:
     return pairs[np.flatnonzero(rank < each)[:count]]
 
 
-def _sample_units(mapped: MappedSurface) -> Array:
-    """The units of signed distances at samples of all patches."""
-    t = np.linspace(0.0, 1.0, SAMPLES_PER_PARAMETER)
-    return mapped.distance_unit_at(*np.meshgrid(t, t, indexing="ij"))
-
-
 def _patch_size(mapped: MappedSurface, patch: IntArray) -> Array:
     """The longer of the two tangents at the middle of patches (n,): their size, (n,)."""
     middle = mapped.points_at(patch, np.full(len(patch), 0.5), np.full(len(patch), 0.5))
@@ -145,16 +143,17 @@ def _predict_pairs(mapped: MappedSurface, offsets: tuple[float, float]) -> WallP
     position, normal = surface.position.reshape(-1, 3), surface.normal.reshape(-1, 3)
     lattice = surface.lattice.reshape(-1, 3)
     tree, step = cKDTree(position), np.repeat(spacing, shape[1])
-    unit = mapped.distance_unit(position)
+    unit, centre = mapped.grading(position)
+    low, high = (centre + d * unit for d in offsets)
     # a predicted foot is at most MARGIN_SPACINGS beyond the wall and FOOT_RANGE_SPACINGS aside
-    wall, greatest = max(abs(d) for d in offsets) * float(unit.max()), float(spacing.max())
+    wall, greatest = float(np.abs([low, high]).max()), float(spacing.max())
     reach = float(np.hypot(wall + MARGIN_SPACINGS * greatest, FOOT_RANGE_SPACINGS * greatest))
     jacobian = mapped.map.jacobian(lattice, mapped.cell)
     # a foot is at most this far from the sample that predicts it, in the lattice
     foot_range = FOOT_RANGE_SPACINGS * step / np.linalg.svd(jacobian, compute_uv=False)[:, -1]
     found = []
     for height in _heights(offsets):
-        points = position + (height * unit)[:, None] * normal
+        points = position + (centre + height * unit)[:, None] * normal
         pairs = cKDTree(points).sparse_distance_matrix(tree, reach, output_type="ndarray")
         a, b = pairs["i"], pairs["j"]
         apart_in_lattice = _lattice_distance(mapped, lattice[a] - lattice[b])
@@ -163,7 +162,7 @@ def _predict_pairs(mapped: MappedSurface, offsets: tuple[float, float]) -> WallP
         apart = points[a] - position[b]
         distance = np.einsum("ni,ni->n", apart, normal[b])
         tangential = apart - distance[:, None] * normal[b]
-        depth = np.minimum(distance - offsets[0] * unit[b], offsets[1] * unit[b] - distance)
+        depth = np.minimum(distance - low[b], high[b] - distance)
         near = (np.linalg.norm(tangential, axis=1) < FOOT_RANGE_SPACINGS * step[b]) & (
             depth > -MARGIN_SPACINGS * step[b]
         )
@@ -200,7 +199,8 @@ def _within(mapped: MappedSurface, pairs: WallPairs, limits: tuple[Array, Array]
 def _find_feet(mapped: MappedSurface, pairs: WallPairs, offsets: tuple[float, float]) -> WallPairs:
     """The pairs with exact feet and depths; those without a foot on the other patch, or whose foot is their own, are left out."""
     own = mapped.points_at(pairs.patch, *pairs.own.T)
-    points = own.position + (pairs.height * mapped.distance_unit(own.position))[:, None] * own.normal
+    unit, centre = mapped.grading(own.position)
+    points = own.position + (centre + pairs.height * unit)[:, None] * own.normal
 
     def jet(u: Array, v: Array, rows: IntArray) -> Sequence[Array]:
         at = mapped.points_at(pairs.other[rows], u, v)
@@ -211,8 +211,9 @@ def _find_feet(mapped: MappedSurface, pairs: WallPairs, offsets: tuple[float, fl
     apart = points - at.position
     distance = np.einsum("ni,ni->n", apart, at.normal)
     sideways = np.linalg.norm(apart - distance[:, None] * at.normal, axis=1)
-    unit = mapped.distance_unit(at.position)
-    depth = np.minimum(distance - offsets[0] * unit, offsets[1] * unit - distance) - sideways
+    unit, centre = mapped.grading(at.position)
+    height = distance - centre
+    depth = np.minimum(height - offsets[0] * unit, offsets[1] * unit - height) - sideways
     far = _lattice_distance(mapped, at.lattice - own.lattice) > MIN_LATTICE_DISTANCE_CELLS * mapped.cell
     return replace(pairs, foot=sides, depth=depth)[far]
 
@@ -235,7 +236,8 @@ def _refine(pairs: WallPairs, spacing: float, offsets: tuple[float, float]) -> W
 
 def _describe(mapped: MappedSurface, pair: WallPairs) -> str:
     own, other = mapped.points_at(pair.patch, *pair.own.T), mapped.points_at(pair.other, *pair.foot.T)
-    place = (own.position + (pair.height * mapped.distance_unit(own.position))[:, None] * own.normal)[0]
+    unit, centre = mapped.grading(own.position)
+    place = (own.position + (centre + pair.height * unit)[:, None] * own.normal)[0]
     p, q = own.lattice[0], other.lattice[0]
     here, there = format_point(p / mapped.cell), format_point(q / mapped.cell)
     message = (

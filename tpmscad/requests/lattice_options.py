@@ -16,24 +16,26 @@ from tpmscad.api.shared_kinds import (
     BOX,
     CELL_COUNTS,
     FACES,
-    FRACTION,
+    GRADED_FRACTION,
+    GRADED_OFFSET,
+    GRADED_THICKNESS,
     LENGTHS,
     MAP,
     NAME_OR_FIELD,
-    OFFSET,
     ONE_SOLID,
     OPENINGS,
     POSITIVE,
     SHAPE,
     SOLID,
     TEXT,
-    WALL_THICKNESS,
 )
 
 if TYPE_CHECKING:
     from tpmscad._typing import Array
     from tpmscad.fields.field import Field
     from tpmscad.lattices.coordinate_maps import Map
+
+    Graded = float | str | Callable[[Array], Array]
 
 Surface = Annotated[str, TEXT, "Name of a surface of the catalogue; see ``tpmscad surfaces``."]
 
@@ -48,19 +50,24 @@ class WallOptions:
         "Edge length of the cell, or one for each axis, mm. Required for a surface unless `pore_size` is given.",
     ] = None
     thickness: Annotated[
-        float | Callable[[Array], Array] | None,
-        POSITIVE,
-        "Wall thickness along the normal, mm. Give exactly one of `thickness`, `offset`, `volume_fraction` and `porosity`.",
+        Graded | None,
+        GRADED_THICKNESS,
+        "Wall thickness along the normal, mm. Give exactly one of `thickness`, `offset`, `volume_fraction` and `porosity`. Of "
+        "gyroid, diamond and P each may be graded: a field, a function of points (n, 3) of the model, or a formula of x, y and z "
+        "as text; its value at each point of the mid surface counts. It should be smooth.",
     ] = None
     offset: Annotated[
-        float | Sequence[float] | None,
-        OFFSET,
+        Graded | Sequence[Graded] | None,
+        GRADED_OFFSET,
         "Signed normal distances of the two sides of the wall, the lower first, mm.",
     ] = None
     volume_fraction: Annotated[
-        float | None, FRACTION, "Solid fraction of the whole cell, from which the distances follow."
+        Graded | None,
+        GRADED_FRACTION,
+        "Solid fraction of the whole cell, from which the distances follow; if graded, that of an even lattice with the wall of "
+        "the place.",
     ] = None
-    porosity: Annotated[float | None, FRACTION, "Void fraction of the whole cell, 1 - volume fraction."] = None
+    porosity: Annotated[Graded | None, GRADED_FRACTION, "Void fraction of the whole cell, 1 - volume fraction."] = None
     pore_size: Annotated[
         float | None,
         POSITIVE,
@@ -88,8 +95,8 @@ class SolidOptions(WallOptions):
     """The keywords of lattices that need not be walls."""
 
     offset: Annotated[
-        float | Sequence[float] | None,
-        OFFSET,
+        Graded | Sequence[Graded] | None,
+        GRADED_OFFSET,
         "Signed normal distances of the two sides of the wall, the lower first, mm; one distance for `kind='skeletal'`.",
     ] = None
     kind: Annotated[
@@ -110,13 +117,6 @@ class LatticeOptions(SolidOptions):
     surface: Surface
     _: KW_ONLY
     cells: Annotated[int | Sequence[int], CELL_COUNTS, "Number of cells along every axis, or along each."] = (1, 1, 1)
-    thickness: Annotated[
-        float | Callable[[Array], Array] | None,
-        WALL_THICKNESS,
-        "Wall thickness along the normal, mm. Give exactly one of `thickness`, `offset`, `volume_fraction` and `porosity`; a "
-        "skeletal lattice may also take none. Under a map it may be a field, or another positive function of points (..., 3) of "
-        "the model: half of its value at each point of the mid surface lies on either side. It should be smooth, like the map.",
-    ] = None
     boundary: Annotated[
         str,
         choice_of("box", "natural"),
@@ -233,12 +233,6 @@ class InfillOptions(SolidOptions, PassiveOptions, BodyOptions):
         SOLID,
         "Which solid, if the body or its file has several: its number from 1, as ``tpmscad check`` lists them, 'largest', or "
         "'all': each is filled by itself, and the pieces have its name in files.",
-    ] = None
-    thickness: Annotated[
-        float | Callable[[Array], Array] | None,
-        WALL_THICKNESS,
-        "Wall thickness along the normal, mm. Give exactly one of `thickness`, `offset`, `volume_fraction` and `porosity`; a "
-        "skeletal lattice may also take none. Under a map it may be a field, or another positive function of points (..., 3).",
     ] = None
     map: Annotated[
         Map | Callable[[Array], Array] | None,

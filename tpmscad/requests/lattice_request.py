@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import Any, TypeVar
 
 import numpy as np
@@ -18,7 +19,6 @@ from tpmscad._typing import Array, triple
 from tpmscad.api.arguments import select_arguments
 from tpmscad.api.public_calls import validate_options
 from tpmscad.errors import InvalidRequest
-from tpmscad.fields.data.field_notes import collect_notes
 from tpmscad.requests.lattice_options import FluidDomainsOptions, InfillOptions, LatticeOptions
 from tpmscad.requests.wall_request import resolve_wall, solve_cell
 from tpmscad.sources.catalogue_sources import lattice_source
@@ -47,8 +47,8 @@ class LatticeRequest:
 
     `cell` holds the three edges, `cells` the counts, `offset` the normal distances of the two walls (sheet) or of the one surface
     twice (skeletal), `levels` the nodal levels of the two walls if they are no offsets of one surface, `notes` what the
-    certificate says of the wall, `phase` the shift in cells, `tol` the greatest deviation. `thickness` is that of a graded wall,
-    a function of points of the model; the offsets are then multiples of it.
+    certificate says of the wall, `phase` the shift in cells, `tol` the greatest deviation. Of a graded wall `thickness` and
+    `centre` are functions of points (n, 3) of the model: the offsets are multiples of the thickness, counted from the centre.
     """
 
     surface: str
@@ -64,6 +64,22 @@ class LatticeRequest:
     levels: tuple[float, float] | None = None
     notes: tuple[str, ...] = ()
     thickness: Callable[[Array], Array] | None = None
+    centre: Callable[[Array], Array] | None = None
+
+    @property
+    def is_graded(self) -> bool:
+        """Whether the normal distances vary."""
+        return self.thickness is not None or self.centre is not None
+
+    def turned(self, rotation: Array) -> LatticeRequest:
+        """The same wall in coordinates that `rotation` (3, 3) takes to those of the model."""
+        thickness, centre = (f and partial(_evaluate_turned, f, rotation) for f in (self.thickness, self.centre))
+        return replace(self, thickness=thickness, centre=centre)
+
+    def require_even(self, instead: str) -> None:
+        """InvalidRequest if the wall is graded, where cells are copied, with what to do `instead`."""
+        if self.is_graded:
+            raise InvalidRequest(f"the wall is graded, and no cell is a copy of another: give a number, or {instead}")
 
     @property
     def source(self) -> LatticeSource[Any]:
@@ -123,7 +139,7 @@ def resolve_lattice_request(options: LatticeOptions) -> LatticeRequest:
             "ask for more, or scale the model up"
         )
     wall = resolve_wall(options, edges[0], has_mapping)
-    if not has_mapping:
+    if not has_mapping and wall.thickness is None:
         for distance in wall.offset:
             surfaces.check_offset(name, reference, distance, edges[0])
     return LatticeRequest(
@@ -138,9 +154,14 @@ def resolve_lattice_request(options: LatticeOptions) -> LatticeRequest:
         _resolve_phase(info, options),
         tol,
         wall.levels,
-        (*wall.notes, *pore_notes, *collect_notes(wall.thickness)),
+        (*wall.notes, *pore_notes),
         wall.thickness,
+        wall.centre,
     )
+
+
+def _evaluate_turned(function: Callable[[Array], Array], rotation: Array, points: Array) -> Array:
+    return function(points @ rotation.T)
 
 
 read_lattice_request = validate_options(LatticeOptions, 'lattice("gyroid", cell=10, thickness=1)')(

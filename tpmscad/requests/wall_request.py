@@ -12,8 +12,9 @@ a sphere of the radius R - h. So R, in cells, is found once for either side of a
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -21,7 +22,9 @@ from scipy.optimize import brentq
 
 from tpmscad import fields, surfaces
 from tpmscad._typing import Array
+from tpmscad.api.public_calls import call_for_array
 from tpmscad.errors import InvalidRequest
+from tpmscad.fields.data.field_notes import collect_notes
 from tpmscad.one_piece_ranges import note_sheet
 from tpmscad.requests.lattice_options import LatticeOptions
 from tpmscad.sources.pore_radii import PoreRadii, find_level_pore_radii, find_pore_radii
@@ -33,18 +36,24 @@ USABLE_OFFSET_FRACTION = 0.8
 """Fraction of the offset limits up to which walls off the middle are placed: nearer to it their surfaces are nearly sharp."""
 
 
+FRACTION_STEPS = 12
+"""Newton steps from the mid surface to the offset of a volume fraction: quadratic convergence from one side."""
+
+
 @dataclass(frozen=True, slots=True)
 class Wall:
     """Normal offsets of the lower and the upper surface in model units (equal for a skeletal solid).
 
-    `levels`: nodal values of the two surfaces, if the wall lies between levels instead; the offsets are then 0. `thickness`: that
-    of a graded wall, a function of points of the model; the offsets are then multiples of it. `notes` for the certificate.
+    `levels`: nodal values of the two surfaces, if the wall lies between levels instead; the offsets are then 0. `notes` for the
+    certificate. Of a graded wall `thickness` and `centre` are functions of points (n, 3) of the model: the offsets are multiples
+    of the thickness, counted from the centre.
     """
 
     offset: tuple[float, float]
     levels: tuple[float, float] | None = None
     notes: tuple[str, ...] = ()
     thickness: Callable[[Array], Array] | None = None
+    centre: Callable[[Array], Array] | None = None
 
 
 def resolve_wall(options: LatticeOptions, cell: float, has_mapping: bool) -> Wall:
@@ -64,40 +73,92 @@ def resolve_wall(options: LatticeOptions, cell: float, has_mapping: bool) -> Wal
         choices = ", ".join(f"`{keyword}`" for keyword in WALL_KEYWORDS)
         listed = " and ".join(f"`{keyword}`" for keyword in named) if named else "none of them"
         raise InvalidRequest(f"give exactly one of {choices}; here: {listed}")
-    if options.volume_fraction is not None or options.porosity is not None:
-        if has_mapping:
-            raise InvalidRequest(
-                f"`{named[0]}` is solved for cubic cells without a map; give `thickness` or `offset` instead"
-            )
-        return _solve_for_fraction(options, cell)
-    if callable(options.thickness):
-        if options.map is None:
-            raise InvalidRequest(
-                "a thickness that is a function is for a lattice under a map, whose patches are fitted one by one: give `map`, "
-                "stretching by 1 along each axis for instance, or a number"
-            )
-        return Wall((-0.5, 0.5), thickness=options.thickness)
+    solved = named[0] in ("volume_fraction", "porosity")
+    if solved and has_mapping:
+        raise InvalidRequest(
+            f"`{named[0]}` is solved for cubic cells without a map; give `thickness` or `offset` instead"
+        )
+    given = getattr(options, named[0])
+    parts = list(given) if isinstance(given, Sequence) and not isinstance(given, str) else [given]
+    if any(isinstance(part, str) or callable(part) for part in parts):
+        parts = [fields.expression(part) if isinstance(part, str) else part for part in parts]
+        return replace(_grade_wall(named[0], parts, options, cell), notes=collect_notes(parts))
+    if solved:
+        fraction = float(parts[0])
+        return _solve_for_fraction(options, 1 - fraction if named[0] == "porosity" else fraction, cell)
     if options.thickness is not None:
-        return Wall((-options.thickness / 2, options.thickness / 2))
-    return Wall(_check_offsets(options.offset, options.kind))
+        return Wall((-float(parts[0]) / 2, float(parts[0]) / 2))
+    low, high = _check_offsets(parts, options.kind)
+    return Wall((low, high))
 
 
-def _check_offsets(offset: Any, kind: str) -> tuple[float, float]:
+def _check_offsets(parts: list[Any], kind: str) -> tuple[Any, Any]:
     """The lower and the upper offset; the one of a skeletal solid twice."""
-    values = np.atleast_1d(np.asarray(offset, float))
     if kind == "skeletal":
-        if values.size != 1:
-            raise InvalidRequest(f"a skeletal solid has one offset, not {values.size}")
-        return float(values[0]), float(values[0])
-    if values.size != 2 or values[0] >= values[1]:
-        raise InvalidRequest(f"offset {values.tolist()} of a sheet must be two distances, the lower first")
-    return float(values[0]), float(values[1])
+        if len(parts) != 1:
+            raise InvalidRequest(f"a skeletal solid has one offset, not {len(parts)}")
+        return parts[0], parts[0]
+    if len(parts) != 2 or (not any(map(callable, parts)) and parts[0] >= parts[1]):
+        raise InvalidRequest(f"offset {parts} of a sheet must be two distances, the lower first")
+    return parts[0], parts[1]
 
 
-def _solve_for_fraction(options: LatticeOptions, cell: float) -> Wall:
+def _grade_wall(keyword: str, parts: list[Any], options: LatticeOptions, cell: float) -> Wall:
+    """The graded wall of numbers and functions that a keyword gives."""
+    name = options.surface
+    if surfaces.find_surface(name).primitives != "exact":
+        raise InvalidRequest(
+            f"`{keyword}` may vary along gyroid, diamond and P only, whose patches are exact, not along {name}: give a number, "
+            f'or make a solid of the field, fields.wall(fields.tpms("{name}", {cell:g}), thickness), with infill or solidify'
+        )
+    if options.pore_size is not None:
+        raise InvalidRequest(f"pore_size is solved for an even wall: give `cell`, or a number as `{keyword}`")
+    if keyword == "thickness":
+        return Wall((-0.5, 0.5), thickness=parts[0])
+    if keyword == "offset":
+        low, high = (part if callable(part) else partial(_repeat, part) for part in _check_offsets(parts, options.kind))
+        if options.kind == "skeletal":
+            return Wall((0.0, 0.0), centre=low)
+        return Wall(
+            (-0.5, 0.5),
+            thickness=partial(_combine, low, high, -1.0, 1.0),
+            centre=partial(_combine, low, high, 0.5, 0.5),
+        )
+    solved = partial(_solve_fractions, parts[0], keyword, replace(options, cell=cell))
+    return Wall((-0.5, 0.5), thickness=solved) if options.kind == "sheet" else Wall((0.0, 0.0), centre=solved)
+
+
+def _repeat(value: float, points: Array) -> Array:
+    return np.full(len(points), value)
+
+
+def _combine(low: Any, high: Any, a: float, b: float, points: Array) -> Array:
+    """A * low + b * high at points (n, 3)."""
+    return np.asarray(a * call_for_array("the offset", low, points) + b * call_for_array("the offset", high, points))
+
+
+def _solve_fractions(given: Any, keyword: str, options: LatticeOptions, points: Array) -> Array:
+    """At points (n, 3) the thickness of the sheet, or offset of the skeletal solid, whose even lattice has the fraction there."""
+    values = call_for_array(f"the {keyword}", given, points)
+    fraction = 1 - values if keyword == "porosity" else values
+    name, reference, cell = options.surface, str(options.reference), float(options.cell)  # type: ignore[arg-type]
+    for extreme in (fraction.min(), fraction.max()):  # refused if it is out of reach
+        surfaces.offsets_for(name, reference, float(extreme), options.kind, cell, options.side)
+    measures, d = surfaces.cell_measures(name, reference), np.zeros(fraction.shape)
+    below = measures.fraction_below
+    for _ in range(FRACTION_STEPS):
+        if options.kind == "sheet":
+            excess = measures.swept_volume(d) - measures.swept_volume(-d) - fraction
+            d = d - excess / (measures.swept_area(d) + measures.swept_area(-d))
+        else:
+            excess = below + measures.swept_volume(d) - (fraction if options.side == "-" else 1 - fraction)
+            d = d - excess / measures.swept_area(d)
+    return np.asarray((2 if options.kind == "sheet" else 1) * cell * d)
+
+
+def _solve_for_fraction(options: LatticeOptions, fraction: float, cell: float) -> Wall:
     """The wall of a volume fraction: symmetric if possible, else off the middle, else between levels."""
     name, reference, kind, side = options.surface, str(options.reference), options.kind, options.side
-    fraction = 1 - options.porosity if options.porosity is not None else float(options.volume_fraction or 0.0)
     try:
         return Wall(surfaces.offsets_for(name, reference, fraction, kind, cell, side))
     except InvalidRequest:

@@ -28,7 +28,6 @@ from tpmscad.kernel.measure.envelope import Envelope
 from tpmscad.lattices import copies, mapped_lattice, mapped_surface
 from tpmscad.lattices.coordinate_maps import Map
 from tpmscad.lattices.offset_surfaces import LayersFit
-from tpmscad.lattices.self_contact import require_no_self_contact
 from tpmscad.lattices.spline_maps import SplineMap
 from tpmscad.lattices.spline_volumes import SplineVolumes, mapped_walls
 from tpmscad.memory_limit import require_memory
@@ -38,7 +37,7 @@ from tpmscad.results.certificate import certify_built_solids
 from tpmscad.results.loose_pieces import drop_loose_pieces
 from tpmscad.results.model import Model, UnitCell
 from tpmscad.solids.matter.lattice_block import find_trim_tolerance
-from tpmscad.solids.matter.mapped_block import compose_map, cover_mapped_lattice, exact_source
+from tpmscad.solids.matter.mapped_block import compose_map, cover_mapped_lattice, exact_source, require_walls
 from tpmscad.solids.matter.patch_measures import measure_lattice_patches
 from tpmscad.solids.matter.reference_distance import lattice_distance
 from tpmscad.stage_timer import StageTimer
@@ -259,6 +258,7 @@ def _fit_mapped_patches(
             mapping,
             cell,
             thickness=request.thickness,
+            centre=request.centre,
         )
         if request.boundary == "natural":  # whole cells: nothing of them is cut off
             try:
@@ -271,9 +271,7 @@ def _fit_mapped_patches(
         cover = cover_mapped_lattice(request, mapping)
         surface = replace(surface, placements=cover.placements, periods=cover.periods)
         surface.orientation()
-        mapped_lattice.require_offsets_below_curvature_radius(surface, request.offset, f"mapped {name}")
-        if request.kind == "sheet":
-            require_no_self_contact(surface, request.offset, cover.limits)
+        require_walls(surface, request, cover.limits)
 
     def fit_and_trim(tol: float) -> LatticePatches:
         with stages("fit") as done:
@@ -288,7 +286,7 @@ def _fit_mapped_patches(
         fill = None
         if cover.body is None and lower is not None and upper is not None:
             periods = 0.0, 0.0, 0.0
-            if request.thickness is None:
+            if not request.is_graded:
                 periods = mapped_surface.find_translation_periods(mapping, request.cells, cell)
             fill = partial(mapped_walls, lower, upper, periods)
         return LatticePatches(brep, fit, notes, make_spline_volumes=fill)

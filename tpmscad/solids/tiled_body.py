@@ -50,6 +50,7 @@ def read_tiled_body(
     if options.map is not None:
         raise InvalidRequest(f"without a solid only a lattice of equal cells can be made: leave map out, or {instead}")
     request, turn = resolve_lattice_request(lattice_in_body(options)), rotation_matrix(options.rotation)
+    request.require_even(instead)
     if as_triangles and options.skin is None and not options.open_faces and options.solid is None:
         with stages("read"):
             field = resolve_field(options.body)

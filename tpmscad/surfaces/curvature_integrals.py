@@ -24,6 +24,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cache
 from types import MappingProxyType
+from typing import TypeVar
 
 import numpy as np
 
@@ -36,6 +37,8 @@ from tpmscad.surfaces import minimal_patch
 from tpmscad.surfaces.differential_geometry import SEARCH_POINTS, area_element, dot, maximise_on_unit_square
 from tpmscad.surfaces.reflection_group import MirrorSymmetry, mirror_symmetry
 from tpmscad.surfaces.surface_patch import primitive_patch
+
+Offsets = TypeVar("Offsets", float, Array)
 
 AREA_GAUSS_POINTS = 32
 """Gauss-Legendre points per parameter; the area of the nodal surfaces is converged to round-off with fewer."""
@@ -60,7 +63,7 @@ class CellMeasures:
     min_offset: float
     max_offset: float
 
-    def swept_volume(self, offset: float) -> float:
+    def swept_volume(self, offset: Offsets) -> Offsets:
         """Volume between the mid surface and its offset per cell; positive for an offset along the normal."""
         return (
             self.area * offset
@@ -68,7 +71,7 @@ class CellMeasures:
             + self.gauss_curvature_integral * offset**3 / 3
         )
 
-    def swept_area(self, offset: float) -> float:
+    def swept_area(self, offset: Offsets) -> Offsets:
         """Area of the offset surface per cell: the derivative of the swept volume."""
         return self.area - 2 * self.mean_curvature_integral * offset + self.gauss_curvature_integral * offset**2
 

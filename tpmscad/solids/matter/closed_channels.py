@@ -128,6 +128,7 @@ def build_closed_block(
         raise InvalidRequest(
             "openings close a wall between two offsets of a surface, and this one lies between two levels: give thickness="
         )
+    request.require_even("leave openings out")
     thickness = float(np.ptp(request.offset))
     length = max(request.cell) if transition is None else transition
     depth = thickness if skin is None else skin

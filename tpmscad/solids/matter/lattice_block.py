@@ -32,16 +32,22 @@ from tpmscad.kernel.build.solids import BrepSolids, build_solids
 from tpmscad.kernel.occt.bounding_boxes import enclosing_box
 from tpmscad.kernel.occt.convert import transform_shape
 from tpmscad.lattices import mapped_lattice
-from tpmscad.lattices.coordinate_maps import Map, stretching
+from tpmscad.lattices.coordinate_maps import Map
 from tpmscad.lattices.mapped_lattice import MappedLayers
-from tpmscad.lattices.mapped_surface import MappedSurface
+from tpmscad.lattices.mapped_surface import MappedSurface, box_points
 from tpmscad.lattices.offset_surfaces import LayersFit
 from tpmscad.memory_limit import require_memory
 from tpmscad.requests.lattice_request import LatticeRequest
 from tpmscad.results.certificate import PatchMeasures
 from tpmscad.rigid_motion import Motion
 from tpmscad.solids.cut import Finish, require_few_faces
-from tpmscad.solids.matter.mapped_block import exact_source
+from tpmscad.solids.matter.mapped_block import (
+    MIN_WALL_THICKNESS,
+    compose_map,
+    exact_source,
+    find_greatest_offset,
+    require_walls,
+)
 from tpmscad.solids.matter.patch_measures import (
     measure_lattice_patches,
     move_patch_measures,
@@ -53,9 +59,6 @@ from tpmscad.trimming.operands.polyhedra import box
 
 BLOCK_MARGIN_CELLS = 0.1237
 """In cells: how far a block reaches beyond the body's box. The odd value keeps its faces out of symmetry planes."""
-
-MIN_WALL_THICKNESS = 1e-5
-"""Model units: a hundred times the kernel's tolerance, at which the trimmed edges of the two walls are still distinct."""
 
 MAX_CELLS_IN_BOX = 100_000
 """Cells that the box of a body may span; each needs about a hundred patches in memory."""
@@ -96,7 +99,7 @@ def fit_patches_over_box(
     request: LatticeRequest, low: Array, high: Array, progress: FractionProgress
 ) -> PatchesOverBox:
     """The patches of the offset surfaces over the box [low, high] (lattice coordinates, model units) and a margin around it."""
-    edges = np.array(request.cell)
+    edges, bounds = np.array(request.cell), (low, high)
     low, high = low - BLOCK_MARGIN_CELLS * edges, high + BLOCK_MARGIN_CELLS * edges
     first, last = np.array([floor(v) for v in low / edges]), np.array([ceil(v) for v in high / edges])
     counts = last - first
@@ -105,29 +108,40 @@ def fit_patches_over_box(
             f"the body's box spans {' x '.join(map(str, counts))} cells of {edges.tolist()}, more than {MAX_CELLS_IN_BOX}: "
             "enlarge the cell, or cut the body"
         )
-    cells, phase = (int(counts[0]), int(counts[1]), int(counts[2])), np.array(request.phase)
-    if len(set(request.cell)) == 1 or request.source.follows_cell_edges:
-        mapping, cell = None, request.cell[0]
+    cells = int(counts[0]), int(counts[1]), int(counts[2])
+    mapping, _ = compose_map(request, None)
+    if mapping is None:
+        cell = request.cell[0]
         fit = request.source.fit(request.layer_offsets, cell, request.tol)
-        patches = scale_brep(request.source.cover(fit.surfaces, cells, phase).brep, cell)
+        patches = scale_brep(request.source.cover(fit.surfaces, cells, np.array(request.phase)).brep, cell)
+        patches = translate_brep(patches, first * edges)
     else:
-        mapping = stretching(tuple(edge / request.cell[0] for edge in request.cell))
-        patches, fit = _fit_stretched_patches(request, mapping, cells, phase, progress)
-    return PatchesOverBox(translate_brep(patches, first * edges), low, high, fit, mapping)
+        patches, fit = _fit_patches_one_by_one(request, mapping, bounds, first, cells, progress)
+    return PatchesOverBox(patches, low, high, fit, mapping)
 
 
-def _fit_stretched_patches(
-    request: LatticeRequest, mapping: Map, cells: tuple[int, int, int], phase: Array, progress: FractionProgress
+def _fit_patches_one_by_one(
+    request: LatticeRequest,
+    mapping: Map,
+    limits: tuple[Array, Array],
+    first: Array,
+    cells: tuple[int, int, int],
+    progress: FractionProgress,
 ) -> tuple[Brep, LayersFit[MappedLayers]]:
-    """Patches of a lattice whose cell has unequal edges, fitted class by class, and their fit."""
-    cell, source = request.cell[0], exact_source(request)
-    bounds = np.zeros(3), np.array(cells) * np.array(request.cell)
-    max_offset = float(np.abs(request.offset).max())
+    """Patches of a lattice that repeats no cell, or whose cell has unequal edges, from the cell `first`, and their fit.
+
+    limits: corners of the box beyond which they are cut off.
+    """
+    cell, source, edges = request.cell[0], exact_source(request), np.array(request.cell)
+    bounds = first * edges, (first + np.array(cells)) * edges
+    reach = find_greatest_offset(request, lambda: bounds[0] + mapping(box_points(cells, cell)))
     placements = mapped_lattice.select_placements_near_box(
-        source.patch, source.symmetry, mapping, bounds, cells, phase, cell, max_offset
+        source.patch, source.symmetry, mapping, bounds, first, cells, np.array(request.phase), cell, reach
     )
-    surface = MappedSurface(source.patch, source.symmetry, placements, mapping, cell)
-    mapped_lattice.require_offsets_below_curvature_radius(surface, request.offset, f"stretched {source.name}")
+    surface = MappedSurface(
+        source.patch, source.symmetry, placements, mapping, cell, thickness=request.thickness, centre=request.centre
+    )
+    require_walls(surface, request, (limits[0] * cell / edges, limits[1] * cell / edges))
     fit = mapped_lattice.fit_mapped_layers(surface, request.layer_offsets, request.tol, progress)
     return mapped_lattice.assemble_mapped_lattice(surface, *fit.surfaces, natural=False), fit
 
@@ -214,6 +228,7 @@ def build_block_over_box(
     """The lattice over a box in lattice coordinates, of corners (3,), turned by `rotation` (3, 3)."""
     motion = Motion(rotation, np.zeros(3))
     check_wall_thickness(request)
+    distance, request = lattice_distance(request, None, rotation), request.turned(rotation)
     with stages("fit") as done:
         cover = fit_patches_over_box(request, low, high, done)
     with stages("assemble"):
@@ -225,13 +240,12 @@ def build_block_over_box(
         cut = combine_networks(box(cover.low, cover.high), cover.patches, "intersection", tol, is_cover=True)
         return move_brep(cut.brep, motion)
 
-    distance = lattice_distance(request, None, rotation)
     return LatticeBlock(f"{request.surface} infill", patches, measures, distance, trim_to_box)
 
 
 def check_wall_thickness(request: LatticeRequest) -> None:
     """InvalidRequest if the wall of a sheet is too thin for the kernel to trim."""
-    if request.kind == "sheet" and np.ptp(request.offset) < MIN_WALL_THICKNESS:
+    if request.kind == "sheet" and not request.is_graded and np.ptp(request.offset) < MIN_WALL_THICKNESS:
         raise InvalidRequest(
             f"a wall of {np.ptp(request.offset):g} is thinner than {MIN_WALL_THICKNESS:g}, "
             "a hundred times the kernel's tolerance"

@@ -14,15 +14,18 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from tpmscad import surfaces
 from tpmscad._typing import Array, triple
 from tpmscad.brep.boundary_representation import Brep
-from tpmscad.errors import InvalidRequest
+from tpmscad.errors import InvalidRequest, format_point
 from tpmscad.kernel.body_import.body_brep import brep_from_shape
 from tpmscad.kernel.build.primitive_solids import revolve_profile
 from tpmscad.lattices import copies, mapped_lattice, mapped_surface
-from tpmscad.lattices.coordinate_maps import Map, as_map, composition, stretching
+from tpmscad.lattices.coordinate_maps import IDENTITY, Map, as_map, composition, stretching
+from tpmscad.lattices.mapped_surface import MappedSurface, grading
 from tpmscad.lattices.revolved_box import RevolvedBox, find_revolved_box, find_revolved_cylinder
 from tpmscad.lattices.rounded_maps import round_over_cells
+from tpmscad.lattices.self_contact import require_no_self_contact
 from tpmscad.lattices.spline_maps import SplineMap
 from tpmscad.requests.lattice_request import LatticeRequest
 from tpmscad.rigid_motion import Motion
@@ -40,12 +43,12 @@ def exact_source(request: LatticeRequest) -> CopiedPrimitive:
 def compose_map(
     request: LatticeRequest, map: Map | Callable[[Array], Array] | None
 ) -> tuple[Map | None, tuple[str, ...]]:
-    """The map from cubic lattice coordinates (cell = the first edge) to the model, None for the identity, and notes on it."""
+    """The map from cubic lattice coordinates (cell = the first edge) to the model, None for copies of a patch, and notes."""
     stretch = None
     if len(set(request.cell)) > 1 and not request.source.follows_cell_edges:
         stretch = stretching(tuple(edge / request.cell[0] for edge in request.cell))
     if map is None:
-        return stretch, ()
+        return (IDENTITY if stretch is None and request.is_graded else stretch), ()
     block = np.array(request.cell)
     notes: tuple[str, ...] = ()
     if isinstance(map, SplineMap):
@@ -60,6 +63,13 @@ def compose_map(
     else:
         wrap = as_map(map).over_block(block * request.cells)
     return (wrap if stretch is None else composition(wrap, stretch, request.cell[0])), notes
+
+
+GRADING_SAMPLES_PER_PARAMETER = 7
+"""Samples along each parameter of a patch at which a graded wall is checked."""
+
+MIN_WALL_THICKNESS = 1e-5
+"""Model units: a hundred times the kernel's tolerance, at which the trimmed edges of the two walls are still distinct."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -96,7 +106,7 @@ def cover_mapped_lattice(request: LatticeRequest, map: Map) -> MappedCover:
     else:
         mapped_surface.require_regular(map, mapped_surface.box_points(request.cells, cell), cell)
         placements = mapped_lattice.select_placements_near_box(
-            patch, symmetry, map, bounds, request.cells, phase, cell, reach
+            patch, symmetry, map, bounds, np.zeros(3), request.cells, phase, cell, reach
         )
         return MappedCover(placements, (0.0, 0.0, 0.0), box(*bounds), (np.zeros(3), size))
     closed = triple(revolved.closed and axis == revolved.lattice_axis for axis in range(3))
@@ -111,11 +121,56 @@ def cover_mapped_lattice(request: LatticeRequest, map: Map) -> MappedCover:
 
 
 def find_greatest_offset(request: LatticeRequest, sample: Callable[[], Array]) -> float:
-    """The greatest distance of the walls from the mid surface, in model units; of graded walls, at points (..., 3) of it."""
-    greatest = float(np.abs(request.offset).max())
-    if request.thickness is None:
-        return greatest
-    return greatest * float(mapped_surface.evaluate_thickness(request.thickness, sample()).max())
+    """The greatest distance of the walls from the mid surface, in model units; of graded walls, at points (..., 3) near it."""
+    if not request.is_graded:
+        return float(np.abs(request.offset).max())
+    unit, centre = grading(request.thickness, request.centre, sample())
+    return float(np.abs([centre + d * unit for d in request.offset]).max())
+
+
+def require_walls(surface: MappedSurface, request: LatticeRequest, limits: tuple[Array, Array] | None) -> None:
+    """InvalidRequest if walls bend too sharply, meet, or have no thickness, over given placements.
+
+    limits: corners of the box, in lattice coordinates, beyond which walls are cut off, if they are.
+    """
+    offsets, title = request.offset, f"mapped {request.surface}"
+    if request.is_graded:
+        _require_graded_walls(surface, request, limits)
+    if surface.map is IDENTITY:
+        return
+    mapped_lattice.require_offsets_below_curvature_radius(surface, offsets, title)
+    if request.kind == "sheet":
+        require_no_self_contact(surface, offsets, limits)
+
+
+def _require_graded_walls(surface: MappedSurface, request: LatticeRequest, limits: tuple[Array, Array] | None) -> None:
+    """InvalidRequest where a graded wall has no thickness, or reaches farther than an even one may."""
+    t = np.linspace(0.0, 1.0, GRADING_SAMPLES_PER_PARAMETER)
+    u, v = (g.ravel() for g in np.meshgrid(t, t))
+    found = surface.points(u, v)
+    inside = np.ones(found.lattice.shape[:-1], bool)
+    if limits is not None:
+        inside = ((found.lattice >= limits[0]) & (found.lattice <= limits[1])).all(axis=-1)
+    points = found.position[inside]
+    if not len(points):
+        return
+    unit, centre = surface.grading(points)
+    thinnest = int(unit.argmin())
+    if unit[thinnest] < MIN_WALL_THICKNESS:
+        raise InvalidRequest(
+            f"the thickness {unit[thinnest]:g} at {format_point(points[thinnest], 6)} in the model is below "
+            f"{MIN_WALL_THICKNESS:g}, a hundred times the kernel's tolerance, and must be positive all along the lattice: "
+            "limit it, fields.clip(...)"
+        )
+    if surface.map is not IDENTITY:
+        return
+    for multiple in request.offset:
+        distances = centre + multiple * unit
+        for worst in (int(distances.argmin()), int(distances.argmax())):
+            try:
+                surfaces.check_offset(request.surface, request.reference, float(distances[worst]), surface.cell)
+            except InvalidRequest as error:
+                raise InvalidRequest(f"{error}; so far the wall reaches at {format_point(points[worst], 6)}") from None
 
 
 def _points_inside(revolved: RevolvedBox, request: LatticeRequest) -> Array:

@@ -24,12 +24,11 @@ from tpmscad.lattices import mapped_lattice
 from tpmscad.lattices.coordinate_maps import Map
 from tpmscad.lattices.copies import translate_motions
 from tpmscad.lattices.mapped_surface import MappedSurface, repeats_after
-from tpmscad.lattices.self_contact import require_no_self_contact
 from tpmscad.lattices.spline_maps import SplineMap
 from tpmscad.requests.lattice_request import LatticeRequest
 from tpmscad.rigid_motion import Motion
 from tpmscad.solids.matter.lattice_block import MAX_CELLS_IN_BOX, LatticeBlock, check_wall_thickness
-from tpmscad.solids.matter.mapped_block import compose_map, exact_source, find_greatest_offset
+from tpmscad.solids.matter.mapped_block import compose_map, exact_source, find_greatest_offset, require_walls
 from tpmscad.solids.matter.patch_measures import measure_lattice_patches
 from tpmscad.solids.matter.reference_distance import lattice_distance
 from tpmscad.stage_timer import StageTimer
@@ -61,6 +60,7 @@ def build_mapped_block(
 ) -> LatticeBlock:
     """The lattice under a map around a body; `rotation` (3, 3) takes the model of the map to the body's coordinates."""
     check_wall_thickness(request)
+    graded, request = request, request.turned(rotation)
     edges = np.array(request.cell)
     # the domain of a spline is divided; other maps count cells from their own origin, not from the end of a block
     is_spline = isinstance(map, SplineMap)
@@ -75,7 +75,7 @@ def build_mapped_block(
     with stages("assemble"):
         patches = move_brep(patches, Motion(rotation, np.zeros(3)))
         measures = measure_lattice_patches(request, mapping, patches, fit, notes)
-    distance = lattice_distance(request, mapping, rotation)
+    distance = lattice_distance(replace(graded, cells=request.cells), mapping, rotation)
     return LatticeBlock(f"{request.surface} infill", patches, measures, distance, _refuse_box)
 
 
@@ -225,11 +225,9 @@ def _fit_cover(
     placements = placements[np.flatnonzero(near(images, mapped_lattice.PATCH_BULGE_FRACTION, reach))]
     closed = triple(periods.astype(float).tolist())
     surface = MappedSurface(
-        source.patch, source.symmetry, placements, mapping, cell, periods=closed, thickness=request.thickness
+        source.patch, source.symmetry, placements, mapping, cell, closed, request.thickness, request.centre
     )
     surface.orientation()
-    mapped_lattice.require_offsets_below_curvature_radius(surface, request.offset, f"mapped {request.surface}")
-    if request.kind == "sheet":
-        require_no_self_contact(surface, request.offset, None)
+    require_walls(surface, request, None)
     fit = mapped_lattice.fit_mapped_layers(surface, request.layer_offsets, request.tol, progress)
     return mapped_lattice.assemble_mapped_lattice(surface, *fit.surfaces, natural=False), fit

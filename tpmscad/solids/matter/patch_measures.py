@@ -16,7 +16,7 @@ from tpmscad import surfaces
 from tpmscad.brep.boundary_representation import Brep
 from tpmscad.brep.deviation import Deviation
 from tpmscad.brep.edge_continuity import EdgeContinuity, measure_edge_continuity
-from tpmscad.lattices.coordinate_maps import Map
+from tpmscad.lattices.coordinate_maps import IDENTITY, Map
 from tpmscad.lattices.offset_surfaces import LayersFit
 from tpmscad.minimal_series import MINIMAL_SERIES
 from tpmscad.requests.lattice_request import LatticeRequest
@@ -72,10 +72,14 @@ def measure_lattice_patches(
     names = ("gap", "tangent jump in degrees", "relative curvature jump")
     values = (continuity.gap, continuity.tangent_jump_deg, continuity.curvature_jump)
     reference = f"{request.reference} {request.surface} surface"
+    if mapping is not None and mapping is not IDENTITY:
+        reference += f" under {mapping.name}"
+    if request.is_graded:
+        reference += ", the wall graded"
     return PatchMeasures(
         request.tol,
         fit.deviation,
-        reference if mapping is None else f"{reference} under {mapping.name}",
+        reference,
         continuity,
         bounds=fit.bounds,
         figures={

@@ -19,7 +19,7 @@ from tpmscad._typing import Array
 from tpmscad.fields.field import Field, as_field
 from tpmscad.fields.kinds.normal_distance import NormalDistance
 from tpmscad.lattices.coordinate_maps import Map
-from tpmscad.lattices.mapped_surface import evaluate_thickness
+from tpmscad.lattices.mapped_surface import grading
 from tpmscad.requests.lattice_request import LatticeRequest
 from tpmscad.sources.patched_surface import PatchedSurface
 
@@ -48,12 +48,13 @@ def _measure_from_lattice(request: LatticeRequest, mapping: Map | None, rotation
         each = [NormalDistance(phi - level)(local) for level in request.levels]
         return np.asarray(np.abs(each).min(axis=0))
     mid_surface = request.source.mid_surface(request.cell, request.cells, phase, mapping)
-    if request.thickness is None or not isinstance(mid_surface, PatchedSurface):
+    if not isinstance(mid_surface, PatchedSurface):
         return np.asarray(np.abs(mid_surface(local)[:, None] - offsets).min(axis=1))
-    # along the normal, which is exact to first order in the slope of the thickness
+    # of a graded wall along the normal, which is exact to first order in its slope
     distance, foot = mid_surface.distance_and_foot(local)
-    unit = evaluate_thickness(request.thickness, foot)
-    return np.asarray(np.abs(distance[:, None] - offsets * unit[:, None]).min(axis=1))
+    foot = foot - local if rotation is None else (foot - local) @ rotation.T
+    unit, centre = grading(request.thickness, request.centre, points + foot)
+    return np.asarray(np.abs((distance - centre)[:, None] - offsets * unit[:, None]).min(axis=1))
 
 
 def field_distance(field: Any) -> DistanceFunction:
