@@ -90,7 +90,10 @@ class MappedSurface:
 
     def offset(self, u: Array, v: Array, distance: float, index: int | slice | IntArray = slice(None)) -> Array:
         """Points at the signed normal distance from the mapped surface, of every chosen placement, as in `points`."""
-        points = self.points(u, v, index)
+        return self.shift(self.points(u, v, index), distance)
+
+    def shift(self, points: SurfacePoints, distance: float) -> Array:
+        """The points (..., 3) at the signed normal distance from those of the mid surface."""
         unit, centre = self.grading(points.position)
         return points.position + (centre + distance * unit)[..., None] * points.normal
 
