@@ -28,6 +28,7 @@ from tpmscad.lattices.coordinate_maps import Map
 from tpmscad.lattices.copies import SEARCH_MARGIN_CELLS, cell_origins, find_open_sides, ruled_surface, translate_motions
 from tpmscad.lattices.mapped_surface import MappedSurface
 from tpmscad.lattices.offset_surfaces import Layers, LayersFit, PlacedFaces, place_faces
+from tpmscad.lattices.smooth_gradings import smooth_gradings
 from tpmscad.rigid_motion import Motion, match_points
 from tpmscad.splines.basis import bernstein_basis, evaluate_bezier_patches
 from tpmscad.splines.bspline import BSplineSurface
@@ -190,19 +191,21 @@ def fit_mapped_layers(
     t = g2_fit.sample_parameters()
     u, v = np.meshgrid(t, t, indexing="ij")
     given = [d for d in distances if d is not None]
+    smooth = smooth_gradings(mapped, given, tol)
+    mapped = smooth.mapped
     classes = [group_congruent_patches(mapped, d) for d in given]
     members = _sample_classes(mapped, u, v, given, classes)
     for degree in BEZIER_DEGREES:
         last = degree == BEZIER_DEGREES[-1]
         fits = [g2_fit.fit_g2_patches(m, degree) for m in members]
         estimates = [_estimate_least_deviation(poles, m) for (poles, _), m in zip(fits, members, strict=True)]
-        if not last and max(estimates) > tol:
+        if not last and max(estimates) + smooth.error > tol:
             continue
         layers = [
             MappedLayer([bezier_surface(p) for p in poles], c.label, c.motion)
             for (poles, _), c in zip(fits, classes, strict=True)
         ]
-        deviation = _measure_patches(mapped, given, layers, classes)
+        deviation = _measure_patches(mapped, given, layers, classes).moved(smooth.error)
         progress((degree - BEZIER_DEGREES[0] + 1) / (BEZIER_DEGREES[-1] - BEZIER_DEGREES[0] + 1))
         if last or deviation.max <= tol:
             break
@@ -216,7 +219,8 @@ def fit_mapped_layers(
         )
     fitted = iter(layers)
     lower, upper = (None if d is None else next(fitted) for d in distances)
-    return LayersFit((lower, upper), deviation, convergence=NetConvergence.worst(c for _, c in fits))
+    convergence = NetConvergence.worst(c for _, c in fits)
+    return LayersFit((lower, upper), deviation, convergence=convergence, notes=smooth.notes)
 
 
 def _sample_classes(
