@@ -21,8 +21,8 @@ from tpmscad.splines.gaussian_interpolation import GaussianInterpolant, interpol
 SPACINGS_PER_CELL = (8, 12, 16, 20)
 """Spacings of the grid in the order of trial. The samples of the fit resolve finer ones no longer."""
 
-DEVIATION_SHARE = 0.2
-"""Part of the tolerance within which a smoothed wall is taken; the rest is left to the fit."""
+DEVIATION_SHARE = 0.4
+"""Part of the tolerance within which a smoothed wall is taken; the rest is left to the fit, of degree 10 as a rule."""
 
 SMOOTH_TAIL = 1e-9
 """Part of its greatest value below which the last coefficients of a smooth grading are: 1e-12 of formulas, 1e-6 at creases."""
@@ -84,7 +84,10 @@ def _smooth(
 ) -> tuple[Callable[[Array], Array], float]:
     """The smooth function that differs least from values (n,) at points (n, 3), or by no more than a limit, and by how much."""
     found: list[tuple[float, GaussianInterpolant]] = []
+    least = 0.0
     for parts in SPACINGS_PER_CELL:
+        if parts < min(least, SPACINGS_PER_CELL[-1]):
+            continue
         spacing = cell / parts
         origin = points.min(axis=0) - MARGIN_SPACINGS * spacing
         counts = np.ceil((points.max(axis=0) - origin) / spacing).astype(int) + MARGIN_SPACINGS + 1
@@ -93,5 +96,6 @@ def _smooth(
         found.append((float(np.abs(function(points) - values).max()), function))
         if found[-1][0] <= limit:
             break
+        least = parts * found[-1][0] / limit  # at creases the difference falls with the spacing
     miss, function = min(found, key=lambda each: each[0])
     return function, miss
