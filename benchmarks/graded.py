@@ -156,6 +156,8 @@ def greatest_distance(model: Any, cell: float, thickness: Any, low: np.ndarray, 
     def surface(i: Any, u: Any, v: Any, side: Any) -> np.ndarray:
         jet = patch.jet(u, v)
         middle = cell * (np.einsum("nij,nj->ni", turn[i], jet.position) + shift[i])
+        if side == 0:
+            return middle
         return middle + (0.5 * side * thickness(middle))[:, None] * np.einsum("nij,nj->ni", turn[i], jet.normal)
 
     middles = surface(owner, u, v, 0.0)
@@ -166,8 +168,8 @@ def greatest_distance(model: Any, cell: float, thickness: Any, low: np.ndarray, 
     points = found.points[own[found.face]]
     points = points[np.random.default_rng(0).permutation(len(points))[:FOOT_POINTS]]
     least = np.full(len(points), np.inf)
+    start = cKDTree(middles[near]).query(points)[1]
     for side in (-1.0, 1.0):
-        start = cKDTree(surface(owner, u, v, side)).query(points)[1]
         i, s, t = owner[start], u[start], v[start]
         for _ in range(FOOT_STEPS):
             at, h = surface(i, s, t, side), 1e-5

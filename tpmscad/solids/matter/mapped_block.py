@@ -160,7 +160,7 @@ def _require_graded_walls(surface: MappedSurface, request: LatticeRequest, limit
         raise InvalidRequest(
             f"the thickness {unit[thinnest]:g} at {format_point(points[thinnest], 6)} in the model is below "
             f"{MIN_WALL_THICKNESS:g}, a hundred times the kernel's tolerance, and must be positive all along the lattice: "
-            "limit it, fields.clip(...)"
+            "keep its values above that"
         )
     if surface.map is not IDENTITY:
         return
