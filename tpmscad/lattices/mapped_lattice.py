@@ -63,9 +63,6 @@ ESTIMATE_MARGIN = 1.06
 MOST_BENT = 2
 """Patches, those over which the map bends most, that are fitted before all others."""
 
-MAX_PARAMETRIC_EXCESS = 3.0
-"""Greatest ratio of differences at equal parameters to orthogonal distances."""
-
 MAX_DEVIATION_CELLS = 0.1
 """Deviation, in cells, beyond which a fit is no image of the surface: its patches oscillate."""
 
@@ -196,18 +193,14 @@ def fit_mapped_layers(
     classes = [group_congruent_patches(mapped, d) for d in given]
     members = _sample_classes(mapped, u, v, given, classes)
     for degree in BEZIER_DEGREES:
-        last = degree == BEZIER_DEGREES[-1]
         fits = [g2_fit.fit_g2_patches(m, degree) for m in members]
-        estimates = [_estimate_least_deviation(poles, m) for (poles, _), m in zip(fits, members, strict=True)]
-        if not last and max(estimates) + smooth.error > tol:
-            continue
         layers = [
             MappedLayer([bezier_surface(p) for p in poles], c.label, c.motion)
             for (poles, _), c in zip(fits, classes, strict=True)
         ]
         deviation = _measure_patches(mapped, given, layers, classes).moved(smooth.error)
         progress((degree - BEZIER_DEGREES[0] + 1) / (BEZIER_DEGREES[-1] - BEZIER_DEGREES[0] + 1))
-        if last or deviation.max <= tol:
+        if deviation.max <= tol:
             break
     if deviation.max > max(tol, MAX_DEVIATION_CELLS * mapped.cell):
         worst = find_most_bent(mapped, 1)
@@ -366,14 +359,6 @@ def _estimate_distances(miss: Array, du: Array, dv: Array, u: Array, v: Array) -
         beyond = np.einsum("...d,...d->...", miss[..., at_side, :], across) / np.linalg.norm(across, axis=-1)
         back[..., at_side] = np.maximum(back[..., at_side], np.hypot(along[..., at_side], np.maximum(beyond, 0.0)))
     return np.stack([along, back])
-
-
-def _estimate_least_deviation(poles: Array, samples: Array) -> float:
-    """A lower estimate of the deviation from the differences at the inner samples: a degree that it rules out misses."""
-    t = g2_fit.sample_parameters()
-    inside = (t >= 0) & (t <= 1)
-    fitted = np.stack([bezier_surface(p).grid(t[inside], t[inside]) for p in poles])
-    return float(np.linalg.norm(fitted - samples[:, inside][:, :, inside], axis=-1).max() / MAX_PARAMETRIC_EXCESS)
 
 
 def find_most_bent(mapped: MappedSurface, count: int) -> IntArray:
