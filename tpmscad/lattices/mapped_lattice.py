@@ -206,9 +206,8 @@ def fit_mapped_layers(
         worst = find_most_bent(mapped, 1)
         raise InvalidRequest(
             f"under {mapped.map.name} the patches deviate by {deviation.max:.3g} from the surface, more than a tenth of the "
-            f"cell, most {describe_cell(mapped, int(worst[0]))}: the map bends too sharply for one patch, as near the "
-            "axis of a cylinder; use a larger radius, smaller "
-            "cells, or a map that varies less over a cell"
+            f"cell, most {describe_cell(mapped, int(worst[0]))}: the map, or the graded wall, bends too sharply for one patch, "
+            "as near the axis of a cylinder; use a larger radius, smaller cells, or a map and a wall that vary less over a cell"
         )
     fitted = iter(layers)
     lower, upper = (None if d is None else next(fitted) for d in distances)
@@ -468,9 +467,9 @@ def assemble_mapped_lattice(
     except SideMismatch as mismatch:
         raise InvalidRequest(
             f"under {mapped.map.name} neighbouring patches near {format_point(mismatch.place)} differ by "
-            f"{mismatch.gap:.3g} along their common side, more than {mismatch.limit:.3g}: the map bends too sharply there for "
-            "one patch, as near a branch point; keep the lattice away from there, take smaller cells, or use a map that "
-            "varies less over a cell"
+            f"{mismatch.gap:.3g} along their common side, more than {mismatch.limit:.3g}: the map, or the graded wall, bends too "
+            "sharply there for one patch, as near a branch point; keep the lattice away from there, take smaller cells, or use a "
+            "map and a wall that vary less over a cell"
         ) from mismatch
 
 

@@ -27,10 +27,10 @@ DEVIATION_SHARE = 0.4
 SMOOTH_TAIL = 1e-9
 """Part of its greatest value below which the last coefficients of a smooth grading are: 1e-12 of formulas, 1e-6 at creases."""
 
-CHECKED_SAMPLES = 7
+CHECKED_SAMPLES = 5
 """Samples along each parameter of all patches at which a grading and its smooth function are compared."""
 
-CHECKED_PATCHES = 8
+CHECKED_PATCHES = 4
 """Patches, those over which a grading is least like a polynomial, at which it is seen whether it is smooth."""
 
 MARGIN_SPACINGS = 2

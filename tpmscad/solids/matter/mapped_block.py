@@ -65,7 +65,7 @@ def compose_map(
     return (wrap if stretch is None else composition(wrap, stretch, request.cell[0])), notes
 
 
-GRADING_SAMPLES_PER_PARAMETER = 7
+GRADING_SAMPLES_PER_PARAMETER = 5
 """Samples along each parameter of a patch at which a graded wall is checked."""
 
 MIN_WALL_THICKNESS = 1e-5
