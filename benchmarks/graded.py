@@ -1,9 +1,14 @@
 """Graded solids: a wall, a cell size and a volume fraction that change from place to place, with what was measured on each.
 
 python -m benchmarks.graded [wall | sizes | cylinder] ...
+python -m benchmarks.graded beside_even [BODY | FILE.step ...]
 
 Fractions are those of the made solid: along x in slices of the box, or in shells about the cylinder's axis, by vertical lines
 through triangles of its faces, beside what was asked for (the mean of the fraction field, or of a wall's own field, there).
+`beside_even` fills bodies with gyroid walls of .4 to 1.2 mm whose thickness is a formula, an image, a distance from the body's
+faces or scattered values, and with an even wall: CPU seconds of infill and STEP file, their ratio to the even wall's, faces a
+cell, the certificate's deviation, and the greatest distance of vertices of triangles from the exact offset surface, by feet that
+are found here: nearest of dense nodes, then Gauss-Newton steps with differences.
 """
 
 from __future__ import annotations
@@ -15,13 +20,21 @@ from tempfile import TemporaryDirectory
 from typing import Any
 
 import numpy as np
+from OCP.BRepAdaptor import BRepAdaptor_Surface
+from OCP.GeomAbs import GeomAbs_BezierSurface, GeomAbs_BSplineSurface
+from scipy.spatial import cKDTree
 
 import tpmscad
-from tpmscad import fields
+from tpmscad import fields, surfaces
+from tpmscad.kernel.occt.bounding_boxes import enclosing_box
+from tpmscad.kernel.occt.exploration import faces_of
 from tpmscad.kernel.render.tessellation import tessellate
 
 SPACING = 0.1
 """Of the vertical lines, mm."""
+
+FOOT_NODES, FOOT_POINTS, FOOT_STEPS = 17, 3000, 8
+"""Nodes along each parameter of a patch, vertices and steps of the feet of `beside_even`."""
 
 
 def wall() -> None:
@@ -63,6 +76,119 @@ def cylinder() -> None:
         r = np.linspace(low, high, 401)
         wanted.append(np.trapezoid(fraction(np.column_stack([r, 0 * r, 0 * r])) * r, r) / np.trapezoid(r, r))
     report("shells about the axis", found, wanted)
+
+
+def bodies() -> dict[str, Any]:
+    """The bodies of `beside_even`, by name."""
+    import build123d as bd
+
+    block, bore = bd.Box(30, 24, 8), bd.Cylinder(4, 40)
+    loft = bd.loft([bd.Plane.XY * bd.Ellipse(9, 6), bd.Plane.XY.offset(18) * bd.Circle(7)])
+    return {
+        "box": bd.Box(18, 18, 18),
+        "cylinder": bd.Cylinder(8, 16),
+        "bored": bd.Cylinder(10, 14) - bore,
+        "bracket": bd.fillet((block + bd.Pos(-11, 0, 8) * bd.Box(8, 24, 16)).edges().group_by(bd.Axis.Z)[-1], 1) - bore,
+        "loft": loft,
+        "sphere": bd.Sphere(10),
+    }
+
+
+def gradings(body: Any, low: np.ndarray, high: np.ndarray) -> dict[str, Any]:
+    """Thicknesses in a box, by name: functions of points (n, 3) from .4 to 1.2 mm."""
+    size, rng = high - low, np.random.default_rng(0)
+    axes = [np.linspace(a, b, 24) for a, b in zip(low, high, strict=True)]
+    x, y, z = np.meshgrid(*axes, indexing="ij")
+    image = 0.8 + 0.35 * np.sin(4 * x / size[0]) * np.cos(3 * y / size[1] + 2 * z / size[2])
+    places = low + size * rng.random((400, 3))
+    stress = 0.5 + 0.6 * ((places - low) / size).prod(axis=1) + 0.05 * rng.random(400)
+    slope = 0.7 / size / 3
+    return {
+        "formula": fields.from_function(lambda p: 0.8 + (p - (low + high) / 2) @ slope),
+        "image": fields.sampled(image, tuple(size / 23), origin=tuple(low)),
+        "distance": fields.clip(fields.expression("1.1 + 0.12 * d", d=tpmscad.body_field(body)), 0.4, 1.1),
+        "scattered": fields.clip(fields.scattered(places, stress), 0.4, 1.2),
+    }
+
+
+def beside_even() -> None:
+    """Graded walls beside even ones; names of bodies or paths of CAD files follow on the command line."""
+    known = bodies()
+    for name in sys.argv[2:] or known:
+        body = known[name] if name in known else tpmscad.read_body(name).shape
+        low, high = (np.array(corner) for corner in enclosing_box(getattr(body, "wrapped", body)))
+        cell = 6.0 if name in known else float((high - low).max()) / 6
+        scale, tol = cell / 6, cell / 200
+        even, c, _ = min((fill(body, cell, 0.8 * scale, tol) for _ in range(2)), key=lambda run: run[0])
+        print(f"{Path(name).stem:20s} even      {even:6.1f} s      {c.n_faces:5d} faces met {c.met}", flush=True)
+        for kind, thickness in gradings(body, low, high).items():
+            given = thickness if scale == 1 else scale * thickness
+            seconds, c, model = fill(body, cell, given, tol)
+            cells = c.volume / (3.0919 * 0.8 / 6) / cell**3
+            feet = greatest_distance(model, cell, given, low, high)
+            print(
+                f"{'':20s} {kind:9s} {seconds:6.1f} s {seconds / even:4.2f} {c.n_faces:5d} faces, {c.n_faces / cells:.0f} a cell "
+                f"met {c.met} deviation {c.max_deviation / tol:.3f} tol, own feet {feet / tol:.3f} tol",
+                flush=True,
+            )
+
+
+def fill(body: Any, cell: float, thickness: Any, tol: float) -> tuple[float, Any, Any]:
+    """CPU seconds of infill and file, certificate and model."""
+    begun = _seconds()
+    model = tpmscad.infill(body, "gyroid", cell=cell, thickness=thickness, tol=tol)
+    with TemporaryDirectory() as folder:
+        model.export_step(Path(folder) / "solid.step")
+    return _seconds() - begun, model.certificate, model
+
+
+def greatest_distance(model: Any, cell: float, thickness: Any, low: np.ndarray, high: np.ndarray) -> float:
+    """Greatest distance of some vertices of triangles of the walls from the exact offset surface."""
+    patch, motions = surfaces.primitive_patch("gyroid"), surfaces.patch_symmetry("gyroid").cell_motions
+    axes = [np.arange(np.floor(a / cell) - 1, np.ceil(b / cell) + 1) for a, b in zip(low, high, strict=True)]
+    origins = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3)
+    turn = np.tile(motions.rotation, (len(origins), 1, 1))
+    shift = (origins[:, None] + motions.translation).reshape(-1, 3)
+    t = np.linspace(0, 1, FOOT_NODES)
+    u, v = (np.tile(g.ravel(), len(turn)) for g in np.meshgrid(t, t))
+    owner = np.repeat(np.arange(len(turn)), FOOT_NODES**2)
+
+    def surface(i: Any, u: Any, v: Any, side: Any) -> np.ndarray:
+        jet = patch.jet(u, v)
+        middle = cell * (np.einsum("nij,nj->ni", turn[i], jet.position) + shift[i])
+        if side == 0:
+            return middle
+        return middle + (0.5 * side * thickness(middle))[:, None] * np.einsum("nij,nj->ni", turn[i], jet.normal)
+
+    middles = surface(owner, u, v, 0.0)
+    near = ((middles > low - 0.3 * cell) & (middles < high + 0.3 * cell)).all(axis=1)
+    owner, u, v = owner[near], u[near], v[near]
+    found = tessellate(model.built.shape, 0.02 * cell)
+    own = np.array([_is_wall(face) for face in faces_of(model.built.shape)])
+    points = found.points[own[found.face]]
+    points = points[np.random.default_rng(0).permutation(len(points))[:FOOT_POINTS]]
+    least = np.full(len(points), np.inf)
+    start = cKDTree(middles[near]).query(points)[1]
+    for side in (-1.0, 1.0):
+        i, s, t = owner[start], u[start], v[start]
+        for _ in range(FOOT_STEPS):
+            at, h = surface(i, s, t, side), 1e-5
+            rows = [(surface(i, s + h, t, side) - at) / h, (surface(i, s, t + h, side) - at) / h]
+            tangents = np.stack(rows, axis=2)
+            step = np.linalg.solve(
+                np.swapaxes(tangents, 1, 2) @ tangents, np.einsum("nij,ni->nj", tangents, points - at)[..., None]
+            )[..., 0]
+            s, t = (np.clip(x + np.clip(d, -0.1, 0.1), -0.04, 1.04) for x, d in zip((s, t), step.T, strict=True))
+        least = np.minimum(least, np.linalg.norm(points - surface(i, s, t, side), axis=1))
+    return float(least.max())
+
+
+def _is_wall(face: Any) -> bool:
+    """Whether a face is a patch of a wall: of one span and degree 9 or more, as no face of these bodies is."""
+    surface = BRepAdaptor_Surface(face)
+    if surface.GetType() not in (GeomAbs_BSplineSurface, GeomAbs_BezierSurface):
+        return False
+    return bool(surface.UDegree() >= 9 and surface.NbUPoles() == surface.UDegree() + 1)
 
 
 def _on_x(low: float, high: float) -> np.ndarray:
@@ -140,5 +266,8 @@ def _seconds() -> float:
 
 
 if __name__ == "__main__":
+    if sys.argv[1:2] == ["beside_even"]:
+        beside_even()
+        sys.exit()
     for task in sys.argv[1:] or ["wall", "sizes", "cylinder"]:
         {"wall": wall, "sizes": sizes, "cylinder": cylinder}[task]()

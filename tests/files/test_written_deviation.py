@@ -82,7 +82,7 @@ def test_a_written_file_keeps_the_deviation(way: str, tmp_path: Path) -> None:
     assert written.is_watertight
     assert len(written.faces) == file.triangles
     number = {ShapeKey(face): i for i, face in enumerate(model.built.faces)}
-    first, meshes = 0, measure_meshes(model.wrapped, deviation, np.radians(20), [model.built]).meshes
+    first, meshes = 0, measure_meshes([model.built], deviation, np.radians(20)).meshes
     for solid, mesh in zip(model.built.solids, meshes, strict=True):
         corners = written.triangles[first : first + len(mesh.triangles)]
         assert np.allclose(corners, mesh.points[mesh.triangles], atol=1e-5)

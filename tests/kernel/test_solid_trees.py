@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import astuple
 from itertools import product
 
 import numpy as np
@@ -12,6 +13,7 @@ pytest.importorskip("OCP")
 import build123d as bd
 from OCP.TopoDS import TopoDS_Shape
 
+from tpmscad import fields
 from tpmscad.kernel.boolean.solid_trees import (
     SolidSet,
     combine_sets,
@@ -21,11 +23,13 @@ from tpmscad.kernel.boolean.solid_trees import (
     make_quadric_set,
 )
 from tpmscad.kernel.boolean.sphere_frames import ACROSS, SKEW, choose_sphere_frame
+from tpmscad.kernel.build.solids import build_solids
 from tpmscad.kernel.measure.creases import measure_creases
 from tpmscad.kernel.measure.shape_report import check_shape
 from tpmscad.kernel.occt.bounding_boxes import enclosing_box
 from tpmscad.kernel.occt.construction import make_compound
 from tpmscad.kernel.occt.exploration import solids_of
+from tpmscad.solids.matter.strut_boundaries import bound_struts_in_box
 
 pytestmark = pytest.mark.kernel
 
@@ -158,3 +162,11 @@ def test_the_sharpest_wedge_is_found_along_an_edge(tilt_deg: float) -> None:
 def test_smooth_joints_are_no_creases() -> None:
     slot = bd.extrude(bd.SlotOverall(6, 2), 1).solid().wrapped
     assert measure_creases([slot]).count == 8  # two ends of four edges each; the four seams between them are smooth
+
+
+def test_creases_by_classes_of_edges_are_those_of_all_edges() -> None:
+    field = fields.strut_lattice("octet", 10.0, 1.0, (2, 2, 1))
+    box = np.zeros(3), np.array([20.0, 20, 10])
+    built = build_solids(bound_struts_in_box(field, *box))
+    by_classes, one_by_one = (measure_creases(of, box) for of in (built, built.solids))
+    np.testing.assert_allclose(astuple(by_classes), astuple(one_by_one), rtol=1e-9)

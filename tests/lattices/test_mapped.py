@@ -192,7 +192,7 @@ def test_mirror_images_are_a_class_of_their_own_although_their_distances_are_equ
 
 @pytest.mark.slow
 def test_the_greatest_deviation_is_that_of_all_patches_measured_one_by_one() -> None:
-    """The least degree on a small cylinder: patches differ, so that most of them are left out by their bounds."""
+    """The least degree on a small cylinder: patches differ, so that most of them are left out by their estimates."""
     surface = mid(maps.cylinder(12.0))
     fit = mapped_lattice.fit_mapped_layers(surface, (-0.3, 0.3), 0.05)
     each = []
@@ -207,7 +207,8 @@ def test_the_greatest_deviation_is_that_of_all_patches_measured_one_by_one() -> 
                 )
             )
     oracle = combine_deviations(each)
-    assert fit.deviation.max == oracle.max
+    for name in ("max", "to_reference", "from_reference"):
+        assert getattr(fit.deviation, name) == pytest.approx(getattr(oracle, name), rel=2e-3), name
     assert fit.deviation.rms == pytest.approx(oracle.rms, rel=0.02)
     assert min(d.max for d in each) < 0.7 * oracle.max
 

@@ -12,8 +12,10 @@ from tpmscad import fields
 from tpmscad.brep import connectivity
 from tpmscad.brep.boundary_representation import Brep
 from tpmscad.brep.moments import integral_properties
+from tpmscad.brep.solid_properties import measure_solid
 from tpmscad.errors import InvalidRequest
 from tpmscad.fields.kinds.strut_graphs import StrutsField
+from tpmscad.lattices import strut_classes
 from tpmscad.lattices.strut_brep import build_strut_brep
 from tpmscad.lattices.strut_contacts import find_contact
 from tpmscad.lattices.strut_ends import find_envelope, wave_values
@@ -24,6 +26,10 @@ BOX = np.zeros(3), np.full(3, 10.0)
 
 def bound(field: StrutsField, box: tuple[np.ndarray, np.ndarray] | None = None) -> Brep:
     return build_strut_brep(field.points, field.edges, field.radius, field.node_radius, box)
+
+
+def count_classes(field: StrutsField, box: tuple[np.ndarray, np.ndarray]) -> int:
+    return len(strut_classes.group_facets(field.points, field.edges, field.radius, field.node_radius, box)[1])
 
 
 def volume(brep: Brep) -> float:
@@ -119,6 +125,29 @@ def test_struts_in_the_sides_of_the_box_are_halved() -> None:
         bound(fields.strut_lattice("cubic", (10.0, 8.0, 6.0), 1.0, 2), (np.zeros(3), np.array([20.0, 16, 12])))
     )
     assert whole == pytest.approx(8 * volume(bound(field, (np.zeros(3), np.array([10.0, 8, 6])))), rel=1e-9)
+
+
+@pytest.mark.parametrize(("kind", "node_radius"), [("octet", 0.0), ("kelvin", 0.8)])
+def test_classes_of_struts_change_nothing(kind: str, node_radius: float, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Two cells against one of them, against the graph, and against every strut worked out by itself."""
+    field, box = fields.strut_lattice(kind, 10.0, 1.0, (2, 1, 1), node_radius), (np.zeros(3), np.array([20.0, 10, 10]))
+    brep = bound(field, box)
+    assert volume(brep) == pytest.approx(2 * volume(bound(fields.strut_lattice(kind, 10.0, 1.0, 1, node_radius), BOX)))
+    assert measure_solid(brep).betti == (1, len(field.edges) - len(np.unique(field.edges)) + 1, 0)
+    assert count_classes(field, box) < len(field.edges)
+    monkeypatch.setattr(strut_classes, "_label_rows", lambda rows: (np.arange(len(rows)), np.arange(len(rows))))
+    assert count_classes(field, box) == len(field.edges)
+    single = bound(field, box)
+    assert len(single.faces) == len(brep.faces)
+    assert len(single.edges) == len(brep.edges)
+    assert volume(single) == pytest.approx(volume(brep), rel=1e-12)
+
+
+def test_more_cells_have_no_more_classes() -> None:
+    counts = [
+        count_classes(fields.strut_lattice("octet", 10.0, 1.0, n), (np.zeros(3), np.full(3, 10.0 * n))) for n in (4, 5)
+    ]
+    assert counts[0] == counts[1] < 250
 
 
 def test_collinear_struts_are_one_without_a_seam() -> None:

@@ -118,3 +118,15 @@ def test_a_fit_that_was_simplified_early_is_not_simplified_within_the_narrow_lim
     monkeypatch.setattr("tpmscad.levelset.fit_simplification._simplify_once", simplify_once)
     assert simplify_fit(fit) is fit
     assert limits == [1.3]
+
+
+def test_patches_nearest_to_samples_that_no_patch_reaches_fall_short() -> None:
+    request, tree, mesh = meshed()
+    fit = fit_level_set(request, tree, mesh)
+    assert not fit.short.any()
+    beyond = np.array([[4.0, 3.5, 5.9]])  # far above the wall, where no patch comes
+    missed = fit_level_set(replace(request, surface_samples=beyond), tree, mesh, fit)
+    above = np.array([poles[..., :2].mean(axis=(0, 1)) for poles in missed.fit.patches])
+    assert missed.short.sum() == 1
+    assert np.abs(above[missed.short][0] - beyond[0, :2]).max() < 1.0
+    assert set(missed.network.leaf[missed.short].ravel()) <= set(missed.leaves_of_short.tolist())

@@ -26,6 +26,10 @@ def test_a_lattice_meets_its_certificate_and_survives_step(tmp_path: Path) -> No
     assert found.ok
     assert found.shape.faces == certificate.n_faces
     assert found.shape.volume == pytest.approx(certificate.volume, rel=1e-9)
+    model.export_step(tmp_path / "copies.step", instanced=True)
+    copies = tpmscad.check_step(tmp_path / "copies.step")
+    assert copies.shape.solids == 2
+    assert copies.shape.volume == pytest.approx(certificate.volume, rel=1e-9)
     gmsh = pytest.importorskip("gmsh")
     gmsh.initialize()
     try:

@@ -155,13 +155,20 @@ OVERHANG = ArgumentKind(
 WALL_THICKNESS = ArgumentKind(
     f"{POSITIVE.text}, or {FUNCTION.text}", "1.0", lambda value: value if callable(value) else read_positive(value)
 )
-FORMULA = instance_of('text such as "0.5 + 0.03*z"', "", str)
-GRADED_THICKNESS = WALL_THICKNESS.or_else(FORMULA)
-GRADED_FRACTION = FRACTION.or_else(FUNCTION).or_else(FORMULA)
-_GRADED_DISTANCE = NUMBER.or_else(FUNCTION).or_else(FORMULA)
-GRADED_OFFSET = _GRADED_DISTANCE.or_else(
-    tuple_of(_GRADED_DISTANCE.read, 2, "two of them, the lower first", "")
-).described_as(example="(-0.5, 0.5)")
+
+
+def _or_graded(kind: ArgumentKind) -> ArgumentKind:
+    """A kind that takes functions of points and formulas as text, too."""
+    text = f"{kind.text}, {FUNCTION.text}, or a formula of x, y and z as text"
+    return ArgumentKind(text, kind.example, lambda v: v if callable(v) or isinstance(v, str) else kind.read(v))
+
+
+GRADED_THICKNESS, GRADED_FRACTION = _or_graded(POSITIVE), _or_graded(FRACTION)
+GRADED_OFFSET = (
+    _or_graded(NUMBER)
+    .or_else(tuple_of(_or_graded(NUMBER).read, 2, "two of them, the lower first", ""))
+    .described_as(example="(-0.5, 0.5)")
+)
 LABEL = ArgumentKind("a whole number", "1", read_whole).or_else(
     sequence_of(read_whole, "several", "").or_else(choice_of("all")).described_as('several, or "all"')
 )

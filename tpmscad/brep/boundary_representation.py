@@ -39,6 +39,7 @@ import numpy as np
 
 from tpmscad._typing import Array, IntArray
 from tpmscad.brep.carriers import Carrier, ConicalSurface, CylindricalSurface, EdgeCurve
+from tpmscad.index_ranges import expand_ranges
 from tpmscad.rigid_motion import Motion
 from tpmscad.splines.bspline import BSplineCurve, BSplineSurface
 
@@ -177,12 +178,22 @@ def _scale_length_parameters(brep: Brep, factor: float) -> tuple[tuple[BSplineCu
     return tuple(pcurves), replace(uses, pcurve=index)
 
 
+def sample_edges(brep: Brep, count: int) -> Array:
+    """Points at equal steps of the parameter along each edge, its ends included: (E, count, 3)."""
+    edges = brep.edges
+    keys, key = np.unique(np.column_stack([edges.curve, edges.span]), axis=0, return_inverse=True)
+    local = [brep.curves[int(index)](np.linspace(low, high, count)) for index, low, high in keys.tolist()]
+    return edges.motion[:, None].apply(np.array(local).reshape(-1, count, 3)[key.ravel()])
+
+
 def select_faces(brep: Brep, selected: IntArray) -> Brep:
     """The boundary representation of the selected faces, on the edges and vertices that these use."""
     faces, uses, edges = brep.faces, brep.uses, brep.edges
-    loops_of_face = [range(faces.loop_start[f], faces.loop_start[f + 1]) for f in selected]
-    uses_of_loop = [range(faces.use_start[j], faces.use_start[j + 1]) for loops in loops_of_face for j in loops]
-    use = np.array([k for loop in uses_of_loop for k in loop], np.int64)
+    selected = np.asarray(selected, np.int64)
+    n_loops = faces.loop_start[selected + 1] - faces.loop_start[selected]
+    loop = expand_ranges(faces.loop_start[selected], faces.loop_start[selected + 1])[1]
+    n_uses = faces.use_start[loop + 1] - faces.use_start[loop]
+    use = expand_ranges(faces.use_start[loop], faces.use_start[loop + 1])[1]
     used, edge = np.unique(uses.edge[use], return_inverse=True)
     vertices, ends = np.unique(np.concatenate([edges.start[used], edges.end[used]]), return_inverse=True)
     start, end = np.split(ends.ravel(), 2)
@@ -196,8 +207,8 @@ def select_faces(brep: Brep, selected: IntArray) -> Brep:
             motion=faces.motion[selected],
             sense=faces.sense[selected],
             tag=faces.tag[selected],
-            loop_start=np.cumsum([0, *map(len, loops_of_face)]),
-            use_start=np.cumsum([0, *map(len, uses_of_loop)]),
+            loop_start=np.concatenate([[0], np.cumsum(n_loops)]),
+            use_start=np.concatenate([[0], np.cumsum(n_uses)]),
         ),
     )
 

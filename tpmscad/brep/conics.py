@@ -32,6 +32,11 @@ class _Conic:
         """One turn; the curve may be evaluated outside it."""
         return 0.0, TWO_PI
 
+    def place_frames(self, motion: Motion) -> Array:
+        """Origins, normals and x axes (n, 3, 3) of the curve after rigid motions (n,), as `moved` has them."""
+        x, y = (motion.apply_to_vectors(np.tile(axis, (len(motion), 1))) for axis in (self.x_axis, self.y_axis))
+        return np.stack([motion.apply(self.origin), np.cross(x, y), x], axis=1)
+
     def moved(self, motion: Motion) -> Self:
         """The curve after a rigid motion, mirrors included, with its parameter."""
         x, y = motion.apply_to_vectors(self.x_axis), motion.apply_to_vectors(self.y_axis)

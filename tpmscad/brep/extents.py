@@ -64,20 +64,19 @@ def _conic_reach(brep: Brep) -> Array:
     reach = np.full(6, -np.inf)
     edges = brep.edges
     conic = np.array([isinstance(c, Circle | Ellipse) for c in brep.curves], bool)
-    for e in np.flatnonzero(conic[edges.curve]).tolist():
-        curve = brep.curves[int(edges.curve[e])]
+    order = np.argsort(edges.curve, kind="stable")
+    limits = np.searchsorted(edges.curve[order], np.arange(len(brep.curves) + 1))
+    for index in np.flatnonzero(conic).tolist():
+        own, curve = order[limits[index] : limits[index + 1]], brep.curves[index]
         assert isinstance(curve, Circle | Ellipse)
-        a, b = (curve.major, curve.minor) if isinstance(curve, Ellipse) else (curve.radius, curve.radius)
-        motion, (low, high) = edges.motion[e], edges.span[e]
-        x, y = (
-            a * _reach_along_axes(motion.apply_to_vectors(curve.x_axis)),
-            b * _reach_along_axes(motion.apply_to_vectors(curve.y_axis)),
-        )
+        radii = (curve.major, curve.minor) if isinstance(curve, Ellipse) else (curve.radius, curve.radius)
+        origin, normal, x_axis = np.moveaxis(curve.place_frames(edges.motion[own]), 1, 0)
+        x, y = (r * _reach_along_axes(v) for r, v in zip(radii, (x_axis, np.cross(normal, x_axis)), strict=True))
+        low, high = edges.span[own].T[..., None]
         t = np.arctan2(y, x)
         t += TWO_PI * np.ceil((low - t) / TWO_PI)
-        reach = np.where(
-            t <= high, np.maximum(reach, _reach_along_axes(motion.apply(curve.origin)) + np.hypot(x, y)), reach
-        )
+        farthest = np.where(t <= high, _reach_along_axes(origin) + np.hypot(x, y), -np.inf)
+        reach = np.maximum(reach, farthest.max(axis=0, initial=-np.inf))
     return reach
 
 

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import functools
 import inspect
+import re
 from collections.abc import Callable, Mapping
 from inspect import Parameter
 from pathlib import Path
@@ -60,6 +61,7 @@ from tpmscad.cli.options import (
     VerifyOption,
     parse_numbers,
     parse_solid,
+    remedy_for_number,
 )
 from tpmscad.cli.output import MODEL_SUFFIXES, OutputRequest
 
@@ -111,10 +113,12 @@ def parse_openings(texts: list[str]) -> dict[str, str]:
 
 
 def parse_graded(text: str) -> float | str:
-    """A number, or the formula of a graded wall as it is."""
+    """A number, or the formula of a graded wall as it is, known by a coordinate."""
     try:
         return float(text)
     except ValueError:
+        if not re.search(r"\b[xyzXYZ]\b", text):
+            raise typer.BadParameter(f"{text!r} is not a number{remedy_for_number(text)}") from None
         return text
 
 

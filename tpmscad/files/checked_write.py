@@ -193,7 +193,7 @@ class SolidsRequest:
 
     def write_healed(self, precision: float) -> None:
         """Write the solids healed with gaps up to `precision` in mm."""
-        healed = [replace(of, solid=heal_solid(of.solid, precision)) for of in self.solids]
+        healed = [replace(of, source=heal_solid(of.solid, precision)) for of in self.solids]
         moments = np.array([solid_moments(of.solid) for of in healed])
         replace(self, solids=healed, moments=moments).write()
 

@@ -142,7 +142,9 @@ def write_mesh_or_brep_file(
         deviation = max(result.certificate.tol, DEVIATION_FRACTION * measure_diagonal(result.bounding_box))
     angle = DEFAULT_ANGLE_DEG if options.angle is None else options.angle
     solids, volume = result.named_solids(), result.volume
-    found = measure_meshes(make_compound(of.solid for of in solids), deviation, float(np.radians(angle)), built)
+    arrays = [of for of in built if isinstance(of, BrepSolids)]
+    source = arrays if len(arrays) == len(built) else make_compound(of.solid for of in solids)
+    found = measure_meshes(source, deviation, float(np.radians(angle)))
     parts = [group_faces(of.name, mesh, of.labels, of.colour_of) for of, mesh in zip(solids, found.meshes, strict=True)]
     area = sum(part.mesh.area for part in parts)
     enclosed = sum(part.mesh.volume for part in parts)

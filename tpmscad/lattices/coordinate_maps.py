@@ -140,7 +140,7 @@ class Map:
         return Map(lambda p: self(p - shift), None if exact is None else lambda p: exact(p - shift), self.name)
 
 
-IDENTITY = Map(lambda p: p, lambda p: np.broadcast_to(np.eye(3), (*p.shape, 3)), "no map")
+IDENTITY = Map(lambda p: p, lambda p: np.broadcast_to(np.eye(3), (*p.shape, 3)), "the identity")
 """The map of a lattice that is not mapped: its patches are moved rigidly."""
 
 

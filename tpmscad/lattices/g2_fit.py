@@ -55,6 +55,13 @@ def sample_parameters() -> Array:
     return 0.5 + (0.5 + SAMPLE_OVERHANG) * cosine
 
 
+def find_least_coefficients(values: Array) -> Array:
+    """The greatest of the last Chebyshev coefficients (P,) of functions sampled at `sample_parameters` squared, (P, n, n)."""
+    inverse = _inverse_vandermonde()
+    size = np.abs(np.einsum("am,pmn,bn->pab", inverse, values, inverse, optimize=True))
+    return np.maximum(size[:, -3:].max(axis=(1, 2)), size[:, :, -3:].max(axis=(1, 2)))
+
+
 def fit_g2_patches(samples: Array, degree: int) -> tuple[Array, NetConvergence]:
     """Bezier poles (P, degree + 1, degree + 1, 3) of patches sampled at `sample_parameters` squared, and their convergence.
 

@@ -15,10 +15,12 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+from scipy.ndimage import maximum_filter
 
 from tpmscad._typing import Array, IntArray
 from tpmscad.brep.boundary_representation import Brep
-from tpmscad.brep.deviation import Deviation, combine_deviations, cosine_grid, measure_deviation
+from tpmscad.brep.deviation import REFERENCE_MARGIN_FRACTION, SAMPLES_PER_PEAK_AXIS, Deviation, cosine_grid
+from tpmscad.brep.orthogonal_projection import project_to_surface
 from tpmscad.brep.welding import SideMismatch, cluster_points
 from tpmscad.errors import InvalidRequest, format_point
 from tpmscad.lattices import g2_fit
@@ -26,7 +28,9 @@ from tpmscad.lattices.coordinate_maps import Map
 from tpmscad.lattices.copies import SEARCH_MARGIN_CELLS, cell_origins, find_open_sides, ruled_surface, translate_motions
 from tpmscad.lattices.mapped_surface import MappedSurface
 from tpmscad.lattices.offset_surfaces import Layers, LayersFit, PlacedFaces, place_faces
+from tpmscad.lattices.smooth_gradings import smooth_gradings
 from tpmscad.rigid_motion import Motion, match_points
+from tpmscad.splines.basis import bernstein_basis, evaluate_bezier_patches
 from tpmscad.splines.bspline import BSplineSurface
 from tpmscad.splines.cpia import NetConvergence
 from tpmscad.splines.knots import bezier_surface
@@ -53,14 +57,11 @@ NORMAL_STEP = 1e-4
 PATCHES_AT_ONCE = 100
 """Patches that are evaluated together: their points fit into tens of megabytes."""
 
-PEAK_MARGIN = 1.2
-"""Factor by which the greatest difference on the grid of a patch may be exceeded between its points."""
+ESTIMATE_MARGIN = 1.06
+"""Factor by which a deviation may exceed its estimate, of first order, on the grid; 1.046 was the most that was found."""
 
 MOST_BENT = 2
 """Patches, those over which the map bends most, that are fitted before all others."""
-
-MAX_PARAMETRIC_EXCESS = 3.0
-"""Greatest ratio of differences at equal parameters to orthogonal distances."""
 
 MAX_DEVIATION_CELLS = 0.1
 """Deviation, in cells, beyond which a fit is no image of the surface: its patches oscillate."""
@@ -187,32 +188,31 @@ def fit_mapped_layers(
     t = g2_fit.sample_parameters()
     u, v = np.meshgrid(t, t, indexing="ij")
     given = [d for d in distances if d is not None]
+    smooth = smooth_gradings(mapped, given, tol)
+    mapped = smooth.mapped
     classes = [group_congruent_patches(mapped, d) for d in given]
     members = _sample_classes(mapped, u, v, given, classes)
     for degree in BEZIER_DEGREES:
-        last = degree == BEZIER_DEGREES[-1]
         fits = [g2_fit.fit_g2_patches(m, degree) for m in members]
-        estimates = [_estimate_least_deviation(poles, m) for (poles, _), m in zip(fits, members, strict=True)]
-        if not last and max(estimates) > tol:
-            continue
         layers = [
             MappedLayer([bezier_surface(p) for p in poles], c.label, c.motion)
             for (poles, _), c in zip(fits, classes, strict=True)
         ]
-        deviation = _measure_patches(mapped, given, layers, classes, np.inf if last else tol, progress)
-        if last or deviation.max <= tol:
+        deviation = _measure_patches(mapped, given, layers, classes).moved(smooth.error)
+        progress((degree - BEZIER_DEGREES[0] + 1) / (BEZIER_DEGREES[-1] - BEZIER_DEGREES[0] + 1))
+        if deviation.max <= tol:
             break
     if deviation.max > max(tol, MAX_DEVIATION_CELLS * mapped.cell):
         worst = find_most_bent(mapped, 1)
         raise InvalidRequest(
             f"under {mapped.map.name} the patches deviate by {deviation.max:.3g} from the surface, more than a tenth of the "
-            f"cell, most {describe_cell(mapped, int(worst[0]))}: the map bends too sharply for one patch, as near the "
-            "axis of a cylinder; use a larger radius, smaller "
-            "cells, or a map that varies less over a cell"
+            f"cell, most {describe_cell(mapped, int(worst[0]))}: the map, or the graded wall, bends too sharply for one patch, "
+            "as near the axis of a cylinder; use a larger radius, smaller cells, or a map and a wall that vary less over a cell"
         )
     fitted = iter(layers)
     lower, upper = (None if d is None else next(fitted) for d in distances)
-    return LayersFit((lower, upper), deviation, convergence=NetConvergence.worst(c for _, c in fits))
+    convergence = NetConvergence.worst(c for _, c in fits)
+    return LayersFit((lower, upper), deviation, convergence=convergence, notes=smooth.notes)
 
 
 def _sample_classes(
@@ -242,65 +242,122 @@ def _measure_patches(
     distances: Sequence[float],
     layers: Sequence[MappedLayer],
     classes: Sequence[CongruenceClasses],
-    limit: float,
-    progress: Callable[[float], None],
 ) -> Deviation:
-    """Deviation of the fitted patches, or of the first found that exceeds `limit`; `progress` receives the fraction done.
+    """Deviation of the fitted patches, all together: the greatest is sought by estimates, and measured where they have a maximum.
 
-    The difference at equal parameters is never less than the orthogonal distances. Patches are measured from the greatest
-    difference down, as long as one could exceed the deviation found; of the others the component along the normal counts, for
-    the root mean square.
+    An estimate is of first order in the difference at equal parameters. Maxima that could exceed the greatest one are refined and
+    projected, in each direction; all samples count for the root mean square.
     """
-    compared = [_compare_at_grid(mapped, d, layer, c) for d, layer, c in zip(distances, layers, classes, strict=True)]
-    at = [(k, i) for k, (greatest, _) in enumerate(compared) for i in range(len(greatest))]
-    at.sort(key=lambda place: -compared[place[0]][0][place[1]])
-    deviations: list[Deviation] = []
-    worst = 0.0
-    for done, (k, i) in enumerate(at):
-        greatest, rms = (float(values[i]) for values in compared[k])
-        if PEAK_MARGIN * greatest > worst:
-            exact = _offset_evaluator(mapped, distances[k], int(classes[k].first[i]))
-            deviations.append(measure_deviation(layers[k].patches[i], exact, PATCH_SAMPLES_PER_PARAMETER))
-            worst = max(worst, deviations[-1].max)
-            progress((done + 1) / len(at))
-            if worst > limit:
-                break
-        else:
-            deviations.append(Deviation(0.0, rms, 0.0, 0.0))
-    progress(1.0)
-    return combine_deviations(deviations)
+    grids = [_Estimates.on_grid(mapped, d, layer, c) for d, layer, c in zip(distances, layers, classes, strict=True)]
+    least = np.max([grid.distances.max(axis=(1, 2, 3)) for grid in grids], axis=0) / ESTIMATE_MARGIN
+    to_reference, from_reference = np.max([grid.measure_peaks(least) for grid in grids], axis=0).tolist()
+    rms = float(np.sqrt(np.mean(np.concatenate([grid.mean_square for grid in grids]))))
+    return Deviation(max(to_reference, from_reference), rms, to_reference, from_reference)
 
 
-def _compare_at_grid(
-    mapped: MappedSurface, distance: float, layer: MappedLayer, classes: CongruenceClasses
-) -> tuple[Array, Array]:
-    """Of each class of patches the greatest difference from the surface at equal parameters, and the rms along the normal."""
-    t = cosine_grid(PATCH_SAMPLES_PER_PARAMETER)
-    u, v = np.meshgrid(t, t, indexing="ij")
-    weight = np.sin(np.pi * np.linspace(0.0, 1.0, len(t)))
-    greatest, square = [], []
-    for start in range(0, len(classes.first), PATCHES_AT_ONCE):
-        index = classes.first[start : start + PATCHES_AT_ONCE]
-        points = mapped.points(u, v, index)
-        unit, centre = mapped.grading(points.position)
-        exact = points.position + (centre + distance * unit)[..., None] * points.normal
-        fitted = np.stack([layer.patches[start + i].grid(t, t) for i in range(len(index))])
-        along = np.einsum("pijd,pijd->pij", fitted - exact, points.normal)
-        greatest.append(np.linalg.norm(fitted - exact, axis=-1).max(axis=(1, 2)))
-        square.append(np.einsum("i,pij,j->p", weight, along**2, weight) / weight.sum() ** 2)
-    return np.concatenate(greatest), np.sqrt(np.concatenate(square))
+@dataclass(frozen=True, slots=True, eq=False)
+class _Estimates:
+    """Estimated distances of each class of patches to the exact surface and back, and their mean square (n,).
+
+    distances: (2, n, m, m) on `cosine_grid`.
+    """
+
+    mapped: MappedSurface
+    distance: float
+    placement: IntArray
+    poles: Array
+    distances: Array
+    mean_square: Array
+
+    @classmethod
+    def on_grid(
+        cls, mapped: MappedSurface, distance: float, layer: MappedLayer, classes: CongruenceClasses
+    ) -> _Estimates:
+        """Of all patches of a layer, at all points of the grid."""
+        t = cosine_grid(PATCH_SAMPLES_PER_PARAMETER)
+        u, v = np.meshgrid(t, t, indexing="ij")
+        weight = np.sin(np.pi * np.linspace(0.0, 1.0, len(t)))
+        poles = np.stack([patch.poles for patch in layer.patches])
+        values, slopes = (bernstein_basis(poles.shape[1] - 1, t, order) for order in range(2))
+        found = np.empty((2, len(poles), *u.shape))
+        for start in range(0, len(poles), PATCHES_AT_ONCE):
+            chosen = slice(start, start + PATCHES_AT_ONCE)
+            own = poles[chosen]
+            fitted, du, dv = (
+                evaluate_bezier_patches(rows, own, columns).reshape(len(own), *u.shape, 3)
+                for rows, columns in ((values, values), (slopes, values), (values, slopes))
+            )
+            miss = mapped.offset(u, v, distance, classes.first[chosen]) - fitted
+            found[:, chosen] = _estimate_distances(miss, du, dv, u, v)
+        square = np.einsum("i,kpij,j->p", weight, found**2, weight) / (2 * weight.sum() ** 2)
+        return cls(mapped, distance, classes.first, poles, found, square)
+
+    def measure_peaks(self, least: Array) -> tuple[float, float]:
+        """The greatest distance to the exact surface, and back, at the maxima of estimates of at least `least` (2,)."""
+        to_reference = self._distances_to_reference(*self._find_peaks(0, least[0]))
+        return to_reference, self._distances_from_reference(*self._find_peaks(1, least[1]))
+
+    def _find_peaks(self, direction: int, least: float) -> tuple[IntArray, Array, Array]:
+        """Patches and parameters (n,) of the maxima of at least `least`, refined between the points of the grid."""
+        t, index = cosine_grid(PATCH_SAMPLES_PER_PARAMETER), np.arange(PATCH_SAMPLES_PER_PARAMETER)
+        found = self.distances[direction]
+        patch, *at = np.nonzero((found >= least) & (found == maximum_filter(found, size=(1, 3, 3))))
+        step = np.linspace(-1.0, 1.0, SAMPLES_PER_PEAK_AXIS)
+        u, v = (np.interp(np.clip(k[:, None] + step, 0, index[-1]), index, t) for k in at)
+        u, v = np.repeat(u, len(step), axis=1), np.tile(v, len(step))
+        many = np.repeat(patch, u.shape[1])
+        fitted, du, dv = self._evaluate(many, u.ravel(), v.ravel())
+        miss = self._reference(many, u.ravel(), v.ravel()) - fitted
+        finer = _estimate_distances(miss, du, dv, u.ravel(), v.ravel())[direction].reshape(u.shape)
+        best = finer.argmax(axis=1)[:, None]
+        u, v = (np.take_along_axis(x, best, axis=1)[:, 0] for x in (u, v))
+        return patch, u, v
+
+    def _evaluate(self, patch: IntArray, u: Array, v: Array) -> tuple[Array, Array, Array]:
+        """Points (n, 3) of the fitted patches and their derivatives by u and by v, the i-th of patch[i]."""
+        degree = self.poles.shape[1] - 1
+        (u0, u1), (v0, v1) = ([bernstein_basis(degree, x, order) for order in range(2)] for x in (u, v))
+        rows = [np.einsum("na,nabk->nbk", r, self.poles[patch]) for r in (u0, u1)]
+        point, du, dv = (np.einsum("nb,nbk->nk", c, r) for c, r in ((v0, rows[0]), (v0, rows[1]), (v1, rows[0])))
+        return point, du, dv
+
+    def _reference(self, patch: IntArray, u: Array, v: Array) -> Array:
+        """Points (n, 3) of the exact offset surface, the i-th of patch[i]."""
+        return self.mapped.shift(self.mapped.points_at(self.placement[patch], u, v), self.distance)
+
+    def _distances_to_reference(self, patch: IntArray, u: Array, v: Array) -> float:
+        """The greatest distance of points of the patches from the exact surface, whose foot points may lie a little beyond."""
+        points, du, dv = self._evaluate(patch, u, v)
+
+        def jet(s: Array, t: Array, rows: IntArray) -> Sequence[Array]:
+            return self._reference(patch[rows], s, t), du[rows], dv[rows]
+
+        domain = -REFERENCE_MARGIN_FRACTION, 1.0 + REFERENCE_MARGIN_FRACTION
+        foot = project_to_surface(jet, points, u, v, (domain, domain))
+        return float(np.linalg.norm(points - self._reference(patch, *foot), axis=1).max(initial=0.0))
+
+    def _distances_from_reference(self, patch: IntArray, u: Array, v: Array) -> float:
+        """The greatest distance of points of the exact surface from the patches, an upper bound beyond their sides."""
+        points, domain = self._reference(patch, u, v), (0.0, 1.0)
+        foot = project_to_surface(lambda s, t, rows: self._evaluate(patch[rows], s, t), points, u, v, (domain, domain))
+        return float(np.linalg.norm(points - self._evaluate(patch, *foot)[0], axis=1).max(initial=0.0))
 
 
-def _offset_evaluator(mapped: MappedSurface, distance: float, index: int) -> Callable[[Array, Array], Array]:
-    return lambda u, v: mapped.offset(u, v, distance, index)
+def _estimate_distances(miss: Array, du: Array, dv: Array, u: Array, v: Array) -> Array:
+    """Distances (2, ...) to first order in the steps `miss` (..., 3) from a patch to a surface: to the surface, and back.
 
-
-def _estimate_least_deviation(poles: Array, samples: Array) -> float:
-    """A lower estimate of the deviation from the differences at the inner samples: a degree that it rules out misses."""
-    t = g2_fit.sample_parameters()
-    inside = (t >= 0) & (t <= 1)
-    fitted = np.stack([bezier_surface(p).grid(t[inside], t[inside]) for p in poles])
-    return float(np.linalg.norm(fitted - samples[:, inside][:, :, inside], axis=-1).max() / MAX_PARAMETRIC_EXCESS)
+    They are the parts along the normal; on a side back also that by which the surface lies beyond the patch, where foot points
+    stop. u, v: as many parameters as the last axes have points.
+    """
+    normal = np.cross(du, dv)
+    along = np.abs(np.einsum("...d,...d->...", miss, normal)) / np.linalg.norm(normal, axis=-1)
+    back = along.copy()
+    for at_side, direction, outwards in ((u == 0, dv, -du), (u == 1, dv, du), (v == 0, du, -dv), (v == 1, du, dv)):
+        across = np.cross(direction[..., at_side, :], normal[..., at_side, :])
+        across *= np.sign(np.einsum("...d,...d->...", across, outwards[..., at_side, :]))[..., None]
+        beyond = np.einsum("...d,...d->...", miss[..., at_side, :], across) / np.linalg.norm(across, axis=-1)
+        back[..., at_side] = np.maximum(back[..., at_side], np.hypot(along[..., at_side], np.maximum(beyond, 0.0)))
+    return np.stack([along, back])
 
 
 def find_most_bent(mapped: MappedSurface, count: int) -> IntArray:
@@ -410,9 +467,9 @@ def assemble_mapped_lattice(
     except SideMismatch as mismatch:
         raise InvalidRequest(
             f"under {mapped.map.name} neighbouring patches near {format_point(mismatch.place)} differ by "
-            f"{mismatch.gap:.3g} along their common side, more than {mismatch.limit:.3g}: the map bends too sharply there for "
-            "one patch, as near a branch point; keep the lattice away from there, take smaller cells, or use a map that "
-            "varies less over a cell"
+            f"{mismatch.gap:.3g} along their common side, more than {mismatch.limit:.3g}: the map, or the graded wall, bends too "
+            "sharply there for one patch, as near a branch point; keep the lattice away from there, take smaller cells, or use a "
+            "map and a wall that vary less over a cell"
         ) from mismatch
 
 

@@ -90,7 +90,10 @@ class MappedSurface:
 
     def offset(self, u: Array, v: Array, distance: float, index: int | slice | IntArray = slice(None)) -> Array:
         """Points at the signed normal distance from the mapped surface, of every chosen placement, as in `points`."""
-        points = self.points(u, v, index)
+        return self.shift(self.points(u, v, index), distance)
+
+    def shift(self, points: SurfacePoints, distance: float) -> Array:
+        """The points (..., 3) at the signed normal distance from those of the mid surface."""
         unit, centre = self.grading(points.position)
         return points.position + (centre + distance * unit)[..., None] * points.normal
 
@@ -113,11 +116,11 @@ def grading(
 ) -> tuple[Array, Array]:
     """The thickness of a graded wall, 1 of an even one, and its centre at points (..., 3) of the mid surface: (...) each."""
     shape = points.shape[:-1]
-    unit = np.ones(shape) if thickness is None else _evaluate_grading("thickness", thickness, points)
-    return unit, np.zeros(shape) if centre is None else _evaluate_grading("offset", centre, points)
+    unit = np.ones(shape) if thickness is None else evaluate_grading("thickness", thickness, points)
+    return unit, np.zeros(shape) if centre is None else evaluate_grading("offset", centre, points)
 
 
-def _evaluate_grading(name: str, function: Callable[[Array], Array], points: Array) -> Array:
+def evaluate_grading(name: str, function: Callable[[Array], Array], points: Array) -> Array:
     """Values (...) of a graded distance at points (..., 3) of the model; InvalidRequest where it is not finite."""
     rows = points.reshape(-1, 3)
     values = call_for_array(f"the {name}", function, rows)

@@ -36,12 +36,13 @@ S = TypeVar("S")
 
 @dataclass(frozen=True, slots=True, eq=False)
 class LayersFit(Generic[S]):
-    """Fitted surfaces of a wall; their deviation, rigorous bounds on it and the nets' `convergence` in model units."""
+    """Fitted surfaces of a wall; their deviation, rigorous bounds on it and the nets' `convergence` in model units; notes."""
 
     surfaces: S
     deviation: Deviation
     bounds: Mapping[str, float] = field(default_factory=dict)
     convergence: NetConvergence = field(default_factory=lambda: NetConvergence(0, 0.0))
+    notes: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -1,41 +1,33 @@
 """Round struts of one diameter on a graph as a boundary representation: cylinders, balls and the planes of a box, exactly.
 
-The faces of each strut (`strut_facets`) are joined at edges with the same ends and middle. Nodes in a side of the box, and struts
-along it, are cut by the side; the edges that are then used once bound the planar faces. No face is intersected with another: what
-must hold for that is checked by `find_contact`.
+The faces of each strut, which are those of its class (`strut_classes`), are joined at edges with the same ends and middle. Nodes
+in a side of the box, and struts along it, are cut by the side; the edges that are then used once bound the planar faces. No face
+is intersected with another: what must hold for that is checked by `find_contact`.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from itertools import product
 
 import numpy as np
-from scipy.sparse import coo_matrix
-from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
-from tpmscad._typing import Array, IntArray
+from tpmscad._typing import Array, BoolArray, IntArray
 from tpmscad.brep.boundary_representation import Brep, Edges, EdgeUses, Faces
-from tpmscad.brep.carriers import Carrier, EdgeCurve, Plane
+from tpmscad.brep.carriers import Carrier, Plane
+from tpmscad.brep.linked_items import label_linked
 from tpmscad.brep.loops import chain_faces
-from tpmscad.lattices.strut_ends import IN_PLANE
-from tpmscad.lattices.strut_facets import (
-    CAP,
-    ON_SIDE,
-    SAME_POINT,
-    SURFACE,
-    Facet,
-    Side,
-    bound_ball,
-    bound_cylinder,
-    choose_cuts,
-    exchange_opposite_splits,
-    exchange_splits,
-    make_strut_ends,
-    reverse_side,
-)
+from tpmscad.errors import TrimmingError
+from tpmscad.index_ranges import expand_ranges
+from tpmscad.lattices.strut_classes import find_sides, group_facets
+from tpmscad.lattices.strut_facets import SAME_POINT, Side
 from tpmscad.rigid_motion import Motion
 from tpmscad.splines.bspline import BSplineCurve, line_segment
+
+CAP, SURFACE = "cap", "surface"
+"""Tags of faces in the sides of the box, and of all others."""
 
 PATH_POINTS = 17
 """Points of an edge in the polygon that stands for it where planar faces are nested."""
@@ -53,109 +45,134 @@ def build_strut_brep(
     node_radius: at least `radius`. The struts must not touch each other but in common nodes, see `find_contact`; a node that is
     not in a side must be clear of it.
     """
-    ends = make_strut_ends(points, struts, radius, node_radius, box)
-    facets: list[Facet] = []
-    cuts = [choose_cuts(ends[s]) for s in range(len(struts))]
-    exchange_splits(ends, cuts, radius, node_radius)
+    label, classes = group_facets(points, struts, radius, node_radius, box)
+    facets = [facet for own in classes for facet in own]
+    first_facet = np.cumsum([0, *map(len, classes)])
+    first_side = np.cumsum([0, *(len(facet.loop) for facet in facets)])
+    strut, facet = expand_ranges(first_facet[label], first_facet[label + 1])
+    face, kind = expand_ranges(first_side[facet], first_side[facet + 1])
+    sides = [side for each in facets for side in each.loop]
+    corner, tol = points[struts[strut, 0]], SAME_POINT * radius
     if box is not None:
-        exchange_opposite_splits(ends, cuts, radius, node_radius, box)
-    for pair, cut in zip(ends, cuts, strict=True):
-        facets += bound_cylinder(pair, cut, points, struts, radius)
-        for end in pair:
-            facets += bound_ball(end, cut, radius, node_radius)
-    brep = _assemble(facets, radius)
-    if box is None:
-        return brep
-    return _close_sides(brep, facets, points, struts, radius, node_radius, box)
+        ends = np.array([side.ends()[::2] for side in sides])[kind] + corner[face][:, None]
+        in_corners = np.unique(struts[find_sides(points, box).sum(axis=1)[struts] == 3])
+        sides += _find_lines(ends, points[in_corners], box, tol)
+    n_lines = len(sides) - int(first_side[-1])
+    joined = _join_sides(
+        sides,
+        np.concatenate([kind, first_side[-1] + np.arange(n_lines)]),
+        np.concatenate([corner[face], np.zeros((n_lines, 3))]),
+        tol,
+    )
+    caps = [] if box is None else list(_close_sides(joined, len(face), box, tol))
+    pcurves, pcurve, deviation = _match_pcurves(joined, [each.carrier for each in facets], facet[face])
+    loops = [loop for _, of_plane in caps for loop in of_plane]
+    uses = np.array([use for loop in loops for use in loop], np.int64).reshape(-1, 2)
+    first = joined.first
+    curves, curve = np.unique(joined.kind[first], return_inverse=True)
+    carriers = list(
+        {id(carrier): carrier for carrier in (*(each.carrier for each in facets), *(cap[0] for cap in caps))}.values()
+    )
+    number = {id(carrier): i for i, carrier in enumerate(carriers)}
+    on_facets = np.array([number[id(each.carrier)] for each in facets])
+    return Brep(
+        tuple(carriers),
+        tuple(sides[k].curve for k in curves.tolist()),
+        pcurves,
+        joined.vertices,
+        Edges(
+            curve,
+            Motion.translations(joined.move[first]),
+            np.array([side.span for side in sides])[joined.kind[first]],
+            joined.start[first],
+            joined.end[first],
+            deviation,
+        ),
+        EdgeUses(
+            np.concatenate([joined.edge[: len(face)], uses[:, 0]]),
+            np.concatenate([joined.sense[: len(face)], uses[:, 1]]),
+            np.concatenate([pcurve, np.full(len(uses), -1)]),
+        ),
+        Faces(
+            np.concatenate([on_facets[facet], np.array([number[id(plane)] for plane, _ in caps], np.int64)]),
+            Motion.translations(np.concatenate([corner, np.zeros((len(caps), 3))])),
+            np.ones(len(facet) + len(caps), np.int64),
+            np.repeat([0, 1], [len(facet), len(caps)]),
+            np.cumsum([0, *[1] * len(facet), *(len(of_plane) for _, of_plane in caps)]),
+            np.cumsum(
+                np.concatenate([[0], np.bincount(face, minlength=len(facet)), [len(loop) for loop in loops]])
+            ).astype(np.int64),
+        ),
+        (SURFACE, CAP),
+    )
 
 
 class _PointPool:
     """Points that are one within a distance, numbered."""
 
     def __init__(self, points: Array, tol: float) -> None:
-        pairs = cKDTree(points).query_pairs(tol, output_type="ndarray")
-        graph = coo_matrix((np.ones(len(pairs)), (pairs[:, 0], pairs[:, 1])), shape=(len(points),) * 2)
-        _, self.number = connected_components(graph, directed=False)
+        self.number = label_linked(len(points), cKDTree(points).query_pairs(tol, output_type="ndarray"))
         _, first = np.unique(self.number, return_index=True)
         self.points = points[first]
 
 
-def _assemble(facets: Sequence[Facet], radius: float) -> Brep:
-    """The faces on common edges and vertices: sides of faces with the same ends and middle are one edge."""
-    sides = [side for facet in facets for loop in facet.loops for side in loop]
-    pool = _PointPool(np.concatenate([side.ends() for side in sides]), SAME_POINT * radius)
-    numbers = pool.number.reshape(-1, 3)
-    known: dict[tuple[int, int, int], int] = {}
-    edge_of, sense_of = [], []
-    rows: list[tuple[Side, int, int]] = []
-    for side, (start, middle, end) in zip(sides, numbers.tolist(), strict=True):
-        key = min(start, end), max(start, end), middle
-        if key not in known:
-            known[key] = len(rows)
-            rows.append((side, start, end))
-        edge_of.append(known[key])
-        sense_of.append(side.sense if rows[known[key]][1] == start else -side.sense)
-    curves = tuple(side.curve for side, _, _ in rows)
-    used, ends = np.unique(np.array([(a, b) for _, a, b in rows]), return_inverse=True)
-    start, end = ends.reshape(-1, 2).T
-    return _with_matched_pcurves(facets, sides, edge_of, sense_of, rows, curves, pool.points[used], start, end)
+@dataclass(frozen=True, slots=True, eq=False)
+class _JoinedSides:
+    """Sides (k,) of faces on common edges: those with the same ends and middle are one edge.
+
+    kind (k,): rows of `sides`; move (k, 3): their translations. ends (k, 3, 3): start, middle and end of the curves. start, end
+    (k,): their vertices, rows of `vertices`. edge, sense (k,): the edges, and the senses along these; along (k,): whether the
+    curve runs as the edge does. first (e,): the side whose curve is that of the edge.
+    """
+
+    sides: Sequence[Side]
+    kind: IntArray
+    move: Array
+    ends: Array
+    vertices: Array
+    start: IntArray
+    end: IntArray
+    edge: IntArray
+    along: BoolArray
+    sense: IntArray
+    first: IntArray
 
 
-def _with_matched_pcurves(
-    facets: Sequence[Facet],
-    sides: Sequence[Side],
-    edge_of: Sequence[int],
-    sense_of: Sequence[int],
-    rows: Sequence[tuple[Side, int, int]],
-    curves: tuple[EdgeCurve, ...],
-    vertices: Array,
-    start: IntArray,
-    end: IntArray,
-) -> Brep:
-    """The boundary representation, with every pcurve on the span of its edge's curve."""
-    pcurves: list[BSplineCurve] = []
-    number, deviation = [], np.zeros(len(rows))
-    carriers: list[Carrier] = []
-    carrier_of, known = [], {}
-    loop_start, use_start, at = [0], [0], 0
-    for facet in facets:
-        if id(facet.carrier) not in known:
-            known[id(facet.carrier)] = len(carriers)
-            carriers.append(facet.carrier)
-        carrier_of.append(known[id(facet.carrier)])
-        for loop in facet.loops:
-            for side in loop:
-                row = rows[edge_of[at]][0]
-                if side.pcurve is None:
-                    number.append(-1)
-                else:
-                    number.append(len(pcurves))
-                    pcurves.append(_on_span(side.pcurve, row.span, same_way=sense_of[at] == side.sense))
-                    t = np.linspace(*row.span, 9)
-                    off = np.linalg.norm(facet.carrier(*pcurves[-1](t).T) - row.curve(t), axis=1).max()
-                    deviation[edge_of[at]] = max(deviation[edge_of[at]], off)
-                at += 1
-            use_start.append(at)
-        loop_start.append(len(use_start) - 1)
-    n, m = len(facets), len(rows)
-    tags = np.array([[SURFACE, CAP].index(facet.tag) for facet in facets], np.int64)
-    return Brep(
-        tuple(carriers),
-        curves,
-        tuple(pcurves),
-        vertices,
-        Edges(np.arange(m), Motion.identity(m), np.array([side.span for side, _, _ in rows]), start, end, deviation),
-        EdgeUses(np.array(edge_of), np.array(sense_of), np.array(number)),
-        Faces(
-            np.array(carrier_of),
-            Motion.identity(n),
-            np.array([facet.sense for facet in facets]),
-            tags,
-            np.array(loop_start),
-            np.array(use_start),
-        ),
-        (SURFACE, CAP),
-    )
+def _join_sides(sides: Sequence[Side], kind: IntArray, move: Array, tol: float) -> _JoinedSides:
+    ends = np.array([side.ends() for side in sides])[kind] + move[:, None]
+    pool = _PointPool(ends.reshape(-1, 3), tol)
+    start, middle, end = pool.number.reshape(-1, 3).T
+    keys = np.column_stack([np.minimum(start, end), np.maximum(start, end), middle])
+    _, first, edge = np.unique(keys, axis=0, return_index=True, return_inverse=True)
+    rank = np.argsort(np.argsort(first))
+    first, edge = np.sort(first), rank[edge.ravel()]
+    along = start[first[edge]] == start
+    sense = np.array([side.sense for side in sides])[kind] * np.where(along, 1, -1)
+    used, vertex = np.unique(np.stack([start, end]), return_inverse=True)
+    start, end = vertex.reshape(2, -1)
+    return _JoinedSides(sides, kind, move, ends, pool.points[used], start, end, edge, along, sense, first)
+
+
+def _match_pcurves(
+    joined: _JoinedSides, carriers: Sequence[Carrier], facet: IntArray
+) -> tuple[tuple[BSplineCurve, ...], IntArray, Array]:
+    """Pcurves on the spans of edges, the number of that of each use (k,) by a facet, and the deviations of edges."""
+    n = len(facet)
+    source = joined.first[joined.edge[:n]]
+    keys = np.column_stack([joined.kind[:n], joined.kind[source], joined.along[:n]])
+    _, chosen, number = np.unique(keys, axis=0, return_index=True, return_inverse=True)
+    pcurves, off = [], []
+    for k in chosen.tolist():
+        own, row = joined.sides[joined.kind[k]], joined.sides[joined.kind[source[k]]]
+        assert own.pcurve is not None
+        pcurves.append(_on_span(own.pcurve, row.span, same_way=bool(joined.along[k])))
+        t = np.linspace(row.span[0], row.span[1], 9)
+        shift = joined.move[k] - joined.move[source[k]]
+        miss = carriers[facet[k]](*pcurves[-1](t).T) + shift - row.curve(t)
+        off.append(float(np.linalg.norm(miss, axis=1).max()))
+    deviation = np.zeros(len(joined.first))
+    np.maximum.at(deviation, joined.edge[:n], np.array(off)[number.ravel()])
+    return tuple(pcurves), number.ravel(), deviation
 
 
 def _on_span(curve: BSplineCurve, span: tuple[float, float], *, same_way: bool) -> BSplineCurve:
@@ -169,107 +186,68 @@ def _on_span(curve: BSplineCurve, span: tuple[float, float], *, same_way: bool) 
 
 
 def _close_sides(
-    open_brep: Brep,
-    facets: Sequence[Facet],
-    points: Array,
-    struts: IntArray,
-    radius: float,
-    node_radius: float,
-    box: tuple[Array, Array],
-) -> Brep:
-    """The boundary representation with the planar faces in the sides of the box, bounded by the edges that are used once."""
-    sides = [side for facet in facets for loop in facet.loops for side in loop]
-    uses = open_brep.uses
-    once = np.flatnonzero(np.bincount(uses.edge, minlength=len(open_brep.edges)) == 1)
-    of_edge = {int(uses.edge[k]): k for k in range(len(uses))}
+    joined: _JoinedSides, n: int, box: tuple[Array, Array], tol: float
+) -> Iterator[tuple[Plane, list[list[tuple[int, int]]]]]:
+    """The planar faces in the sides of the box, with loops of edges and senses: on the left of the edges that are used once.
+
+    The first n sides are those of other faces; the others are lines along the edges of the box.
+    """
     lo, hi = box
-    tol = SAME_POINT * radius
-    open_sides = [reverse_side(sides[of_edge[e]]) for e in once.tolist()]
-    lines = _find_lines(points, struts, radius, node_radius, box)
-    caps: list[Facet] = []
-    for axis in range(3):
-        for bound, sign in ((lo, -1), (hi, +1)):
-            normal = sign * np.eye(3)[axis]
-            x_axis = np.eye(3)[(axis + 1) % 3]
-            plane = Plane(bound[axis] * np.eye(3)[axis], x_axis, normal)
-            own = [
-                Side(side.curve, side.span, side.sense, None)
-                for side in open_sides
-                if (np.abs(side.ends()[:, axis] - bound[axis]) <= tol).all()
-            ]
-            for start, end in lines:
-                if abs(start[axis] - bound[axis]) > tol or abs(end[axis] - bound[axis]) > tol:
-                    continue
-                length = float(np.linalg.norm(end - start))
-                inwards = np.sign(0.5 * (lo + hi) - start) * (np.abs(end - start) <= tol) * (np.arange(3) != axis)
-                sense = 1 if np.cross(normal, end - start) @ inwards > 0 else -1
-                own.append(Side(line_segment(start, end, (0.0, length)), (0.0, length), sense, None))
-            caps += _chain_caps(plane, own, tol)
-    return _assemble([*facets, *caps], radius)
+    once = np.flatnonzero(np.bincount(joined.edge[:n], minlength=len(joined.first)) == 1)
+    is_open = np.zeros(len(joined.first), bool)
+    is_open[once] = True
+    borders = np.flatnonzero(is_open[joined.edge[:n]])
+    paths: dict[int, Array] = {}
+    for axis, (bound, sign) in product(range(3), ((lo, -1), (hi, +1))):
+        normal = sign * np.eye(3)[axis]
+        plane = Plane(bound[axis] * np.eye(3)[axis], np.eye(3)[(axis + 1) % 3], normal)
+        rows = np.concatenate([borders, np.arange(n, len(joined.kind))])
+        rows = rows[(np.abs(joined.ends[rows, :, axis] - bound[axis]) <= tol).all(axis=1)]
+        if not len(rows):
+            continue
+        middle = 0.5 * (lo + hi)
+        backwards, lines = [], []
+        for k in rows.tolist():
+            side = joined.sides[joined.kind[k]]
+            if joined.kind[k] not in paths:
+                paths[joined.kind[k]] = side.curve(np.linspace(side.span[0], side.span[1], PATH_POINTS))
+            path = plane.parameters(paths[joined.kind[k]] + joined.move[k])
+            if k < n:
+                back = side.sense > 0
+            else:
+                step = joined.ends[k, 2] - joined.ends[k, 0]
+                inwards = np.sign(middle - joined.ends[k, 0]) * (np.abs(step) <= tol) * (np.arange(3) != axis)
+                back = not np.cross(normal, step) @ inwards > 0
+            backwards.append(back)
+            lines.append(path[::-1] if back else path)
+        turned = np.array(backwards)
+        start, end = (
+            np.where(turned, a[rows], b[rows]) for a, b in ((joined.end, joined.start), (joined.start, joined.end))
+        )
+        sense = np.where(turned, -1, 1) * np.where(joined.along[rows], 1, -1)
+        uses = list(zip(joined.edge[rows].tolist(), sense.tolist(), strict=True))
+        for face in chain_faces(start, end, lines):
+            yield plane, [[uses[i] for i in loop] for loop in face]
 
 
-def _chain_caps(plane: Plane, sides: Sequence[Side], tol: float) -> Iterator[Facet]:
-    """The planar faces on the left of directed sides."""
-    if not sides:
-        return
-    pool = _PointPool(np.concatenate([side.ends() for side in sides]), tol)
-    ends = pool.number.reshape(-1, 3)
-    ends = np.array([row if side.sense > 0 else row[::-1] for row, side in zip(ends, sides, strict=True)])
-    paths = [plane.parameters(side.curve(np.linspace(*side.span, PATH_POINTS)[:: side.sense])) for side in sides]
-    for face in chain_faces(ends[:, 0], ends[:, 2], paths):
-        yield Facet(plane, 1, CAP, [[sides[i] for i in loop] for loop in face])
+def _find_lines(ends: Array, corners: Array, box: tuple[Array, Array], tol: float) -> list[Side]:
+    """The parts of the edges of the box that lie in the solid, given ends (k, 2, 3) of sides of faces, and its own corners there.
 
-
-def _find_lines(
-    points: Array, struts: IntArray, radius: float, node_radius: float, box: tuple[Array, Array]
-) -> list[tuple[Array, Array]]:
-    """The parts of the edges of the box that lie in the solid, from start to end."""
-    lo, hi = box
-    tol = ON_SIDE * float((hi - lo).max())
-    corners = np.stack([lo, hi])
-    neighbours: list[list[int]] = [[] for _ in points]
-    for a, b in struts.tolist():
-        neighbours[a].append(b)
-        neighbours[b].append(a)
-    lines = []
+    An edge of the box enters and leaves the solid in turn, in vertices of faces, which it has nowhere else.
+    """
+    points, lines = np.concatenate([ends.reshape(-1, 3), corners]), list[Side]()
+    at = np.abs(points[:, None] - np.stack(box)) <= tol
     for axis in range(3):
         first, second = (axis + 1) % 3, (axis + 2) % 3
         for i, j in np.ndindex(2, 2):
-            on = np.flatnonzero(
-                (np.abs(points[:, first] - corners[i, first]) <= tol)
-                & (np.abs(points[:, second] - corners[j, second]) <= tol)
-            )
-            spans = []
-            for node in on.tolist():
-                if not neighbours[node]:
-                    continue
-                ways = points[neighbours[node]] - points[node]
-                ways = ways / np.linalg.norm(ways, axis=1)[:, None]
-                reach = []
-                for sign in (-1, +1):
-                    cosine = sign * ways[:, axis]
-                    along = np.flatnonzero(cosine > 1 - IN_PLANE)
-                    if len(along):
-                        reach.append(points[neighbours[node][along[0]], axis])
-                        continue
-                    sine = np.sqrt(1 - cosine[cosine > 0] ** 2)
-                    far = max([node_radius, *(radius / sine)])
-                    reach.append(float(np.clip(points[node, axis] + sign * far, lo[axis], hi[axis])))
-                spans.append(tuple(reach))
-            for low, high in _unite_spans(spans):
+            met = np.sort(points[at[:, i, first] & at[:, j, second], axis])
+            met = met[np.diff(met, prepend=-np.inf) > tol]
+            if len(met) % 2:
+                raise TrimmingError("an edge of the box touches struts without a way out")
+            for low, high in met.reshape(-1, 2).tolist():
                 start = np.zeros(3)
-                start[[first, second]] = corners[i, first], corners[j, second]
+                start[[first, second]] = box[i][first], box[j][second]
                 end = start.copy()
                 start[axis], end[axis] = low, high
-                lines.append((start, end))
+                lines.append(Side(line_segment(start, end, (0.0, high - low)), (0.0, high - low), 1, None))
     return lines
-
-
-def _unite_spans(spans: Sequence[tuple[float, float]]) -> list[tuple[float, float]]:
-    united: list[tuple[float, float]] = []
-    for low, high in sorted(spans):
-        if united and low <= united[-1][1]:
-            united[-1] = united[-1][0], max(high, united[-1][1])
-        else:
-            united.append((low, high))
-    return united

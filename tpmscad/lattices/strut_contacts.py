@@ -12,8 +12,8 @@ import numpy as np
 
 from tpmscad._typing import Array, IntArray
 from tpmscad.brep.near_balls import find_near_balls
+from tpmscad.lattices.strut_classes import group_ends
 from tpmscad.lattices.strut_ends import greatest_sum
-from tpmscad.lattices.strut_facets import make_strut_ends
 
 FEWER_STRUTS = "use fewer or shorter struts"
 
@@ -59,9 +59,8 @@ def _measure_ends(
 ) -> list[Contact]:
     """What the two ends take of the length of each strut: the worst."""
     lengths = np.linalg.norm(points[struts[:, 1]] - points[struts[:, 0]], axis=1)
-    taken = np.array(
-        [greatest_sum(a.cylinder, b.cylinder) for a, b in make_strut_ends(points, struts, radius, node_radius, box)]
-    )
+    classes = group_ends(points, struts, radius, node_radius, box)
+    taken = np.array([greatest_sum(a.cylinder, b.cylinder) for a, b in classes.pairs])[classes.label]
     taken = np.maximum(radius * taken, 1e-300)
     worst = int(np.argmin(lengths / taken))
     middle = points[struts[worst]].mean(axis=0)

@@ -8,15 +8,14 @@ on themselves are cut in two along the strut.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from functools import cache
-from itertools import pairwise, product
+from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
-from scipy.spatial import cKDTree
 
-from tpmscad._typing import Array, IntArray
+from tpmscad._typing import Array
 from tpmscad.brep.carriers import Carrier, Circle, CylindricalSurface, EdgeCurve, Ellipse, SphericalSurface
 from tpmscad.brep.conics import TWO_PI
 from tpmscad.lattices.strut_ends import (
@@ -32,14 +31,8 @@ from tpmscad.splines.basis import design_matrix
 from tpmscad.splines.bspline import BSplineCurve, line_segment
 from tpmscad.splines.knots import greville_abscissae, uniform_knots
 
-CAP, SURFACE = "cap", "surface"
-"""Tags of faces in the sides of the box, and of all others."""
-
 SAME_POINT = 1e-7
 """In radii: distance up to which vertices are one."""
-
-ON_SIDE = 1e-9
-"""In sizes of the box: distance of a node from a side of the box up to which it lies in it."""
 
 PCURVE_TOL = 1e-10
 """In radii: greatest distance of a pcurve's image from its edge."""
@@ -64,24 +57,21 @@ class Side:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Facet:
-    """A face to be."""
+    """A face to be, in one loop, with the normal of its carrier."""
 
     carrier: Carrier
-    sense: int
-    tag: str
-    loops: list[list[Side]]
+    loop: list[Side]
 
 
-@dataclass(slots=True, eq=False)
+@dataclass(frozen=True, slots=True, eq=False)
 class StrutEnd:
-    """One end of a strut: a frame about the strut, the borders of its cell, and where they are split.
+    """One end of a strut that starts in the origin: a frame about the strut, the borders of its cell, and where they are split.
 
-    `sign`: +1 at the start, -1 at the end of the strut. cylinder: the envelope of the cell, planes and the ball; `ball` is
-    its row for the ball. border: the same without the ball, None if nothing bounds the ball. splits: further angles.
+    `sign`: +1 at the start, -1 at the end of the strut; `center`: the node. others: names of the other struts, which the first
+    rows of both envelopes belong to. cylinder: the envelope of the cell, planes and the ball; `ball` is its row for the ball.
+    border: the same without the ball, None if nothing bounds the ball. splits: further angles.
     """
 
-    node: int
-    strut: int
     sign: int
     center: Array
     axis: Array
@@ -91,7 +81,7 @@ class StrutEnd:
     cylinder: UpperEnvelope
     border: UpperEnvelope | None
     ball: int
-    splits: list[float] = field(default_factory=list)
+    splits: tuple[float, ...] = ()
 
     @property
     def direction(self) -> Array:
@@ -102,71 +92,39 @@ class StrutEnd:
         """The unit vector across the strut."""
         return np.asarray(np.cos(angle) * self.x_axis + np.sin(angle) * self.y_axis)
 
-    def angle_of(self, point: Array) -> float:
-        """The angle about the strut at which a point lies."""
-        arm = point - self.center
+    def angle_of(self, arm: Array) -> float:
+        """The angle about the strut at which a point lies, given from the node."""
         return float(np.arctan2(arm @ self.y_axis, arm @ self.x_axis))
 
 
-def _sides_of(points: Array, box: tuple[Array, Array] | None) -> list[Array]:
-    """For each point, the outward normals (k, 3) of the sides of the box that it lies in."""
-    if box is None:
-        return [np.zeros((0, 3))] * len(points)
-    lo, hi = box
-    tol = ON_SIDE * float((hi - lo).max())
-    normals = np.concatenate([-np.eye(3), np.eye(3)])
-    on = np.concatenate([np.abs(points - lo) <= tol, np.abs(points - hi) <= tol], axis=1)
-    return [normals[row] for row in on]
+Star = tuple[Array, tuple[int, ...], Array]
+"""The unit vectors (k, 3) of the other struts at a node, their names, and the outward normals (j, 3) of the sides it lies in."""
 
 
 def make_strut_ends(
-    points: Array, struts: IntArray, radius: float, node_radius: float, box: tuple[Array, Array] | None
-) -> list[tuple[StrutEnd, StrutEnd]]:
-    """Both ends of every strut."""
-    at: list[list[tuple[int, int]]] = [[] for _ in points]
-    for s, (a, b) in enumerate(struts.tolist()):
-        at[a].append((s, +1))
-        at[b].append((s, -1))
-    along = points[struts[:, 1]] - points[struts[:, 0]]
-    axes = along / np.linalg.norm(along, axis=1)[:, None]
-    normals = _sides_of(points, box)
+    along: Array, stars: tuple[Star, Star], radius: float, node_radius: float
+) -> tuple[StrutEnd, StrutEnd]:
+    """Both ends of a strut along a vector."""
     begin = float(np.sqrt(max((node_radius / radius) ** 2 - 1.0, 0.0)))
-    made = []
-    for s, nodes in enumerate(struts.tolist()):
-        axis = axes[s]
-        x_axis = np.cross(axis, np.eye(3)[int(np.argmin(np.abs(axis)))])
-        x_axis /= np.linalg.norm(x_axis)
-        y_axis = np.cross(axis, x_axis)
-        pair = []
-        for node, sign in zip(nodes, (+1, -1), strict=True):
-            direction = sign * axis
-            others = tuple(other for other, _ in at[node] if other != s)
-            directions = np.array([way * axes[other] for other, way in at[node] if other != s]).reshape(-1, 3)
-            leaning = normals[node] @ direction < -IN_PLANE
-            borders = np.concatenate(
-                [
-                    border_waves(direction, x_axis, y_axis, directions),
-                    plane_waves(direction, x_axis, y_axis, normals[node][leaning]),
-                ]
-            )
-            start, stop = find_sector(x_axis, y_axis, normals[node][~leaning])
-            pair.append(
-                StrutEnd(
-                    node,
-                    s,
-                    sign,
-                    points[node],
-                    axis,
-                    x_axis,
-                    y_axis,
-                    others,
-                    find_envelope(np.concatenate([borders, [[0.0, 0.0, begin]]]), start, stop),
-                    find_envelope(borders, start, stop) if len(borders) else None,
-                    len(borders),
-                )
-            )
-        made.append((pair[0], pair[1]))
-    return made
+    axis = along / np.linalg.norm(along)
+    x_axis = np.cross(axis, np.eye(3)[int(np.argmin(np.abs(axis)))])
+    x_axis /= np.linalg.norm(x_axis)
+    y_axis = np.cross(axis, x_axis)
+    pair = []
+    for sign, center, (directions, others, normals) in zip((+1, -1), (np.zeros(3), along), stars, strict=True):
+        direction = sign * axis
+        leaning = normals @ direction < -IN_PLANE
+        borders = np.concatenate(
+            [
+                border_waves(direction, x_axis, y_axis, directions),
+                plane_waves(direction, x_axis, y_axis, normals[leaning]),
+            ]
+        )
+        start, stop = find_sector(x_axis, y_axis, normals[~leaning])
+        cylinder = find_envelope(np.concatenate([borders, [[0.0, 0.0, begin]]]), start, stop)
+        border = find_envelope(borders, start, stop) if len(borders) else None
+        pair.append(StrutEnd(sign, center, axis, x_axis, y_axis, others, cylinder, border, len(borders)))
+    return pair[0], pair[1]
 
 
 def choose_cuts(pair: tuple[StrutEnd, StrutEnd]) -> tuple[float, ...]:
@@ -183,78 +141,24 @@ def choose_cuts(pair: tuple[StrutEnd, StrutEnd]) -> tuple[float, ...]:
     return angles[0], angles[0] + (middle - angles[0]) % TWO_PI, angles[0] + TWO_PI
 
 
-def _cylinder_point(end: StrutEnd, angle: float, radius: float) -> Array:
-    """The point of a strut's border at an angle."""
-    return np.asarray(end.center + radius * (end.across(angle) + end.cylinder.value(angle) * end.direction))
-
-
-def _ball_point(end: StrutEnd, angle: float, node_radius: float) -> Array:
-    """The point of the border of a strut's part of the ball at an angle."""
-    if end.border is None:
-        return np.asarray(end.center - node_radius * end.direction)
+def find_border_arm(end: StrutEnd, angle: float, radius: float, node_radius: float, *, on_ball: bool) -> Array | None:
+    """The point of a strut's border at an angle, from its node; of its part of the ball, None where that does not show."""
+    if not on_ball:
+        return np.asarray(radius * (end.across(angle) + end.cylinder.value(angle) * end.direction))
+    if end.border is None or end.cylinder.winner(angle) != end.ball:
+        return None
     arm = end.across(angle) + end.border.value(angle) * end.direction
-    return np.asarray(end.center + node_radius * arm / np.linalg.norm(arm))
+    return np.asarray(node_radius * arm / np.linalg.norm(arm))
 
 
-def exchange_splits(
-    ends: list[tuple[StrutEnd, StrutEnd]], cuts: list[tuple[float, ...]], radius: float, node_radius: float
-) -> None:
-    """Split the borders of neighbours where a strut is cut and where its own borders break."""
-    by_place = {(end.node, end.strut): end for pair in ends for end in pair}
-    for pair, cut in zip(ends, cuts, strict=True):
-        for end in pair:
-            for angle in cut:
-                row = end.cylinder.winner(angle)
-                if row < len(end.others):
-                    _split(by_place[end.node, end.others[row]], _cylinder_point(end, angle, radius))
-                if row == end.ball and end.border is not None:
-                    row = end.border.winner(angle)
-                    if row < len(end.others):
-                        _split(by_place[end.node, end.others[row]], _ball_point(end, angle, node_radius))
+def find_neighbour(end: StrutEnd, angle: float, *, on_ball: bool) -> int | None:
+    """The name of the strut on the other side of a strut's border at an angle; None at a plane or a ball."""
+    envelope = end.border if on_ball else end.cylinder
+    row = len(end.others) if envelope is None else envelope.winner(angle)
+    return end.others[row] if row < len(end.others) else None
 
 
-def exchange_opposite_splits(
-    ends: list[tuple[StrutEnd, StrutEnd]],
-    cuts: list[tuple[float, ...]],
-    radius: float,
-    node_radius: float,
-    box: tuple[Array, Array],
-) -> None:
-    """Split borders in a side of the box where equal borders in the opposite side are split: both have the same vertices."""
-    lo, hi = box
-    tol = SAME_POINT * radius
-    every = [end for pair in ends for end in pair]
-    tree = cKDTree([end.center for end in every])
-
-    def place(end: StrutEnd, angle: float, *, on_ball: bool) -> Array | None:
-        if not on_ball:
-            return _cylinder_point(end, angle, radius)
-        shows = end.border is not None and end.cylinder.winner(angle) == end.ball
-        return _ball_point(end, angle, node_radius) if shows else None
-
-    for pair, cut in zip(ends, cuts, strict=True):
-        for end, angle, on_ball in product(pair, cut, (False, True)):
-            point = place(end, angle, on_ball=on_ball)
-            if point is None:
-                continue
-            for axis, (side, shift) in product(range(3), ((lo, hi - lo), (hi, lo - hi))):
-                if abs(point[axis] - side[axis]) > tol:
-                    continue
-                move = shift[axis] * np.eye(3)[axis]
-                for number in tree.query_ball_point(end.center + move, tol):
-                    other = every[number]
-                    found = place(other, other.angle_of(point + move), on_ball=on_ball)
-                    if found is not None and np.linalg.norm(found - point - move) <= tol:
-                        _split(other, point + move)
-
-
-def _split(end: StrutEnd, point: Array) -> None:
-    end.splits.append(end.angle_of(point))
-
-
-def bound_cylinder(
-    pair: tuple[StrutEnd, StrutEnd], cuts: Sequence[float], points: Array, struts: IntArray, radius: float
-) -> Iterator[Facet]:
+def bound_cylinder(pair: tuple[StrutEnd, StrutEnd], cuts: Sequence[float], radius: float) -> Iterator[Facet]:
     """The faces of one cylinder."""
     first = pair[0]
     carrier = CylindricalSurface(first.center, first.x_axis, first.axis, radius)
@@ -276,7 +180,7 @@ def bound_cylinder(
             foot = first.center + radius * first.across(angle)
             line = line_segment(foot + low * first.axis, foot + high * first.axis, (low, high))
             rulings.append(Side(line, (low, high), 1, line_segment((angle, low), (angle, high), (low, high))))
-        yield Facet(carrier, 1, SURFACE, [[*lower, rulings[1], *upper, reverse_side(rulings[0])]])
+        yield Facet(carrier, [*lower, rulings[1], *upper, reverse_side(rulings[0])])
 
 
 def reverse_side(side: Side) -> Side:
@@ -337,7 +241,7 @@ def bound_ball(end: StrutEnd, cuts: Sequence[float], radius: float, node_radius:
                 loop = [*border, *meridians[1], *map(reverse_side, reversed(upper)), *map(reverse_side, meridians[0])]
             else:
                 loop = [*upper, *map(reverse_side, meridians[1]), *map(reverse_side, reversed(border)), *meridians[0]]
-            yield Facet(sphere, 1, SURFACE, [loop])
+            yield Facet(sphere, loop)
 
 
 def _meridian(end: StrutEnd, sphere: SphericalSurface, angle: float, top: float, node_radius: float) -> list[Side]:

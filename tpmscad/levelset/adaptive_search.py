@@ -64,7 +64,6 @@ curvature take little, an edge too sharp for any patch would take without end.""
 MAX_MESHES_BEFORE_FIT = 8
 MAX_FITS_PER_START = 12
 MAX_SPLITS_BEFORE_SIMPLIFYING = 20
-MAX_EARLY_FITS = 3
 MAX_IDLE_FITS = 2
 MAX_STARTS = 5
 
@@ -202,15 +201,13 @@ def _generate_starts(request: FitRequest, lo: Array, hi: Array, detect_hidden_cr
 def _refine_from(request: FitRequest, start: _MeshedTree, previous: LevelSetFit | None = None) -> LevelSetFit:
     """The best fit of those that splitting bad leaves leads to, with patches of a `previous` fit where they remain."""
     if is_finer_than_asked(request, start.mesh):
-        for _ in range(MAX_EARLY_FITS):
-            start = _split_risky_leaves(request, start)
-            fit = fit_simplified_mesh(request, start.tree, start.mesh)
-            if not len(fit.bad_leaves):
-                return fit
-            leaves = _select_splittable(start.tree, fit.bad_leaves)
-            if not len(leaves):
-                break
-            start = _mesh_tree(octree.split_leaves(start.tree, leaves), request.field, start.mesh)
+        start = _split_risky_leaves(request, start)
+        fit = fit_simplified_mesh(request, start.tree, start.mesh)
+        if not len(fit.bad_leaves):
+            return fit
+        # what fails now fails unmerged: all patches take less time than another simplification and its undoing
+        leaves = _select_splittable(start.tree, fit.bad_leaves)
+        start = _mesh_tree(octree.split_leaves(start.tree, leaves), request.field, start.mesh)
     fit = fit_level_set(request, start.tree, start.mesh, previous)
     best, stalled, fewest = fit, 0, len(fit.bad_leaves)
     for _ in range(MAX_FITS_PER_START - 1):

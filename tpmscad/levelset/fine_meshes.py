@@ -30,8 +30,9 @@ this fraction of the tolerance."""
 N_POLYGONS_MEASURED = 2000
 """Polygons of which the sides are measured for that."""
 
-MIN_RISKY_INTERIOR, MIN_RISKY_CORNER = 0.85, 1.05
-"""Interior and corner distortions of a polygon above which its patch may fail."""
+MIN_RISKY_INTERIOR, MIN_RISKY_CORNER = 0.7, 1.05
+"""Interior and corner distortions of a polygon above which its patch may fail. Patches fold, too, where two corners lie in one
+leaf, which the surface passes twice."""
 
 
 def is_finer_than_asked(request: FitRequest, mesh: QuadMesh) -> bool:
@@ -57,6 +58,10 @@ def fit_risky_polygons(
     surface = mesh.vertices, normals, mesh.fixed, mesh.corners
     risky = interior_distortion(request.field, *surface) > MIN_RISKY_INTERIOR
     risky |= corner_distortion(*surface) > MIN_RISKY_CORNER
+    # on the box a leaf has a vertex in its face besides
+    sheet = np.where(mesh.fixed.any(axis=1), -1 - np.arange(len(mesh.leaf)), mesh.leaf)
+    leaf = np.sort(np.where(mesh.corners < 0, len(mesh.vertices) + mesh.leaf.max() + 1, sheet[mesh.corners]), axis=1)
+    risky |= (np.diff(leaf, axis=1) == 0).any(axis=1)
     if not risky.any():
         return None
     part, ids = extract_submesh(mesh, risky)

@@ -26,7 +26,7 @@ MAX_DISTORTIONS = (1.0, 1.3, 1.6)
 """Greatest distortion of polygons in each simplification, of the mesh of the one before. Wide limits from the start leave more
 patches than narrow ones: a polygon that fails takes the merges round it with it."""
 
-MAX_EARLY_REFITS = 6
+MAX_EARLY_REFITS = 8
 """The same of a mesh that is simplified before anything is fitted, some of whose original polygons may fail."""
 
 MIN_GAIN, MIN_GAIN_PATCHES = 0.35, 1500
@@ -99,7 +99,7 @@ def _fit_history(
     if refit.failing.mean() > max_failing:
         return refit
     for _ in range(max_refits - 1):
-        if not len(refit.bad_leaves) or not _undo_near(history, mesh, numbers, tree, refit.bad_leaves, times_bad):
+        if not len(refit.bad_leaves) or not _undo_near(history, mesh, numbers, tree, refit.leaves_of_short, times_bad):
             break
         mesh, numbers = history.mesh()
         refit = fit_level_set(request, tree, mesh, refit)

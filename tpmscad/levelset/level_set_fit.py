@@ -93,9 +93,9 @@ class PatchFailures:
 class LevelSetFit:
     """A fitted and measured level set.
 
-    `failing` (Q,) marks patches that fail, `sample_distances` (n,) are the distances from the request's samples to the patches
-    (empty if patches fail), `bad_leaves` are too coarse, and `failure_text` says why. `is_simplified`: whether the mesh was
-    simplified before it was fitted.
+    `failing` (Q,) marks patches that fail, `short` these and those nearest to samples that no patch reaches, `sample_distances`
+    (n,) are the distances from the request's samples to the patches (empty if patches fail), `bad_leaves` are too coarse, and
+    `failure_text` says why. `is_simplified`: whether the mesh was simplified before it was fitted.
     """
 
     request: FitRequest
@@ -105,10 +105,16 @@ class LevelSetFit:
     fit: NetworkFit
     quality: FitQuality
     failing: BoolArray
+    short: BoolArray
     sample_distances: Array
     bad_leaves: IntArray
     failure_text: str
     is_simplified: bool = False
+
+    @property
+    def leaves_of_short(self) -> IntArray:
+        """Bad leaves, and those that the patches come from which fall short: a merged one lies in others than the samples."""
+        return np.union1d(self.bad_leaves, self.network.leaf[self.short].ravel())
 
     @property
     def bad_volume(self) -> float:
@@ -250,18 +256,20 @@ def _find_bad_leaves(
     """The fit with the leaves of failing patches, or else of samples too far from the patches, and of degenerate sides."""
     network, fit, quality = fitted.network, fitted.fit, fitted.quality
     failing, text = failures.failing, failures.describe()
+    short = failing.copy()
     leaves, distances = np.unique(network.leaf[failing]), np.zeros(0)
     if not len(leaves):
         samples = request.surface_samples
         expected = MAX_SAMPLE_DISTANCE_RATIO * float(quality.distance.max())
-        distances = measure_distances_to_patches(fit, samples, min(request.tol, expected))
+        distances, nearest = measure_distances_to_patches(fit, samples, min(request.tol, expected), request.tol)
         leaves = np.unique(locate_leaves(tree, samples[distances > request.tol]))
+        short[nearest] = True
         text = f"{len(leaves)} parts of the surface missed" if len(leaves) else text
     degenerate = _find_degenerate_leaves(mesh)
     if len(degenerate):
         leaves = np.union1d(leaves, degenerate)
         text = "edges without length, or two between the same vertices" + (f", {text}" if text else "")
-    return LevelSetFit(request, tree, mesh, network, fit, quality, failing, distances, leaves, text)
+    return LevelSetFit(request, tree, mesh, network, fit, quality, failing, short, distances, leaves, text)
 
 
 def _drop_failing(match: NetworkMatch, network: PatchNetwork, previous: LevelSetFit) -> NetworkMatch:

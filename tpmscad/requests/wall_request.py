@@ -109,7 +109,7 @@ def _grade_wall(keyword: str, parts: list[Any], options: LatticeOptions, cell: f
     if surfaces.find_surface(name).primitives != "exact":
         raise InvalidRequest(
             f"`{keyword}` may vary along gyroid, diamond and P only, whose patches are exact, not along {name}: give a number, "
-            f'or make a solid of the field, fields.wall(fields.tpms("{name}", {cell:g}), thickness), with infill or solidify'
+            "or make a solid of the wall as a field, with `infill` or `solidify`"
         )
     if options.pore_size is not None:
         raise InvalidRequest(f"pore_size is solved for an even wall: give `cell`, or a number as `{keyword}`")

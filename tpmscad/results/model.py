@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import pickle
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -24,7 +24,7 @@ from tpmscad.kernel.measure.envelope import Envelope
 from tpmscad.kernel.measure.shape_extents import shape_bounds
 from tpmscad.kernel.occt.construction import copy_placement
 from tpmscad.kernel.occt.exploration import vertices_of
-from tpmscad.kernel.step.face_labels import NamedSolid, label_faces, order_labels
+from tpmscad.kernel.step.face_labels import NamedSolid, label_faces
 from tpmscad.kernel.step.product_entities import arrange_cells
 from tpmscad.lattices.spline_volumes import SplineVolumes
 from tpmscad.meshing.volume_mesh import VolumeMesh
@@ -383,15 +383,19 @@ class Model:
         Largest first: name, TopoDS solid, labels of its faces in the kernel's order. The first has the name of the model,
         another says where it lies: "gyroid (X+ Y- Z-)". Pieces of several parts have the names of these.
         """
-        if isinstance(self.built, BrepSolids):
-            found = label_faces(self.patches)
-            labels = tuple(order_labels(solid, self.built.faces, found) for solid in self.built.solids)
+        built = self.built
+        if isinstance(built, BrepSolids):
+            found, numbers = label_faces(self.patches), range(built.n_solids)
+            labels = tuple(tuple(found[f] for f in built.faces_of_solid(k).tolist()) for k in numbers)
+            vertices = [built.vertices_of_solid(k) for k in numbers]
+            sources: Sequence[Any] = [(built, k) for k in numbers]
         else:
-            labels = self.built.labels
-        names = self.piece_names or name_pieces(self.name, [vertices_of(solid) for solid in self.built.solids])
+            labels, vertices, sources = built.labels, [vertices_of(solid) for solid in built.solids], built.solids
         return tuple(
-            NamedSolid(name, solid, of, openings=self.openings)
-            for name, solid, of in zip(names, self.built.solids, labels, strict=True)
+            NamedSolid(name, source, of, openings=self.openings)
+            for name, source, of in zip(
+                self.piece_names or name_pieces(self.name, vertices), sources, labels, strict=True
+            )
         )
 
     def __getstate__(self) -> dict[str, Any]:

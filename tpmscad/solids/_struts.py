@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 
@@ -16,7 +17,7 @@ from tpmscad.kernel.measure.envelope import Envelope
 from tpmscad.lattices.coordinate_maps import as_map
 from tpmscad.requests.lattice_request import size_of_cells
 from tpmscad.requests.strut_options import StrutOptions
-from tpmscad.results.model import Model
+from tpmscad.results.model import Model, UnitCell
 from tpmscad.solids._solidify import solidify_crossing
 from tpmscad.solids.matter.strut_boundaries import bound_struts_in_box, require_struts_apart
 from tpmscad.stage_timer import StageTimer
@@ -86,12 +87,19 @@ def struts(options: StrutOptions) -> Model:
         with stages("diameter"):
             field = _solve_diameter(graph[0], graph[1], options.node_radius, hi, fraction)
         notes = (f"struts of {2 * field.radius:.9g} mm fill {fraction:g} of the box",)
-    require_struts_apart(field)
+    unit_cell = None
+    if options.map is None:
+        one = make_struts(
+            *make_strut_graph(options.kind, options.cell, 1, options.angle), 2 * field.radius, options.node_radius
+        )
+        counts = tuple(np.broadcast_to(options.cells, 3).tolist())
+        unit_cell = UnitCell(partial(bound_struts_in_box, one, low, edges), tuple(edges.tolist()), counts)
     tol = DEFAULT_TOL_CELLS * float(edges.min()) if options.tol is None else options.tol
     model = solidify_crossing(field, (low, hi), tol, options.loose, stages)
     return replace(
         model,
         name=f"{options.kind} struts",
+        unit_cell=unit_cell,
         certificate=replace(model.certificate, notes=(*notes, *model.certificate.notes)),
         envelope=Envelope.of_box("the box of the cells", low, hi),
     )

@@ -20,7 +20,7 @@ from OCP.TopAbs import TopAbs_FORWARD, TopAbs_REVERSED
 from OCP.TopoDS import TopoDS_Edge, TopoDS_Face, TopoDS_Vertex
 
 from tpmscad._typing import Array, IntArray
-from tpmscad.brep.boundary_representation import Brep
+from tpmscad.brep.boundary_representation import Brep, sample_edges
 from tpmscad.brep.carriers import Carrier, Circle, ConicalSurface, Ellipse, SphericalSurface, ToroidalSurface
 from tpmscad.brep.conics import TWO_PI
 from tpmscad.brep.foot_surface import find_point_sides
@@ -142,14 +142,6 @@ def _line_or_spline(curve: BSplineCurve) -> Geom2d_Curve:
     return convert.line_2d(start - low * (end - start) / (high - low), end)
 
 
-def end_points(brep: Brep) -> Array:
-    """Start and end points of the curves of all edges: (E, 2, 3)."""
-    edges = brep.edges
-    keys, key = np.unique(np.column_stack([edges.curve, edges.span]), axis=0, return_inverse=True)
-    local = np.stack([brep.curves[int(i)]([low, high]) for i, low, high in keys])[key.ravel()]
-    return edges.motion[:, None].apply(local)
-
-
 def vertex_tolerances(brep: Brep) -> Array:
     """Tolerance of each vertex (V,): it covers the ends and the deviations of its edges."""
     edges = brep.edges
@@ -162,7 +154,7 @@ def vertex_tolerances(brep: Brep) -> Array:
 def end_misses(brep: Brep) -> Array:
     """Distances of the vertices from the ends of the curves of their edges: (E, 2)."""
     vertices = brep.vertices[np.stack([brep.edges.start, brep.edges.end], axis=1)]
-    return np.asarray(np.linalg.norm(vertices - end_points(brep), axis=2))
+    return np.asarray(np.linalg.norm(vertices - sample_edges(brep, 2), axis=2))
 
 
 @dataclass(frozen=True, slots=True)

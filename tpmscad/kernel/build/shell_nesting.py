@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from tpmscad._typing import Array, IntArray
 from tpmscad.brep import connectivity
-from tpmscad.brep.boundary_representation import Brep, spline_faces
+from tpmscad.brep.boundary_representation import Brep, sample_edges, spline_faces
 from tpmscad.brep.carriers import Plane, Quadric, SphericalSurface, ToroidalSurface
 from tpmscad.brep.moments import integral_properties
 from tpmscad.errors import KernelError
@@ -76,11 +76,7 @@ def nest_shells(
 def _edge_boxes(brep: Brep, shell: IntArray, count: int) -> tuple[Array, Array, Array]:
     """Bounding box of the end and middle points of the edges of each shell, and one vertex of it: (count, 3) each."""
     edges = brep.edges
-    middle = np.empty((len(edges), 3))
-    keys, key = np.unique(np.column_stack([edges.curve, edges.span]), axis=0, return_inverse=True)
-    for k, (index, low, high) in enumerate(keys):
-        at = np.flatnonzero(key.ravel() == k)
-        middle[at] = edges.motion[at].apply(brep.curves[int(index)](0.5 * (low + high)))
+    middle = sample_edges(brep, 3)[:, 1]
     edge_shell = shell[brep.face_of_use]
     used = brep.uses.edge
     points = np.concatenate([brep.vertices[edges.start[used]], brep.vertices[edges.end[used]], middle[used]])

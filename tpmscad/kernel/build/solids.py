@@ -77,9 +77,24 @@ class BrepSolids:
         return build_faces(self.brep) if self.known_faces is None else self.known_faces
 
     @cached_property
+    def _members(self) -> list[IntArray]:
+        """The faces of each shell."""
+        return _split_by_shell(self.nesting.shell_of_face, len(self.nesting.volume))
+
+    def faces_of_solid(self, number: int) -> IntArray:
+        """The faces of a solid, in the kernel's order."""
+        return np.concatenate([self._members[shell] for shell in self.nesting.shells_of_solid[number]])
+
+    def vertices_of_solid(self, number: int) -> Array:
+        """The positions (n, 3) of the vertices of a solid."""
+        if self.n_solids == 1:
+            return self.brep.vertices
+        return select_faces(self.brep, self.faces_of_solid(number)).vertices
+
+    @cached_property
     def solids(self) -> tuple[TopoDS_Solid, ...]:
         """The solids, largest first."""
-        members = _split_by_shell(self.nesting.shell_of_face, len(self.nesting.volume))
+        members = self._members
         shells = [make_shell(self.faces[i] for i in of) for of in members]
         return tuple(make_solid([shells[s] for s in piece]) for piece in self.nesting.shells_of_solid)
 

@@ -16,10 +16,9 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from OCP.BRep import BRep_Tool
 from OCP.TopoDS import TopoDS_Edge, TopoDS_Face
 
-from tpmscad._typing import Array, IntArray
+from tpmscad._typing import Array, BoolArray, IntArray
 from tpmscad.brep.linked_items import label_linked
 from tpmscad.brep.triangles.closed_mesh import SolidMesh
 from tpmscad.brep.triangles.measured_deviation import (
@@ -28,29 +27,27 @@ from tpmscad.brep.triangles.measured_deviation import (
     refine_triangles,
 )
 from tpmscad.errors import KernelError
+from tpmscad.index_ranges import expand_ranges
 from tpmscad.kernel.build.solids import BrepSolids
 from tpmscad.kernel.export.edge_division import (
     EdgeDivision,
-    FaceGrouping,
     FaceOutlines,
     count_least_chords,
     divide_edges,
     explore_faces,
-    find_copies,
-    group_faces_by_copies,
+    outline_built_solids,
 )
 from tpmscad.kernel.export.face_triangulation import FaceMesh, mesh_on_nodes
-from tpmscad.kernel.occt import convert
+from tpmscad.kernel.occt.construction import make_compound
 from tpmscad.kernel.occt.exploration import (
     ShapeKey,
     faces_of,
     first_vertex,
     last_vertex,
-    orientation_sign,
     solids_of,
     unwrap,
 )
-from tpmscad.kernel.occt.geometry_evaluators import edge_evaluator, face_evaluator, pack_curves, pack_surfaces
+from tpmscad.kernel.occt.geometry_evaluators import face_evaluator, pack_surfaces
 from tpmscad.memory_limit import require_memory
 
 MAX_REFINEMENTS = 3
@@ -121,29 +118,28 @@ def mesh_solids(shape: Any, deviation: float, angle: float) -> tuple[SolidMesh, 
 
 
 def measure_meshes(
-    shape: Any, deviation: float, angle: float, built: Sequence[Any] = (), *, tolerant: bool = False
+    source: Any | Sequence[BrepSolids], deviation: float, angle: float, *, tolerant: bool = False
 ) -> MeasuredMeshes:
     """As `mesh_solids`, with the deviation that was reached; KernelError if it is missed, but where `tolerant`.
 
-    built: what the shape is made of; congruent faces of solids that were built from arrays are triangulated once.
+    Of solids that were built from arrays, given as such, one face of each class of congruent faces is triangulated.
     """
-    topods = unwrap(shape)
-    solids = [faces_of(solid) for solid in solids_of(topods)]
-    outlines = explore_faces([face for faces in solids for face in faces])
-    size = float(np.ptp(outlines.points, axis=0).max(initial=0.0))
-    resolution = max(CLASS_RESOLUTION_FRACTION * deviation, LEAST_CLASS_RESOLUTION * size)
-    grouping = group_faces_by_copies(
-        outlines, find_copies([of for of in built if isinstance(of, BrepSolids)], resolution)
-    )
+    if isinstance(source, list | tuple):
+        size = max(float(np.ptp(of.brep.vertices, axis=0).max()) for of in source)
+        resolution = max(CLASS_RESOLUTION_FRACTION * deviation, LEAST_CLASS_RESOLUTION * size)
+        outlines = outline_built_solids(source, resolution)
+    else:
+        outlines = explore_faces([faces_of(solid) for solid in solids_of(unwrap(source))])
     for attempt in range(MAX_REFINEMENTS + 1):
-        triangulation = _triangulate(outlines, grouping, deviation / 2**attempt, angle, deviation)
-        expanded = triangulation.expand(outlines, grouping)
+        triangulation = _triangulate(outlines, deviation / 2**attempt, angle, deviation)
+        expanded = triangulation.expand(outlines)
         reached = triangulation.reached + expanded.gap
-        if len(outlines.faces) > len(grouping.sources) and triangulation.reached <= deviation < reached:
+        if outlines.motion is not None and triangulation.reached <= deviation < reached:
+            shape = make_compound(solid for of in source for solid in of.solids)
             return measure_meshes(shape, deviation, angle)  # edges of congruent faces differ by their tolerances
         if reached > deviation and not tolerant:
             continue
-        meshes = tuple(_drop_collapsed(_collect(faces, outlines, expanded)) for faces in solids)
+        meshes = tuple(_drop_collapsed(_collect(*of, expanded)) for of in outlines.solids)
         if meshes and not any(count_open_sides(mesh.triangles) for mesh in meshes):
             return MeasuredMeshes(meshes, reached)
     missed = triangulation.reached > deviation
@@ -152,7 +148,7 @@ def measure_meshes(
         if missed
         else f"no closed mesh within {deviation:g} of the faces: try another deviation"
     )
-    raise KernelError("triangulate", what, outlines.faces[grouping.sources[triangulation.worst]] if missed else topods)
+    raise KernelError("triangulate", what, outlines.sources[triangulation.worst] if outlines.sources else None)
 
 
 def mesh_parametrically(shape: Any, deviation: float, angle: float) -> tuple[ParametricMesh, ...]:
@@ -177,11 +173,10 @@ def mesh_faces(faces: Sequence[TopoDS_Face], deviation: float, angle: float) -> 
 
 def _mesh_groups(groups: Sequence[Sequence[TopoDS_Face]], deviation: float, angle: float) -> tuple[ParametricMesh, ...]:
     """The triangulated faces of each group as one mesh."""
-    outlines = explore_faces([face for faces in groups for face in faces])
-    grouping = group_faces_by_copies(outlines, {})
-    found = _triangulate(outlines, grouping, deviation, angle, None)
-    expanded = found.expand(outlines, grouping)
-    return tuple(_collect_parametrically(faces, outlines, found, expanded) for faces in groups)
+    outlines = explore_faces(groups)
+    found = _triangulate(outlines, deviation, angle, None)
+    expanded = found.expand(outlines)
+    return tuple(_collect_parametrically(number, outlines, found, expanded) for number in range(len(groups)))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -200,26 +195,28 @@ class _Triangulation:
     reached: float
     worst: int
 
-    def expand(self, outlines: FaceOutlines, grouping: FaceGrouping) -> _ExpandedTriangles:
+    def expand(self, outlines: FaceOutlines) -> _ExpandedTriangles:
         """Triangles of each face on points that all faces share."""
         division, mesh, ends = self.division, self.mesh, outlines.ends
         n_edges = len(outlines.points) + int((division.chords - 1).sum())
-        copies = np.argsort(grouping.of_face, kind="stable")
-        limits = np.searchsorted(grouping.of_face[copies], np.arange(len(grouping.sources) + 1))
+        n_sources = len(outlines.sources)
+        copies = np.argsort(outlines.of_face, kind="stable")
+        limits = np.searchsorted(outlines.of_face[copies], np.arange(n_sources + 1))
         order = np.argsort(mesh.face, kind="stable")
-        rows = np.searchsorted(mesh.face[order], np.arange(len(grouping.sources) + 1))
-        count = float(np.diff(limits) @ np.diff(rows))
+        rows = np.searchsorted(mesh.face[order], np.arange(n_sources + 1))
+        start = np.concatenate([[0], np.cumsum(np.diff(rows)[outlines.of_face])])
+        count = float(start[-1])
         require_memory(count, BYTES_PER_TRIANGLE, f"{count:.3g} triangles", "raise the deviation")
         points, total, gap = [np.full((n_edges, 3), np.nan)], n_edges, 0.0
         merged = [np.zeros((0, 2), np.int64)]
         points[0][: len(outlines.points)] = outlines.points
-        of_face: list[IntArray] = [np.zeros((0, 3), np.int64)] * len(outlines.faces)
-        for r in range(len(grouping.sources)):
+        every = np.empty((int(count), 3), np.int64)
+        for r in range(n_sources):
             own, begin = copies[limits[r] : limits[r + 1]], self.begin[r]
             nodes, assigned = np.full((len(own), self.begin[r + 1] - begin), -1), list[tuple[IntArray, IntArray]]()
             for u, line in enumerate(self.lines[r]):
-                edge = np.array([grouping.edges[f][u] for f in own.tolist()])
-                back = np.array([grouping.turned[f][u] for f in own.tolist()])[:, None]
+                edge = outlines.uses[outlines.use_start[own] + u]
+                back = outlines.turned[outlines.use_start[own] + u][:, None]
                 inner = division.first[edge][:, None] + np.arange(division.chords[edge[0]] - 1)
                 along = np.concatenate([ends[edge][:, :1], inner, ends[edge][:, 1:]], axis=1)
                 along = np.where(back, along[:, ::-1], along)
@@ -231,100 +228,95 @@ class _Triangulation:
             nodes[:, inside] = total + np.arange(len(own) * len(inside)).reshape(len(own), -1)
             total += len(own) * len(inside)
             placed = mesh.points[begin : self.begin[r + 1]]
-            moved = placed[None] if grouping.motion is None else grouping.motion[own][:, None].apply(placed)
+            moved = placed[None] if outlines.motion is None else outlines.motion[own][:, None].apply(placed)
             points.append(moved[:, inside].reshape(-1, 3))
             for line, along in assigned:
                 known = points[0][along]
                 points[0][along] = np.where(np.isnan(known), moved[:, line], known)
                 gap = max(gap, float(np.nan_to_num(np.abs(known - moved[:, line])).max(initial=0.0)))
                 merged.append(np.stack([nodes[:, line], along], axis=-1)[nodes[:, line] != along])
-            triangles = nodes[:, mesh.triangles[order[rows[r] : rows[r + 1]]] - begin]
-            for f, each in zip(own.tolist(), triangles, strict=True):
-                of_face[f] = each
-        every, pairs = np.concatenate(points), np.concatenate(merged)
-        same = np.arange(len(every))
+            triangles = mesh.triangles[order[rows[r] : rows[r + 1]]] - begin
+            every[start[own][:, None] + np.arange(len(triangles))] = nodes[:, triangles]
+        places, pairs = np.concatenate(points), np.concatenate(merged)
+        same = np.arange(len(places))
         if len(pairs):
-            component = label_linked(len(every), pairs)
+            component = label_linked(len(places), pairs)
             same = np.unique(component, return_index=True)[1][component]
-            gap = max(gap, float(np.linalg.norm(every - every[same], axis=1).max()))
-            of_face = [same[triangles] for triangles in of_face]
-        return _ExpandedTriangles(of_face, every, same, gap)
+            gap = max(gap, float(np.linalg.norm(places - places[same], axis=1).max()))
+            every = same[every]
+        return _ExpandedTriangles(every, start, places, same, gap)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _ExpandedTriangles:
-    """Triangles of each face on common points.
+    """Triangles (m, 3) on common points, those of face i from start[i] on.
 
     same: for each point the one that stands for it, where OCCT has made one node of those that are closer than it resolves. gap:
     how far nodes of edges, of copies or merged ones, lie from the points that stand for them.
     """
 
-    of_face: list[IntArray]
+    triangles: IntArray
+    start: IntArray
     points: Array
     same: IntArray
     gap: float
 
 
-def _triangulate(
-    outlines: FaceOutlines, grouping: FaceGrouping, deviation: float, angle: float, limit: float | None
-) -> _Triangulation:
+def _triangulate(outlines: FaceOutlines, deviation: float, angle: float, limit: float | None) -> _Triangulation:
     """Triangles of the representatives, halved as far as that helps them to keep `limit`, if one is given.
 
     Where OCCT finds loops of chords that cross, or leaves a face without triangles, edges are divided further.
     """
-    sources = grouping.sources.tolist()
-    curves = pack_curves([edge_evaluator(outlines.edges[e]) for e in grouping.own_edges(outlines).tolist()])
+    every = range(len(outlines.sources))
     least = count_least_chords(outlines)
     size = float(np.ptp(outlines.points, axis=0).max(initial=0.0))
-    deflection = np.full(len(sources), deviation if limit is None else COARSE_FACTOR * deviation)
+    deflection = np.full(len(every), deviation if limit is None else COARSE_FACTOR * deviation)
     deflection = np.maximum(deflection, LEAST_DEFLECTION * size)
-    due, found, used = list(range(len(sources))), dict[int, FaceMesh](), dict[int, IntArray]()
+    due, found, used = list(every), dict[int, FaceMesh](), dict[int, IntArray]()
     for _ in range(MAX_REFINEMENTS + 1):
-        division = divide_edges(outlines, grouping, curves, deviation, angle, least)
-        due = [r for r, f in enumerate(sources) if r in due or (division.chords[outlines.uses[f]] != used[r]).any()]
-        used |= {r: division.chords[outlines.uses[sources[r]]] for r in due}
-        lines = {r: [division.placed[e] for e in outlines.uses[sources[r]].tolist()] for r in due}
+        division = divide_edges(outlines, deviation, angle, least)
+        due = [r for r in every if r in due or (division.chords[outlines.uses_of(r)] != used[r]).any()]
+        used |= {r: division.chords[outlines.uses_of(r)] for r in due}
+        lines = {r: [division.placed[e] for e in outlines.uses_of(r).tolist()] for r in due}
         for size in np.unique(deflection[due]).tolist():
             chosen = [r for r in due if deflection[r] == size]
-            faces = [outlines.faces[sources[r]] for r in chosen]
+            faces = [outlines.sources[r] for r in chosen]
             meshes = mesh_on_nodes(faces, [lines[r] for r in chosen], size, angle)
             found |= {r: mesh for r, mesh in zip(chosen, meshes, strict=True) if isinstance(mesh, FaceMesh)}
             failed = {r: mesh for r, mesh in zip(chosen, meshes, strict=True) if not isinstance(mesh, FaceMesh)}
             for r, crossing in failed.items():
-                edges = outlines.uses[sources[r]]
+                edges = outlines.uses_of(r)
                 edges = edges[crossing] if crossing.any() else edges
                 least[edges] = 2 * division.chords[edges]
                 deflection[r] *= 0.5
                 found.pop(r, None)
-        due = [r for r in range(len(sources)) if r not in found]
+        due = [r for r in every if r not in found]
         if not due:
             break
     else:
-        face = outlines.faces[sources[due[0]]]
+        face = outlines.sources[due[0]]
         raise KernelError("triangulate", f"no mesh of a face within {deviation:g}: try another deviation", face)
-    return _join(outlines, grouping, division, [found[r] for r in range(len(sources))], limit)
+    return _join(outlines, division, [found[r] for r in every], limit)
 
 
 def _join(
     outlines: FaceOutlines,
-    grouping: FaceGrouping,
     division: EdgeDivision,
     meshes: list[FaceMesh],
     limit: float | None,
 ) -> _Triangulation:
     """The triangles of all representatives as one, halved until they keep the limit."""
-    faces = [outlines.faces[f] for f in grouping.sources.tolist()]
-    surfaces = pack_surfaces([face_evaluator(face) for face in faces])
+    surfaces = pack_surfaces([face_evaluator(face) for face in outlines.sources])
     sizes = [len(mesh.uv) for mesh in meshes]
     begin = np.cumsum([0, *sizes])
     owner = np.repeat(np.arange(len(meshes)), sizes)
     uv = np.concatenate([mesh.uv for mesh in meshes])
     points = surfaces(owner, uv)[0]
     lines, poles = [], []
-    for r, (mesh, f) in enumerate(zip(meshes, grouping.sources.tolist(), strict=True)):
+    for r, mesh in enumerate(meshes):
         at_vertex: dict[ShapeKey, int] = {}
         lines.append([begin[r] + line for line in mesh.lines])
-        for line, e in zip(lines[-1], outlines.uses[f].tolist(), strict=True):
+        for line, e in zip(lines[-1], outlines.uses_of(r).tolist(), strict=True):
             points[line] = division.placed[e][1]
             edge = outlines.edges[e]
             at_vertex |= {ShapeKey(first_vertex(edge)): int(line[0]), ShapeKey(last_vertex(edge)): int(line[-1])}
@@ -374,60 +366,49 @@ def _sort_nodes(
     )
 
 
-def _is_turned(face: TopoDS_Face) -> bool:
-    """Whether triangles that are counter-clockwise in the parameters of a face are clockwise from outside."""
-    matrix = convert.matrix_from_occt(face.Location().Transformation())
-    return bool((orientation_sign(face) < 0) != (np.linalg.det(matrix[:, :3]) < 0))
-
-
-def _collect(faces: Sequence[TopoDS_Face], outlines: FaceOutlines, expanded: _ExpandedTriangles) -> SolidMesh:
-    """The mesh of the faces of a solid, on the points that it uses."""
-    own = [expanded.of_face[outlines.number[ShapeKey(face)]] for face in faces]
-    triangles = np.concatenate(
-        [each[:, ::-1] if _is_turned(face) else each for face, each in zip(faces, own, strict=True)]
-    )
+def _collect(faces: IntArray, turned: BoolArray, expanded: _ExpandedTriangles) -> SolidMesh:
+    """The mesh of faces, some of them seen from behind, on the points that it uses."""
+    face, row = expand_ranges(expanded.start[faces], expanded.start[faces + 1])
+    triangles = expanded.triangles[row]
+    back = turned[face]
+    triangles[back] = triangles[back, ::-1]
     used = np.zeros(len(expanded.points), bool)
     used[triangles] = True
-    number = np.cumsum(used) - 1
-    return SolidMesh(
-        expanded.points[used], number[triangles], np.repeat(np.arange(len(faces)), [len(each) for each in own])
-    )
+    return SolidMesh(expanded.points[used], (np.cumsum(used) - 1)[triangles], face)
 
 
 def _collect_parametrically(
-    faces: Sequence[TopoDS_Face], outlines: FaceOutlines, found: _Triangulation, expanded: _ExpandedTriangles
+    group: int, outlines: FaceOutlines, found: _Triangulation, expanded: _ExpandedTriangles
 ) -> ParametricMesh:
-    """The mesh of some of the faces, each of which stands for itself, with their parameters and edge segments."""
+    """The mesh of a group of the faces, each of which stands for itself, with their parameters and edge segments."""
     mesh, division = found.mesh, found.division
-    numbers = [outlines.number[ShapeKey(face)] for face in faces]
-    edges = list(dict.fromkeys(e for f in numbers for e in outlines.uses[f].tolist()))
+    numbers, turned = outlines.solids[group]
+    edges = list(dict.fromkeys(e for f in numbers.tolist() for e in outlines.uses_of(f).tolist()))
     start = dict(zip(edges, np.cumsum([0, *division.chords[edges].tolist()])[:-1].tolist(), strict=True))
-    rows = np.searchsorted(mesh.face, np.arange(len(outlines.faces) + 1))
+    rows = np.searchsorted(mesh.face, np.arange(len(outlines.sources) + 1))
     nodes, uv, segment, count = [], [], [], 0
-    for face, f in zip(faces, numbers, strict=True):
+    for f, back in zip(numbers.tolist(), turned.tolist(), strict=True):
         begin = found.begin[f]
         own = mesh.triangles[rows[f] : rows[f + 1]]
-        own = own[:, ::-1] if _is_turned(face) else own
+        own = own[:, ::-1] if back else own
         ends = np.concatenate([np.sort(np.stack([line[:-1], line[1:]], axis=1), axis=1) for line in found.lines[f]])
-        chords = np.concatenate([start[e] + np.arange(division.chords[e]) for e in outlines.uses[f].tolist()])
+        chords = np.concatenate([start[e] + np.arange(division.chords[e]) for e in outlines.uses_of(f).tolist()])
         size = int(found.begin[f + 1] - begin)
         segment.append(_find_segments(own - begin, ends - begin, chords, size))
         uv.append(mesh.uv[own])
         nodes.append(own - begin + count)
         count += size
-    solid = _collect(faces, outlines, expanded)
     used = np.zeros(len(expanded.points), bool)
-    used[np.concatenate([expanded.of_face[f].ravel() for f in numbers])] = True
+    used[expanded.triangles[expand_ranges(expanded.start[numbers], expanded.start[numbers + 1])[1]]] = True
     number = (np.cumsum(used) - 1)[expanded.same]
     along = [division.nodes(outlines.ends[e], e) for e in edges]
-    spans = [BRep_Tool.Range_s(outlines.edges[e]) for e in edges]
-    at = [low + division.shares[e] * (high - low) for e, (low, high) in zip(edges, spans, strict=True)]
+    at = [division.placed[e][0] for e in edges]
     side_ends, parameters = (
         np.concatenate([np.stack([values[:-1], values[1:]], axis=1) for values in rows]) for rows in (along, at)
     )
     return ParametricMesh(
-        solid,
-        tuple(faces),
+        _collect(numbers, turned, expanded),
+        tuple(outlines.sources[f] for f in numbers.tolist()),
         np.concatenate(nodes),
         np.concatenate(uv),
         np.concatenate(segment),

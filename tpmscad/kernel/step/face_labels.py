@@ -9,19 +9,18 @@ the axis that they face: "cap X+".
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from OCP.BRepAdaptor import BRepAdaptor_Surface
 from OCP.GeomAbs import GeomAbs_Plane
-from OCP.TopoDS import TopoDS_Face
 
 from tpmscad._typing import Array, Colour
 from tpmscad.brep.boundary_representation import Brep
 from tpmscad.brep.carriers import Plane
-from tpmscad.kernel.occt.exploration import ShapeKey, faces_of, orientation_sign
+from tpmscad.kernel.occt.exploration import faces_of, orientation_sign
 
 LABEL_OF_TAG = {"offset+": "surface +", "offset-": "surface -"}
 """Names of tags in files; other tags are their own names."""
@@ -57,14 +56,20 @@ OTHER_COLOUR: Colour = (0.70, 0.70, 0.72)
 class NamedSolid:
     """A TopoDS solid with its name, the labels of its faces in the order of `faces_of`, and its colour.
 
-    Without a colour of its own its faces have those of their groups. openings: the labels of faces through which a fluid flows.
+    source: the solid, or solids built from arrays, which are made when they are asked for, and its number among them. Without a
+    colour of its own its faces have those of their groups. openings: the labels of faces through which a fluid flows.
     """
 
     name: str
-    solid: Any
+    source: Any
     labels: tuple[str, ...]
     colour: Colour | None = None
     openings: frozenset[str] = frozenset()
+
+    @property
+    def solid(self) -> Any:
+        """The TopoDS solid."""
+        return self.source[0].solids[self.source[1]] if isinstance(self.source, tuple) else self.source
 
     def colour_of(self, label: str) -> Colour:
         """Colour of the faces with a label."""
@@ -114,12 +119,6 @@ def name_body_face(index: int, name: str = "", role: str = "body") -> str:
     """
     words = " ".join(re.findall(r"[\w.-]+", name))[:MAX_NAME_CHARACTERS]
     return f"{role} {index} {words}".rstrip()
-
-
-def order_labels(shape: Any, faces: Sequence[TopoDS_Face], labels: Sequence[str]) -> tuple[str, ...]:
-    """Labels of `faces_of(shape)`, given those of the same faces in another order."""
-    of_face = {ShapeKey(face): label for face, label in zip(faces, labels, strict=True)}
-    return tuple(of_face[ShapeKey(face)] for face in faces_of(shape))
 
 
 def label_outer_faces(shape: Any, outer: str) -> tuple[str, ...]:

@@ -18,7 +18,6 @@ from tpmscad.brep.carriers import (
     ConicalSurface,
     CylindricalSurface,
     EdgeCurve,
-    Ellipse,
     Plane,
     Quadric,
     ToroidalSurface,
@@ -184,16 +183,25 @@ def write_curves(section: DataSection, brep: Brep, placed: PlacedGeometry, numbe
     Straight segments get 0; each edge writes its own line from its vertices.
     """
     forms = [_form_of_curve(curve) if isinstance(curve, BSplineCurve) else "" for curve in brep.curves]
+    straight = [is_segment(curve) for curve in brep.curves]
+    frames = np.zeros((len(placed.primitive), 3, 3))
+    for p in np.unique(placed.primitive).tolist():
+        curve = brep.curves[p]
+        if not isinstance(curve, BSplineCurve):
+            own = np.flatnonzero(placed.primitive == p)
+            frames[own] = curve.place_frames(placed.motion[own])
     bent, bodies = [], []
     for i, p in enumerate(placed.primitive.tolist()):
         curve = brep.curves[p]
-        if is_segment(curve):
+        if straight[p]:
             continue
         bent.append(i)
         if isinstance(curve, BSplineCurve):
             bodies.append(forms[p] % tuple(numbers[i].tolist()))
         else:
-            bodies.append(_conic(section, curve.moved(placed.motion[i])))
+            radii = (curve.radius,) if isinstance(curve, Circle) else (curve.major, curve.minor)
+            kind = "CIRCLE" if isinstance(curve, Circle) else "ELLIPSE"
+            bodies.append(format_placed(section, kind, *frames[i], *radii))
     result = np.zeros(len(placed.primitive), np.int64)
     result[bent] = section.extend(bodies)
     return result
@@ -204,14 +212,6 @@ def _form_of_curve(curve: BSplineCurve) -> str:
     poles = ",".join(["#%d"] * len(curve.poles))
     knots = _format_knots(curve.knots)
     return f"B_SPLINE_CURVE_WITH_KNOTS('',{curve.degree},({poles}),.UNSPECIFIED.,.F.,.F.,{knots},.UNSPECIFIED.)"
-
-
-def _conic(section: DataSection, curve: Circle | Ellipse) -> str:
-    """Text of a circle or an ellipse."""
-    frame = curve.origin, curve.normal, curve.x_axis
-    if isinstance(curve, Circle):
-        return format_placed(section, "CIRCLE", *frame, curve.radius)
-    return format_placed(section, "ELLIPSE", *frame, curve.major, curve.minor)
 
 
 def write_directions(section: DataSection, vectors: Array) -> range:

@@ -14,7 +14,7 @@ transformations along the way give the place of each copy.
 from __future__ import annotations
 
 import re
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -23,9 +23,11 @@ import numpy as np
 from tpmscad._typing import Array, IntArray
 from tpmscad.brep.boundary_representation import Brep
 from tpmscad.brep.carriers import (
+    Carrier,
     Circle,
     ConicalSurface,
     CylindricalSurface,
+    EdgeCurve,
     Plane,
     SphericalSurface,
     ToroidalSurface,
@@ -69,11 +71,12 @@ class FileText(EntityRows):
         super().__init__(table)
         self.brep, self.nesting = brep, nesting
         sizes = [np.abs(brep.vertices).max(initial=1e-9)]
-        for items, placed in ((brep.carriers, brep.faces.carrier), (brep.curves, brep.edges.curve)):
-            motions = brep.faces.motion if items is brep.carriers else brep.edges.motion
-            for i in np.unique(placed).tolist():
-                if len(poles := poles_of(items[i])):
-                    sizes.append(float(np.abs(motions[placed == i, None].apply(poles)).max()))
+        self._curves, self._surfaces = (
+            list(_group_splines(items, placed))
+            for items, placed in ((brep.curves, brep.edges.curve), (brep.carriers, brep.faces.carrier))
+        )
+        for groups, motions in ((self._curves, brep.edges.motion), (self._surfaces, brep.faces.motion)):
+            sizes += [float(np.abs(motions[own, None].apply(poles)).max()) for _, own, poles in groups]
         self.decimals = count_decimals(float(max(sizes)))
 
     def check(self) -> Array:
@@ -212,39 +215,43 @@ class FileText(EntityRows):
         at = self.points(self.rows(vertex, "VERTEX_POINT('',#)")[:, 0])
         require(at == self.meant(brep.vertices), "the position of a vertex")
         ends = self.rows(edge, "EDGE_CURVE('',#,#,#,.T.)")
+        for spline, own, local in self._curves:
+            assert isinstance(spline, BSplineCurve)
+            meant = self.meant(brep.edges.motion[own, None].apply(local))
+            shape = (len(spline.poles),)
+            poles = self._spline(ends[own, 2], "B_SPLINE_CURVE_WITH_KNOTS", [spline.degree], [spline.knots], shape)
+            require(poles == meant, "a pole of a curve")
+        straight = np.array([isinstance(c, BSplineCurve) and is_segment(c) for c in brep.curves], bool)
+        own = np.flatnonzero(straight[brep.edges.curve])
+        a, b = brep.vertices[brep.edges.start[own]], brep.vertices[brep.edges.end[own]]
+        through, vector = self.rows(ends[own, 2], "LINE('',#,#)").T
+        require(self.points(through) == self.meant(a), "the origin of a line")
+        direction, length = self.rows(vector, "VECTOR('',#,&)").T
+        require(agree(self.directions(direction) * length[:, None], b - a), "the direction of a line")
         for index in np.unique(brep.edges.curve).tolist():
-            curve, own = brep.curves[index], np.flatnonzero(brep.edges.curve == index)
-            motion, number = brep.edges.motion[own], ends[own, 2]
-            if isinstance(curve, BSplineCurve) and not is_segment(curve):
-                poles = self._spline(
-                    number, "B_SPLINE_CURVE_WITH_KNOTS", [curve.degree], [curve.knots], (len(curve.poles),)
-                )
-                require(poles == self.meant(motion[:, None].apply(curve.poles)), "a pole of a curve")
-            elif isinstance(curve, BSplineCurve):
-                a, b = brep.vertices[brep.edges.start[own]], brep.vertices[brep.edges.end[own]]
-                through, vector = self.rows(number, "LINE('',#,#)").T
-                require(self.points(through) == self.meant(a), "the origin of a line")
-                direction, length = self.rows(vector, "VECTOR('',#,&)").T
-                require(agree(self.directions(direction) * length[:, None], b - a), "the direction of a line")
-            else:
-                placed = [curve.moved(m) for m in motion]
-                radii = [[c.radius] if isinstance(c, Circle) else [c.major, c.minor] for c in placed]
-                kind = "CIRCLE('',#,&)" if isinstance(curve, Circle) else "ELLIPSE('',#,&,&)"
-                frames = np.array([[c.origin, c.normal, c.x_axis] for c in placed])
-                self._check_placements(number, kind, frames, np.array(radii))
+            curve = brep.curves[index]
+            if isinstance(curve, BSplineCurve):
+                continue
+            own = np.flatnonzero(brep.edges.curve == index)
+            radii = [curve.radius] if isinstance(curve, Circle) else [curve.major, curve.minor]
+            kind = "CIRCLE('',#,&)" if isinstance(curve, Circle) else "ELLIPSE('',#,&,&)"
+            frames = curve.place_frames(brep.edges.motion[own])
+            self._check_placements(ends[own, 2], kind, frames, np.tile(radii, (len(own), 1)))
 
     def _check_surfaces(self, surface: Array) -> None:
         """The surfaces of faces."""
         brep = self.brep
+        for spline, own, local in self._surfaces:
+            assert isinstance(spline, BSplineSurface)
+            degrees, knots = [spline.degree_u, spline.degree_v], find_knots_in_file(spline)
+            poles = self._spline(surface[own], "B_SPLINE_SURFACE_WITH_KNOTS", degrees, knots, spline.poles.shape[:2])
+            require(poles == self.meant(brep.faces.motion[own, None].apply(local)), "a pole of a surface")
         for index in np.unique(brep.faces.carrier).tolist():
-            carrier, own = brep.carriers[index], np.flatnonzero(brep.faces.carrier == index)
-            motion, number = brep.faces.motion[own], surface[own]
+            carrier = brep.carriers[index]
             if isinstance(carrier, BSplineSurface):
-                degrees, knots = [carrier.degree_u, carrier.degree_v], find_knots_in_file(carrier)
-                poles = self._spline(number, "B_SPLINE_SURFACE_WITH_KNOTS", degrees, knots, carrier.poles.shape[:2])
-                meant = self.meant(motion[:, None].apply(carrier.poles.reshape(-1, 3)))
-                require(poles == meant, "a pole of a surface")
                 continue
+            own = np.flatnonzero(brep.faces.carrier == index)
+            motion, number = brep.faces.motion[own], surface[own]
             x, origin = motion.apply_to_vectors(np.tile(carrier.x_axis, (len(own), 1))), motion.apply(carrier.origin)
             if isinstance(carrier, Plane):
                 y = motion.apply_to_vectors(np.tile(carrier.y_axis, (len(own), 1)))
@@ -310,6 +317,32 @@ class FileText(EntityRows):
         item = self.table.values[self.table.start[at] + 1]
         require(np.isin(item, faces), "something besides a face has a colour")
         require(len(np.unique(item)) == len(item), "a face has two colours")
+
+
+def _group_splines(
+    items: Sequence[Carrier | EdgeCurve], placed: IntArray
+) -> Iterator[tuple[BSplineCurve | BSplineSurface, IntArray, Array]]:
+    """Splines that a file has poles of, by degrees, knots and numbers of poles: one of each kind, rows of `placed`, their poles.
+
+    Thousands of fitted splines that are placed once each have a few kinds: compared one by one they took most of a check.
+    """
+    number: dict[tuple[Any, ...], int] = {}
+    kind = np.full(len(items), -1)
+    for i in np.unique(placed).tolist():
+        item = items[i]
+        if len(poles_of(item)):
+            assert isinstance(item, BSplineCurve | BSplineSurface)
+            knots = (item.knots,) if isinstance(item, BSplineCurve) else find_knots_in_file(item)
+            kind[i] = number.setdefault((item.poles.shape, *(k.tobytes() for k in knots)), len(number))
+    order = np.argsort(kind[placed], kind="stable")
+    limits = np.searchsorted(kind[placed][order], np.arange(len(number) + 1))
+    for k in range(len(number)):
+        own = order[limits[k] : limits[k + 1]]
+        used, row = np.unique(placed[own], return_inverse=True)
+        nets = [poles_of(items[i]) for i in used.tolist()]
+        first = items[int(used[0])]
+        assert isinstance(first, BSplineCurve | BSplineSurface)
+        yield first, own, np.stack(nets)[row]
 
 
 def _ranges(start: IntArray, count: IntArray) -> IntArray:

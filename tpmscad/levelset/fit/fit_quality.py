@@ -186,8 +186,11 @@ def group_by_degree(fit: NetworkFit, patches: IntArray | None = None) -> list[tu
     return [((int(p), int(q)), numbers[(degrees == (p, q)).all(axis=1)]) for p, q in np.unique(degrees, axis=0)]
 
 
-def measure_distances_to_patches(fit: NetworkFit, points: Array, tol: float) -> Array:
-    """Distances (n,) from points of the level set to the patches, exact where they are below half of `tol`."""
+def measure_distances_to_patches(fit: NetworkFit, points: Array, tol: float, limit: float) -> tuple[Array, IntArray]:
+    """Distances (n,) from points of the level set to the patches, exact where they are below half of `tol`.
+
+    And of the points that are farther than `limit` the patches nearest to them.
+    """
     t = np.linspace(0.0, 1.0, PATCH_SAMPLES)
     groups = group_by_degree(fit)
     poles_of_group = [np.stack([fit.patches[i] for i in numbers]) for _, numbers in groups]
@@ -211,9 +214,11 @@ def measure_distances_to_patches(fit: NetworkFit, points: Array, tol: float) -> 
         return distance
 
     def nearest(chosen: IntArray, k: int) -> IntArray:
-        return np.asarray(tree.query(points[chosen], k=k)[1])
+        return np.asarray(tree.query(points[chosen], k=k)[1], np.int64)
 
-    return least_foot_distances(len(points), tol, NEAREST_SAMPLES, nearest, measure)
+    distances = least_foot_distances(len(points), tol, NEAREST_SAMPLES, nearest, measure)
+    missed = np.flatnonzero(distances > limit)
+    return distances, np.unique(patch[nearest(missed, 1).ravel()])
 
 
 def _empty_samples(count: int) -> PatchSamples:

@@ -176,7 +176,10 @@ class CrossingFields:
 
     def measure(self, solids: BrepSolids | OcctSolids, moved: float) -> PatchMeasures:
         """The measures of the operands, and the creases of what a cut has left."""
-        measures, creases = move_patch_measures(self.measures, moved), measure_creases(solids.solids, None)
+        measures, creases = (
+            move_patch_measures(self.measures, moved),
+            measure_creases(solids if isinstance(solids, BrepSolids) else solids.solids),
+        )
         return replace(measures, figures={**measures.figures, **describe_creases(creases)})
 
     def bound_operands(self) -> list[ExactOrCut]:
@@ -244,7 +247,7 @@ def combine_field_solids(
         measures = move_patch_measures(matter.measures, moved)
         measures = replace(measures, notes=(*measures.notes, how))
         measures = compare_with_field(measures, field, lo, hi, *measure_built(built))
-        own = measure_creases(built.solids, (lo, hi))
+        own = measure_creases(built if isinstance(built, BrepSolids) else built.solids, (lo, hi))
         measures = replace(measures, figures={**measures.figures, **describe_creases(own)})
         # sides of data bound them as those of the box do; to prove their creases took five times as long as the solid
         if matter.fitted and not list_bounded(field):

@@ -41,6 +41,7 @@ from tpmscad.requests.lattice_request import LatticeRequest
 from tpmscad.results.certificate import PatchMeasures
 from tpmscad.rigid_motion import Motion
 from tpmscad.solids.cut import Finish, require_few_faces
+from tpmscad.solids.matter.body_nearness import BodyNearness
 from tpmscad.solids.matter.mapped_block import (
     MIN_WALL_THICKNESS,
     compose_map,
@@ -96,9 +97,16 @@ def find_trim_tolerance(cell: float) -> float:
 
 
 def fit_patches_over_box(
-    request: LatticeRequest, low: Array, high: Array, progress: FractionProgress
+    request: LatticeRequest,
+    low: Array,
+    high: Array,
+    progress: FractionProgress,
+    near: BodyNearness | None = None,
 ) -> PatchesOverBox:
-    """The patches of the offset surfaces over the box [low, high] (lattice coordinates, model units) and a margin around it."""
+    """The patches of the offset surfaces over the box [low, high] (lattice coordinates, model units) and a margin around it.
+
+    near: tells the patches that come near a body; the others are left out where patches are fitted one by one.
+    """
     edges, bounds = np.array(request.cell), (low, high)
     low, high = low - BLOCK_MARGIN_CELLS * edges, high + BLOCK_MARGIN_CELLS * edges
     first, last = np.array([floor(v) for v in low / edges]), np.array([ceil(v) for v in high / edges])
@@ -116,7 +124,7 @@ def fit_patches_over_box(
         patches = scale_brep(request.source.cover(fit.surfaces, cells, np.array(request.phase)).brep, cell)
         patches = translate_brep(patches, first * edges)
     else:
-        patches, fit = _fit_patches_one_by_one(request, mapping, bounds, first, cells, progress)
+        patches, fit = _fit_patches_one_by_one(request, mapping, bounds, first, cells, progress, near)
     return PatchesOverBox(patches, low, high, fit, mapping)
 
 
@@ -127,17 +135,22 @@ def _fit_patches_one_by_one(
     first: Array,
     cells: tuple[int, int, int],
     progress: FractionProgress,
+    near: BodyNearness | None,
 ) -> tuple[Brep, LayersFit[MappedLayers]]:
     """Patches of a lattice that repeats no cell, or whose cell has unequal edges, from the cell `first`, and their fit.
 
     limits: corners of the box beyond which they are cut off.
     """
     cell, source, edges = request.cell[0], exact_source(request), np.array(request.cell)
-    bounds = first * edges, (first + np.array(cells)) * edges
-    reach = find_greatest_offset(request, lambda: bounds[0] + mapping(box_points(cells, cell)))
+    margin = BLOCK_MARGIN_CELLS * edges
+    bounds = limits[0] - margin, limits[1] + margin
+    reach = find_greatest_offset(request, lambda: first * edges + mapping(box_points(cells, cell)))
     placements = mapped_lattice.select_placements_near_box(
         source.patch, source.symmetry, mapping, bounds, first, cells, np.array(request.phase), cell, reach
     )
+    if near is not None:
+        images = mapping(cell * mapped_lattice.sample_placements(source.patch, placements))
+        placements = placements[np.flatnonzero(near(images, mapped_lattice.PATCH_BULGE_FRACTION, reach))]
     surface = MappedSurface(
         source.patch, source.symmetry, placements, mapping, cell, thickness=request.thickness, centre=request.centre
     )
@@ -219,25 +232,35 @@ def build_lattice_block(request: LatticeRequest, rotation: Array, body: CadBody,
         "enlarge the cell, or do without one solid: export_infill(...) writes a STEP file of cells, infill_layers(...) layers, "
         "infill_triangles(...) STL",
     )
-    return build_block_over_box(request, rotation, low, high, stages)
+    near = BodyNearness(body, rotation, min(request.cell)) if request.is_graded else None
+    return build_block_over_box(request, rotation, low, high, stages, near)
 
 
 def build_block_over_box(
-    request: LatticeRequest, rotation: Array, low: Array, high: Array, stages: StageTimer
+    request: LatticeRequest,
+    rotation: Array,
+    low: Array,
+    high: Array,
+    stages: StageTimer,
+    near: BodyNearness | None = None,
 ) -> LatticeBlock:
-    """The lattice over a box in lattice coordinates, of corners (3,), turned by `rotation` (3, 3)."""
+    """The lattice over a box in lattice coordinates, of corners (3,), turned by `rotation` (3, 3).
+
+    near: tells the patches that come near the body in the box.
+    """
     motion = Motion(rotation, np.zeros(3))
     check_wall_thickness(request)
     distance, request = lattice_distance(request, None, rotation), request.turned(rotation)
     with stages("fit") as done:
-        cover = fit_patches_over_box(request, low, high, done)
+        cover = fit_patches_over_box(request, low, high, done, near)
     with stages("assemble"):
         patches = move_brep(cover.patches, motion)
         measures = measure_lattice_patches(request, cover.mapping, patches, cover.fit)
 
     def trim_to_box() -> Brep:
         tol = find_trim_tolerance(max(request.cell))
-        cut = combine_networks(box(cover.low, cover.high), cover.patches, "intersection", tol, is_cover=True)
+        whole = cover if near is None else fit_patches_over_box(request, low, high, lambda fraction: None)
+        cut = combine_networks(box(whole.low, whole.high), whole.patches, "intersection", tol, is_cover=True)
         return move_brep(cut.brep, motion)
 
     return LatticeBlock(f"{request.surface} infill", patches, measures, distance, trim_to_box)

@@ -65,7 +65,7 @@ def compose_map(
     return (wrap if stretch is None else composition(wrap, stretch, request.cell[0])), notes
 
 
-GRADING_SAMPLES_PER_PARAMETER = 7
+GRADING_SAMPLES_PER_PARAMETER = 5
 """Samples along each parameter of a patch at which a graded wall is checked."""
 
 MIN_WALL_THICKNESS = 1e-5
@@ -160,7 +160,7 @@ def _require_graded_walls(surface: MappedSurface, request: LatticeRequest, limit
         raise InvalidRequest(
             f"the thickness {unit[thinnest]:g} at {format_point(points[thinnest], 6)} in the model is below "
             f"{MIN_WALL_THICKNESS:g}, a hundred times the kernel's tolerance, and must be positive all along the lattice: "
-            "limit it, fields.clip(...)"
+            "keep its values above that"
         )
     if surface.map is not IDENTITY:
         return

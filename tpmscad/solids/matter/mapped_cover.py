@@ -17,9 +17,6 @@ from tpmscad._typing import Array, BoolArray, FractionProgress, IntArray, triple
 from tpmscad.brep.boundary_representation import Brep, move_brep
 from tpmscad.errors import InvalidRequest, format_point
 from tpmscad.kernel.body_import.cad_body import CadBody
-from tpmscad.kernel.measure.shape_sampling import contains_points, sample_faces
-from tpmscad.kernel.occt.bounding_boxes import box_diagonal, enclosing_box
-from tpmscad.kernel.occt.exploration import faces_of
 from tpmscad.lattices import mapped_lattice
 from tpmscad.lattices.coordinate_maps import Map
 from tpmscad.lattices.copies import translate_motions
@@ -27,6 +24,7 @@ from tpmscad.lattices.mapped_surface import MappedSurface, repeats_after
 from tpmscad.lattices.spline_maps import SplineMap
 from tpmscad.requests.lattice_request import LatticeRequest
 from tpmscad.rigid_motion import Motion
+from tpmscad.solids.matter.body_nearness import BodyNearness, measure_diagonals
 from tpmscad.solids.matter.lattice_block import MAX_CELLS_IN_BOX, LatticeBlock, check_wall_thickness
 from tpmscad.solids.matter.mapped_block import compose_map, exact_source, find_greatest_offset, require_walls
 from tpmscad.solids.matter.patch_measures import measure_lattice_patches
@@ -38,9 +36,6 @@ FIRST_REACHES = (2, 6, 20)
 
 MAX_CELLS_ROUND = 400
 """Cells along an axis after which a map may repeat."""
-
-POINTS_PER_CELL = 10.0
-"""Points of the body's faces along the edge of a cell."""
 
 NEAR_CELLS = 0.3
 """In diagonals of a cell's image: how near to the body one of these points is, half of what lies between them and a margin."""
@@ -69,7 +64,7 @@ def build_mapped_block(
     mapping, notes = compose_map(request, map)
     assert mapping is not None
     with stages("fit") as done:
-        turned = _Near(body, rotation, float(edges.min()))
+        turned = BodyNearness(body, rotation, float(edges.min()))
         origins, periods = _find_cells(mapping, request, turned, map)
         patches, fit = _fit_cover(request, mapping, origins, periods, turned, done)
     with stages("assemble"):
@@ -85,38 +80,12 @@ def _refuse_box() -> Brep:
     )
 
 
-class _Near:
-    """Whether cells come near a body: by points of its faces, and by the kernel's classifier inside it."""
-
-    def __init__(self, body: CadBody, rotation: Array, edge: float) -> None:
-        self.body, self.rotation = body, rotation
-        spacing = min(edge / POINTS_PER_CELL, box_diagonal(body.shape))
-        self.tree = cKDTree(sample_faces(faces_of(body.shape), spacing).points)
-        self.spacing = spacing
-        self.low, self.high = enclosing_box(body.shape)
-
-    def __call__(self, images: Array, margin: float, reach: float = 0.0) -> BoolArray:
-        """Of cells or patches by the images (n, m, 3) of their points: within a margin, in their diagonals, and a reach."""
-        points = images @ self.rotation.T
-        distance = self.tree.query(points)[0].min(axis=1)
-        near = np.asarray(distance < self.spacing + reach + margin * _measure_cells(images))
-        middle = points[:, points.shape[1] // 2]
-        asked = ~near & ((middle > self.low) & (middle < self.high)).all(axis=1)
-        near[asked] = contains_points(self.body.shape, middle[asked])
-        return near
-
-
 def _image_cells(mapping: Map, cell: float, origins: IntArray) -> Array:
     """The images (n, 27, 3) of the corners and middles of cells."""
     return mapping(cell * (origins[:, None] + CORNERS))
 
 
-def _measure_cells(images: Array) -> Array:
-    """The diagonals (n,) of the images of cells."""
-    return np.asarray(np.linalg.norm(np.ptp(images, axis=1), axis=1))
-
-
-def _find_cells(mapping: Map, request: LatticeRequest, near: _Near, given: Any) -> tuple[IntArray, IntArray]:
+def _find_cells(mapping: Map, request: LatticeRequest, near: BodyNearness, given: Any) -> tuple[IntArray, IntArray]:
     """The origins (n, 3) of the cells near a body, and the periods of the lattice, both in cells."""
     cell, periods = request.cell[0], np.zeros(3, np.int64)
     low, high = np.full(3, -MAX_CELLS_ROUND), np.full(3, MAX_CELLS_ROUND)
@@ -163,7 +132,7 @@ def _go_round_once(cells: IntArray, periods: IntArray) -> IntArray:
 
 
 def _spread(
-    mapping: Map, cell: float, start: IntArray, near: _Near, periods: IntArray, low: Any, high: Any
+    mapping: Map, cell: float, start: IntArray, near: BodyNearness, periods: IntArray, low: Any, high: Any
 ) -> IntArray:
     """All cells near the body that are reached from others, those around a period once, within limits."""
     steps = np.concatenate([np.eye(3, dtype=np.int64), -np.eye(3, dtype=np.int64)])
@@ -191,7 +160,7 @@ def _spread(
 def _require_apart(mapping: Map, cell: float, origins: IntArray, periods: IntArray) -> None:
     """InvalidRequest if cells that are no neighbours lie on each other."""
     images = _image_cells(mapping, cell, origins)
-    middles, sizes = images[:, MIDDLE], _measure_cells(images)
+    middles, sizes = images[:, MIDDLE], measure_diagonals(images)
     pairs = cKDTree(middles).query_pairs(ON_EACH_OTHER * float(sizes.max()), output_type="ndarray")
     apart = np.abs(origins[pairs[:, 0]] - origins[pairs[:, 1]])
     apart = np.where(periods > 0, np.minimum(apart, np.abs(periods - apart)), apart).max(axis=1)
@@ -211,7 +180,7 @@ def _fit_cover(
     mapping: Map,
     origins: IntArray,
     periods: IntArray,
-    near: _Near,
+    near: BodyNearness,
     progress: FractionProgress,
 ) -> tuple[Brep, Any]:
     """The patches of cells, and their fit."""

@@ -88,7 +88,7 @@ def measure_lattice_patches(
             **state_mean_curvature(request),
         },
         checks=tuple(map(Check, names, values, limits)),
-        notes=(*notes, *request.notes),
+        notes=(*notes, *fit.notes, *request.notes),
     )
 
 

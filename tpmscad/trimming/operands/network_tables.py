@@ -496,18 +496,37 @@ def _bound_normals(coefficients: Array, parts: tuple[int, int]) -> tuple[Array, 
     )
     terms = np.einsum("iKx,nabxyc,jLy->naibjKLc", to_u, np.cross(su, sv), to_v, optimize=True)
     mean = terms[..., 0, 0, :]
-    length = np.linalg.norm(mean, axis=-1)
-    unit = mean / np.maximum(length, 1e-300)[..., None]
-    ahead = np.einsum("...klx,...x->...kl", terms, unit)
-    aside = np.linalg.norm(terms - ahead[..., None] * unit[..., None, None, :], axis=-1).sum(axis=(-2, -1))
-    least = 2.0 * length - np.abs(ahead).sum(axis=(-2, -1))
-    turn = np.where(aside < least, aside / np.maximum(least, 1e-300), 2.0)
+    unit, turn = _bound_directions(terms.reshape(-1, terms.shape[-3] * terms.shape[-2], 3))
     quarters = (n, nu * parts[0], ways, nv * parts[1], ways)
     mean = mean.reshape(*quarters, 3).sum(axis=(2, 4))
     normal = mean / np.maximum(np.linalg.norm(mean, axis=-1, keepdims=True), 1e-300)
     off = np.linalg.norm(unit.reshape(*quarters, 3) - normal[:, :, None, :, None], axis=-1)
     turn = np.minimum((off + turn.reshape(quarters)).max(axis=(2, 4)), 2.0)
     return normal.reshape(n, -1, 3), turn.reshape(n, -1)
+
+
+@njit_cached
+def _bound_directions(terms: Array) -> tuple[Array, Array]:  # pragma: no cover - compiled
+    """Unit vectors (n, 3) along the first of terms (n, m, 3), and bounds (n,) of how far that of any sum with signs is off."""
+    n, m, _ = terms.shape
+    unit, turn = np.zeros((n, 3)), np.full(n, 2.0)
+    for i in range(n):
+        x, y, z = terms[i, 0]
+        length = np.sqrt(x * x + y * y + z * z)
+        scale = 1.0 / max(length, 1e-300)
+        x, y, z = x * scale, y * scale, z * scale
+        unit[i, 0], unit[i, 1], unit[i, 2] = x, y, z
+        aside, others = 0.0, 0.0
+        for k in range(1, m):
+            a, b, c = terms[i, k]
+            ahead = a * x + b * y + c * z
+            a, b, c = a - ahead * x, b - ahead * y, c - ahead * z
+            aside += np.sqrt(a * a + b * b + c * c)
+            others += abs(ahead)
+        least = length - others
+        if aside < least:
+            turn[i] = aside / max(least, 1e-300)
+    return unit, turn
 
 
 @lru_cache(maxsize=32)

@@ -1,0 +1,101 @@
+"""Graded walls as smooth functions: patches that are fitted one by one join only where what they are fitted to is smooth.
+
+A formula is smooth as a rule; a field of data, of a distance or of limited values has creases, at which the samples of two
+neighbours disagree about its derivatives. Such a grading is replaced by one function that interpolates it on a grid and has all
+derivatives. How far that is from the grading is measured at points of all patches, and counts in the deviation.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from functools import partial
+
+import numpy as np
+
+from tpmscad._typing import Array
+from tpmscad.lattices.g2_fit import find_least_coefficients, sample_parameters
+from tpmscad.lattices.mapped_surface import MappedSurface, evaluate_grading
+from tpmscad.splines.gaussian_interpolation import GaussianInterpolant, interpolate_samples
+
+SPACINGS_PER_CELL = (8, 12, 16, 20)
+"""Spacings of the grid in the order of trial. The samples of the fit resolve finer ones no longer."""
+
+DEVIATION_SHARE = 0.4
+"""Part of the tolerance within which a smoothed wall is taken; the rest is left to the fit, of degree 10 as a rule."""
+
+SMOOTH_TAIL = 1e-9
+"""Part of its greatest value below which the last coefficients of a smooth grading are: 1e-12 of formulas, 1e-6 at creases."""
+
+CHECKED_SAMPLES = 5
+"""Samples along each parameter of all patches at which a grading and its smooth function are compared."""
+
+CHECKED_PATCHES = 4
+"""Patches, those over which a grading is least like a polynomial, at which it is seen whether it is smooth."""
+
+MARGIN_SPACINGS = 2
+"""Spacings of the grid beyond the patches."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class SmoothWalls:
+    """A mapped surface whose gradings are smooth, the greatest distance from the walls asked for, and notes on it."""
+
+    mapped: MappedSurface
+    error: float = 0.0
+    notes: tuple[str, ...] = ()
+
+
+def smooth_gradings(mapped: MappedSurface, distances: Sequence[float], tol: float) -> SmoothWalls:
+    """The surface with smooth gradings; its walls at the distances keep those asked for within a part of `tol` if possible."""
+    error, notes = 0.0, []
+    for name, factor in (("thickness", max(map(abs, distances))), ("centre", 1.0)):
+        given = getattr(mapped, name)
+        if given is None:
+            continue
+        evaluate = partial(evaluate_grading, "offset" if name == "centre" else name, given)
+        t = np.linspace(0.0, 1.0, CHECKED_SAMPLES)
+        u, v = np.meshgrid(t, t, indexing="ij")
+        points = mapped.points(u, v).position
+        values = evaluate(points)
+        if np.ptp(values) == 0.0 or _is_smooth(mapped, evaluate, values):
+            continue
+        function, miss = _smooth(
+            evaluate, points.reshape(-1, 3), values.ravel(), mapped.cell, DEVIATION_SHARE * tol / factor
+        )
+        mapped = replace(mapped, **{name: function})  # type: ignore[arg-type]
+        error += factor * miss
+        notes.append(f"the graded wall has creases, at which its surfaces are rounded by up to {factor * miss:.2g}")
+    return SmoothWalls(mapped, error, tuple(notes))
+
+
+def _is_smooth(mapped: MappedSurface, evaluate: Callable[[Array], Array], values: Array) -> bool:
+    """Whether the samples of the fit resolve a grading, of which values (P, m, m) on all patches are known."""
+    bend = np.abs(np.diff(values, 4, axis=1)).max(axis=(1, 2)) + np.abs(np.diff(values, 4, axis=2)).max(axis=(1, 2))
+    chosen = np.argsort(-bend)[:CHECKED_PATCHES]
+    t = sample_parameters()
+    u, v = np.meshgrid(t, t, indexing="ij")
+    found = evaluate(mapped.points(u, v, chosen).position)
+    return float(find_least_coefficients(found).max()) <= SMOOTH_TAIL * float(np.abs(found).max())
+
+
+def _smooth(
+    evaluate: Callable[[Array], Array], points: Array, values: Array, cell: float, limit: float
+) -> tuple[Callable[[Array], Array], float]:
+    """The smooth function that differs least from values (n,) at points (n, 3), or by no more than a limit, and by how much."""
+    found: list[tuple[float, GaussianInterpolant]] = []
+    least = 0.0
+    for parts in SPACINGS_PER_CELL:
+        if parts < min(least, SPACINGS_PER_CELL[-1]):
+            continue
+        spacing = cell / parts
+        origin = points.min(axis=0) - MARGIN_SPACINGS * spacing
+        counts = np.ceil((points.max(axis=0) - origin) / spacing).astype(int) + MARGIN_SPACINGS + 1
+        grid = origin + spacing * np.moveaxis(np.indices(counts.tolist()), 0, -1)
+        function = interpolate_samples(evaluate(grid), origin, spacing)
+        found.append((float(np.abs(function(points) - values).max()), function))
+        if found[-1][0] <= limit:
+            break
+        least = parts * found[-1][0] / limit  # at creases the difference falls with the spacing
+    miss, function = min(found, key=lambda each: each[0])
+    return function, miss
