@@ -157,9 +157,13 @@ def _triangulate_lattice(request: LatticeRequest, parts: BodyTriangles, deviatio
         grid, turned, reached = wall.choose_grid(np.ones((1, 2)), deviation)
         pieces = wall.pieces(grid, turned, (1.0, 1.0))
         return TriangulatedLattice(pieces, choose(pieces), None, reached)
-    distances, steps = WallDistances(request), 1
     near = choose(wall.pieces(PatchGrid(np.array([0.0, 1.0])), [False, False], (0.0, 0.0)))
     at = np.argwhere(near.whole | near.cut)
+    box = np.stack([parts.body.points.min(axis=0), parts.body.points.max(axis=0)])
+    distances, steps = WallDistances(request, box), 1
+    distances.find_extremes(wall, at[:, :3] + near.origin, at[:, 3])
+    beyond = max(-distances.least, distances.greatest)  # of the mid surface of walls that end in the body
+    distances = WallDistances(request, box + np.array([[-beyond], [beyond]]))
     extremes = distances.find_extremes(wall, at[:, :3] + near.origin, at[:, 3])
     while True:
         grid, turned, reached = wall.choose_grid(extremes, deviation, steps)

@@ -121,22 +121,25 @@ def find_wall(request: LatticeRequest) -> WallPatches | None:
 class WallDistances:
     """Distances of the surfaces of a graded wall from its mid surface, and the least and the greatest one that were met.
 
+    box: corners (2, 3) of the body and of what reaches into it; beyond, the wall is as at the nearest point of this box.
     allowed: the least and the greatest one that pieces have room for.
     """
 
     request: LatticeRequest
+    box: Array
     least: float = 0.0
     greatest: float = 0.0
     allowed: tuple[float, float] = (-np.inf, np.inf)
 
     def __call__(self, points: Array) -> Array:
         """The distances of the lower and the upper surface (n, 2) at points (n, 3) of the mid surface."""
+        points = np.clip(points, *self.box)
         thickness, centre = grading(self.request.thickness, self.request.centre, points)
         if not (thickness > 0).all():
             worst = int(np.argmin(thickness))
             raise InvalidRequest(
                 f"the wall has the thickness {thickness[worst]:g} near {format_point(points[worst], 4)}: it must be positive "
-                "wherever the lattice is"
+                "in the body and half a wall round its box"
             )
         found = centre[:, None] + thickness[:, None] * np.array(self.request.offset)
         self.least, self.greatest = min(self.least, float(found.min())), max(self.greatest, float(found.max()))
