@@ -151,7 +151,7 @@ def test_a_graded_wall_has_its_thickness_everywhere(tmp_path: Path) -> None:
     ],
 )
 def test_struts_and_plates_have_triangles_and_layers(field: Any, skin: float | None, tmp_path: Path) -> None:
-    body = bd.Pos(1.7, 1.7, 1.7) * bd.Cylinder(1.6, 3.1)
+    body = bd.Pos(1.7, 1.73, 1.7) * bd.Cylinder(1.6, 3.1)
     solid = tpmscad.infill(body, field, tol=0.01, skin=skin, loose="keep")
     part = tpmscad.infill_triangles(body, field, tol=0.01, skin=skin, deviation=0.01, loose="keep")
     part.write(tmp_path / "part.stl")

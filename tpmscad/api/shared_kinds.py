@@ -5,6 +5,7 @@ An argument is declared as the annotation of a parameter, `radius: Annotated[flo
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping
 
 from tpmscad.api.argument_kinds import (
@@ -160,7 +161,12 @@ WALL_THICKNESS = ArgumentKind(
 def _or_graded(kind: ArgumentKind) -> ArgumentKind:
     """A kind that takes functions of points and formulas as text, too."""
     text = f"{kind.text}, {FUNCTION.text}, or a formula of x, y and z as text"
-    return ArgumentKind(text, kind.example, lambda v: v if callable(v) or isinstance(v, str) else kind.read(v))
+    return ArgumentKind(text, kind.example, lambda v: v if callable(v) or names_coordinate(v) else kind.read(v))
+
+
+def names_coordinate(value: object) -> bool:
+    """Whether a value is text that names x, y or z, by which the formula of a grading is known."""
+    return isinstance(value, str) and re.search(r"\b[xyzXYZ]\b", value) is not None
 
 
 GRADED_THICKNESS, GRADED_FRACTION = _or_graded(POSITIVE), _or_graded(FRACTION)

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import functools
 import inspect
-import re
 from collections.abc import Callable, Mapping
 from inspect import Parameter
 from pathlib import Path
@@ -43,6 +42,7 @@ from tpmscad.api.shared_kinds import (
     TEXT,
     TEXTS,
     VIEW,
+    names_coordinate,
 )
 from tpmscad.catalogue import CATALOGUE, find_surface
 from tpmscad.cli.option_language import speak_in_options
@@ -117,7 +117,7 @@ def parse_graded(text: str) -> float | str:
     try:
         return float(text)
     except ValueError:
-        if not re.search(r"\b[xyzXYZ]\b", text):
+        if not names_coordinate(text):
             raise typer.BadParameter(f"{text!r} is not a number{remedy_for_number(text)}") from None
         return text
 
