@@ -17,7 +17,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.ndimage import maximum_filter
 
-from tpmscad._typing import Array, IntArray
+from tpmscad._typing import Array, BoolArray, IntArray
 from tpmscad.brep.boundary_representation import Brep
 from tpmscad.brep.deviation import REFERENCE_MARGIN_FRACTION, SAMPLES_PER_PEAK_AXIS, Deviation, cosine_grid
 from tpmscad.brep.orthogonal_projection import project_to_surface
@@ -192,13 +192,15 @@ def fit_mapped_layers(
     mapped = smooth.mapped
     classes = [group_congruent_patches(mapped, d) for d in given]
     members = _sample_classes(mapped, u, v, given, classes)
+    t = cosine_grid(PATCH_SAMPLES_PER_PARAMETER)
+    exact = _sample_classes(mapped, *np.meshgrid(t, t, indexing="ij"), given, classes)
     for degree in BEZIER_DEGREES:
         fits = [g2_fit.fit_g2_patches(m, degree) for m in members]
         layers = [
             MappedLayer([bezier_surface(p) for p in poles], c.label, c.motion)
             for (poles, _), c in zip(fits, classes, strict=True)
         ]
-        deviation = _measure_patches(mapped, given, layers, classes).moved(smooth.error)
+        deviation = _measure_patches(mapped, given, exact, layers, classes).moved(smooth.error)
         progress((degree - BEZIER_DEGREES[0] + 1) / (BEZIER_DEGREES[-1] - BEZIER_DEGREES[0] + 1))
         if deviation.max <= tol:
             break
@@ -240,15 +242,17 @@ def group_congruent_patches(mapped: MappedSurface, distance: float) -> Congruenc
 def _measure_patches(
     mapped: MappedSurface,
     distances: Sequence[float],
+    exact: Sequence[Array],
     layers: Sequence[MappedLayer],
     classes: Sequence[CongruenceClasses],
 ) -> Deviation:
     """Deviation of the fitted patches, all together: the greatest is sought by estimates, and measured where they have a maximum.
 
     An estimate is of first order in the difference at equal parameters. Maxima that could exceed the greatest one are refined and
-    projected, in each direction; all samples count for the root mean square.
+    projected, in each direction; all samples count for the root mean square. exact: points of the surfaces on `cosine_grid`.
     """
-    grids = [_Estimates.on_grid(mapped, d, layer, c) for d, layer, c in zip(distances, layers, classes, strict=True)]
+    columns = distances, exact, layers, classes
+    grids = [_Estimates.on_grid(mapped, *of_layer) for of_layer in zip(*columns, strict=True)]
     least = np.max([grid.distances.max(axis=(1, 2, 3)) for grid in grids], axis=0) / ESTIMATE_MARGIN
     to_reference, from_reference = np.max([grid.measure_peaks(least) for grid in grids], axis=0).tolist()
     rms = float(np.sqrt(np.mean(np.concatenate([grid.mean_square for grid in grids]))))
@@ -271,7 +275,7 @@ class _Estimates:
 
     @classmethod
     def on_grid(
-        cls, mapped: MappedSurface, distance: float, layer: MappedLayer, classes: CongruenceClasses
+        cls, mapped: MappedSurface, distance: float, exact: Array, layer: MappedLayer, classes: CongruenceClasses
     ) -> _Estimates:
         """Of all patches of a layer, at all points of the grid."""
         t = cosine_grid(PATCH_SAMPLES_PER_PARAMETER)
@@ -287,8 +291,7 @@ class _Estimates:
                 evaluate_bezier_patches(rows, own, columns).reshape(len(own), *u.shape, 3)
                 for rows, columns in ((values, values), (slopes, values), (values, slopes))
             )
-            miss = mapped.offset(u, v, distance, classes.first[chosen]) - fitted
-            found[:, chosen] = _estimate_distances(miss, du, dv, u, v)
+            found[:, chosen] = _estimate_distances(exact[chosen] - fitted, du, dv, u, v)
         square = np.einsum("i,kpij,j->p", weight, found**2, weight) / (2 * weight.sum() ** 2)
         return cls(mapped, distance, classes.first, poles, found, square)
 
@@ -391,11 +394,14 @@ def require_patches_that_bend(
 
 
 def find_greatest_reach(
-    mapped: MappedSurface, offsets: Sequence[float], samples: int = CURVATURE_SAMPLES_PER_PARAMETER
+    mapped: MappedSurface,
+    offsets: Sequence[float],
+    samples: int = CURVATURE_SAMPLES_PER_PARAMETER,
+    in_body: Callable[[Array], BoolArray] | None = None,
 ) -> tuple[float, int]:
     """The greatest of the offsets in local radii of curvature of the mapped mid surface, sampled, and the placement that has it.
 
-    It stays below 1. The curvature is the derivative of the exact normals by central differences: their error is far below what
+    It stays below 1. Beyond, only points (n, 3) `in_body` count. The curvature is the derivative of the exact normals by central differences: their error is far below what
     lies between the samples.
     """
     u, v = (g.ravel() for g in np.meshgrid(*[np.linspace(0, 1, samples)] * 2))
@@ -410,6 +416,9 @@ def find_greatest_reach(
         curvature = np.linalg.norm(np.stack([by_u, by_v], axis=-1) @ dual, ord=2, axis=(-2, -1))
         unit, centre = mapped.grading(here.position)
         reach = curvature * np.abs([centre + d * unit for d in offsets]).max(axis=0)
+        if in_body is not None:
+            sharp = reach >= 1.0
+            reach[sharp] *= in_body(here.position[sharp])
         if reach.max() > largest:
             largest = float(reach.max())
             worst = int(index[np.argmax(reach.max(axis=1))])
@@ -422,10 +431,14 @@ def least_curvature_radius(mapped: MappedSurface) -> float:
 
 
 def require_offsets_below_curvature_radius(
-    mapped: MappedSurface, offsets: Sequence[float], name: str, samples: int = CURVATURE_SAMPLES_PER_PARAMETER
+    mapped: MappedSurface,
+    offsets: Sequence[float],
+    name: str,
+    samples: int = CURVATURE_SAMPLES_PER_PARAMETER,
+    in_body: Callable[[Array], BoolArray] | None = None,
 ) -> None:
     """InvalidRequest if an offset is not below the least radius of curvature; `name` is that of the surface in the message."""
-    reach, index = find_greatest_reach(mapped, offsets, samples)
+    reach, index = find_greatest_reach(mapped, offsets, samples, in_body)
     if reach < 1:
         return
     if mapped.is_graded:

@@ -13,17 +13,17 @@ deepest of them are sought between the samples, so that contacts much smaller th
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.spatial import cKDTree
 
-from tpmscad._typing import Array, IntArray
+from tpmscad._typing import Array, BoolArray, IntArray
 from tpmscad.array_table import ArrayTable
 from tpmscad.brep.orthogonal_projection import project_to_surface
 from tpmscad.errors import InvalidRequest, format_point
-from tpmscad.lattices.mapped_surface import MappedSurface, repeats_after
+from tpmscad.lattices.mapped_surface import MappedSurface, SurfacePoints, repeats_after
 
 SAMPLES_PER_PARAMETER = 7
 """Samples of each patch along u and v."""
@@ -81,22 +81,20 @@ class WallPairs(ArrayTable):
 
 
 def require_no_self_contact(
-    mapped: MappedSurface, offsets: tuple[float, float], limits: tuple[Array, Array] | None
+    mapped: MappedSurface,
+    offsets: tuple[float, float],
+    counts: Callable[[SurfacePoints], BoolArray] | None = None,
 ) -> None:
     """InvalidRequest, with place and amount, if two parts of the wall between the two offsets overlap.
 
-    `limits` are the lower and upper corner of the box of the lattice, in lattice coordinates, if the wall is cut at its faces:
-    what lies beyond is left out.
+    `counts` tells points of the mid surface whose wall counts, if it is cut off elsewhere.
     """
     pairs = _predict_pairs(mapped, offsets)
-    if limits is not None:
-        pairs = _within(mapped, pairs, limits)
+    if counts is not None and len(pairs.patch):
+        own, foot = mapped.points_at(pairs.patch, *pairs.own.T), mapped.points_at(pairs.other, *pairs.foot.T)
+        pairs = pairs[counts(own) & counts(foot)]
     pairs = _deepest(pairs, PAIRS_PER_PATCHES, PREDICTED_PAIRS)
-    t = np.linspace(0.0, 1.0, SAMPLES_PER_PARAMETER)
-    unit = (
-        mapped.grading(mapped.points(*np.meshgrid(t, t, indexing="ij")).position)[0] if mapped.is_graded else np.ones(1)
-    )
-    wall = (offsets[1] - offsets[0]) * float(unit.min())
+    wall = (offsets[1] - offsets[0]) * float(mapped.checked[1].min())
     for refinement in range(MAX_REFINEMENTS + 1):
         pairs = _deepest(_find_feet(mapped, pairs, offsets), 1, CLOSE_PAIRS)
         if len(pairs.patch) == 0:
@@ -184,16 +182,6 @@ def _lattice_distance(mapped: MappedSurface, difference: Array) -> Array:
             length = period * mapped.cell
             difference[:, axis] -= length * np.rint(difference[:, axis] / length)
     return np.asarray(np.linalg.norm(difference, axis=1))
-
-
-def _within(mapped: MappedSurface, pairs: WallPairs, limits: tuple[Array, Array]) -> WallPairs:
-    """The pairs whose feet both lie in the box."""
-    keep = np.ones(len(pairs.patch), bool)
-    for index, sides in ((pairs.patch, pairs.own), (pairs.other, pairs.foot)):
-        if len(index):
-            at = mapped.points_at(index, *sides.T).lattice
-            keep &= ((at >= limits[0]) & (at <= limits[1])).all(axis=1)
-    return pairs[keep]
 
 
 def _find_feet(mapped: MappedSurface, pairs: WallPairs, offsets: tuple[float, float]) -> WallPairs:

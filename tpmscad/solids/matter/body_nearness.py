@@ -32,8 +32,13 @@ class BodyNearness:
         near = np.asarray(distance < self.spacing + reach + margin * measure_diagonals(images))
         middle = points[:, points.shape[1] // 2]
         asked = ~near & ((middle > self.low) & (middle < self.high)).all(axis=1)
-        near[asked] = contains_points(self.body.shape, middle[asked])
+        clearance = self.tree.query(middle[asked])[0] - 2.0 * self.spacing
+        near[asked] = contains_points(self.body.shape, middle[asked], clearance)
         return near
+
+    def is_reached_from(self, points: Array, reach: float) -> BoolArray:
+        """Whether points (n, 3) lie in the body or within a reach of it."""
+        return self(points[:, None], 0.0, reach)
 
 
 def measure_diagonals(images: Array) -> Array:

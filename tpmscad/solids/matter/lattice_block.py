@@ -34,7 +34,7 @@ from tpmscad.kernel.occt.convert import transform_shape
 from tpmscad.lattices import mapped_lattice
 from tpmscad.lattices.coordinate_maps import Map
 from tpmscad.lattices.mapped_lattice import MappedLayers
-from tpmscad.lattices.mapped_surface import MappedSurface, box_points
+from tpmscad.lattices.mapped_surface import REGULARITY_SAMPLES_PER_CELL, MappedSurface, box_points
 from tpmscad.lattices.offset_surfaces import LayersFit
 from tpmscad.memory_limit import require_memory
 from tpmscad.requests.lattice_request import LatticeRequest
@@ -144,7 +144,13 @@ def _fit_patches_one_by_one(
     cell, source, edges = request.cell[0], exact_source(request), np.array(request.cell)
     margin = BLOCK_MARGIN_CELLS * edges
     bounds = limits[0] - margin, limits[1] + margin
-    reach = find_greatest_offset(request, lambda: first * edges + mapping(box_points(cells, cell)))
+    step = edges / REGULARITY_SAMPLES_PER_CELL
+
+    def sample_box() -> Array:
+        points = first * edges + mapping(box_points(cells, cell))
+        return points[((points > bounds[0] - step) & (points < bounds[1] + step)).all(axis=1)]
+
+    reach = find_greatest_offset(request, sample_box)
     placements = mapped_lattice.select_placements_near_box(
         source.patch, source.symmetry, mapping, bounds, first, cells, np.array(request.phase), cell, reach
     )

@@ -15,14 +15,14 @@ from dataclasses import dataclass
 import numpy as np
 
 from tpmscad import surfaces
-from tpmscad._typing import Array, triple
+from tpmscad._typing import Array, BoolArray, triple
 from tpmscad.brep.boundary_representation import Brep
 from tpmscad.errors import InvalidRequest, format_point
 from tpmscad.kernel.body_import.body_brep import brep_from_shape
 from tpmscad.kernel.build.primitive_solids import revolve_profile
 from tpmscad.lattices import copies, mapped_lattice, mapped_surface
 from tpmscad.lattices.coordinate_maps import IDENTITY, Map, as_map, composition, stretching
-from tpmscad.lattices.mapped_surface import MappedSurface, grading
+from tpmscad.lattices.mapped_surface import MappedSurface, SurfacePoints, grading
 from tpmscad.lattices.revolved_box import RevolvedBox, find_revolved_box, find_revolved_cylinder
 from tpmscad.lattices.rounded_maps import round_over_cells
 from tpmscad.lattices.self_contact import require_no_self_contact
@@ -64,9 +64,6 @@ def compose_map(
         wrap = as_map(map).over_block(block * request.cells)
     return (wrap if stretch is None else composition(wrap, stretch, request.cell[0])), notes
 
-
-GRADING_SAMPLES_PER_PARAMETER = 5
-"""Samples along each parameter of a patch at which a graded wall is checked."""
 
 MIN_WALL_THICKNESS = 1e-5
 """Model units: a hundred times the kernel's tolerance, at which the trimmed edges of the two walls are still distinct."""
@@ -128,33 +125,45 @@ def find_greatest_offset(request: LatticeRequest, sample: Callable[[], Array]) -
     return float(np.abs([centre + d * unit for d in request.offset]).max())
 
 
-def require_walls(surface: MappedSurface, request: LatticeRequest, limits: tuple[Array, Array] | None) -> None:
+def require_walls(
+    surface: MappedSurface,
+    request: LatticeRequest,
+    limits: tuple[Array, Array] | None,
+    in_body: Callable[[Array], BoolArray] | None = None,
+) -> None:
     """InvalidRequest if walls bend too sharply, meet, or have no thickness, over given placements.
 
-    limits: corners of the box, in lattice coordinates, beyond which walls are cut off, if they are.
+    limits: corners of the box, in lattice coordinates, beyond which walls are cut off, if they are. in_body: whether points
+    (n, 3) of the mid surface lie so near the body that cuts the lattice that their wall reaches it.
     """
+
+    def counts(points: SurfacePoints) -> BoolArray:
+        found = np.ones(points.lattice.shape[:-1], bool)
+        if limits is not None:
+            found = ((points.lattice >= limits[0]) & (points.lattice <= limits[1])).all(axis=-1)
+        if in_body is not None:
+            found[found] = in_body(points.position[found])
+        return found
+
     offsets, title = request.offset, f"mapped {request.surface}"
     if request.is_graded:
-        _require_graded_walls(surface, request, limits)
+        _require_graded_walls(surface, request, counts)
     if surface.map is IDENTITY:
         return
-    mapped_lattice.require_offsets_below_curvature_radius(surface, offsets, title)
+    mapped_lattice.require_offsets_below_curvature_radius(surface, offsets, title, in_body=in_body)
     if request.kind == "sheet":
-        require_no_self_contact(surface, offsets, limits)
+        require_no_self_contact(surface, offsets, counts)
 
 
-def _require_graded_walls(surface: MappedSurface, request: LatticeRequest, limits: tuple[Array, Array] | None) -> None:
+def _require_graded_walls(
+    surface: MappedSurface, request: LatticeRequest, counts: Callable[[SurfacePoints], BoolArray]
+) -> None:
     """InvalidRequest where a graded wall has no thickness, or reaches farther than an even one may."""
-    t = np.linspace(0.0, 1.0, GRADING_SAMPLES_PER_PARAMETER)
-    u, v = (g.ravel() for g in np.meshgrid(t, t))
-    found = surface.points(u, v)
-    inside = np.ones(found.lattice.shape[:-1], bool)
-    if limits is not None:
-        inside = ((found.lattice >= limits[0]) & (found.lattice <= limits[1])).all(axis=-1)
-    points = found.position[inside]
+    found, *gradings = surface.checked
+    inside = counts(found)
+    points, unit, centre = (values[inside] for values in (found.position, *gradings))
     if not len(points):
         return
-    unit, centre = surface.grading(points)
     thinnest = int(unit.argmin())
     if unit[thinnest] < MIN_WALL_THICKNESS:
         raise InvalidRequest(

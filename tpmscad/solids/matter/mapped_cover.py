@@ -8,6 +8,7 @@ cells, the lattice meets itself; cells that come to lie on each other otherwise 
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -197,6 +198,6 @@ def _fit_cover(
         source.patch, source.symmetry, placements, mapping, cell, closed, request.thickness, request.centre
     )
     surface.orientation()
-    require_walls(surface, request, None)
+    require_walls(surface, request, None, partial(near.is_reached_from, reach=reach))
     fit = mapped_lattice.fit_mapped_layers(surface, request.layer_offsets, request.tol, progress)
     return mapped_lattice.assemble_mapped_lattice(surface, *fit.surfaces, natural=False), fit
