@@ -93,8 +93,6 @@ def _place_normals(patches: Brep, low: Array, high: Array) -> tuple[Array, Array
         points = carrier(u, v)
         center = faces.motion[own].apply(points.mean(axis=0))
         own = own[((center >= low) & (center <= high)).all(axis=1)]
-        if not len(own):
-            continue
         motion = faces.motion[own]
         orientation = faces.sense[own] * motion.handedness
         nodes.append(motion[:, None].apply(points).reshape(-1, 3))

@@ -17,7 +17,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.ndimage import maximum_filter
 
-from tpmscad._typing import Array, BoolArray, IntArray
+from tpmscad._typing import Array, IntArray
 from tpmscad.brep.boundary_representation import Brep
 from tpmscad.brep.deviation import REFERENCE_MARGIN_FRACTION, SAMPLES_PER_PEAK_AXIS, Deviation, cosine_grid
 from tpmscad.brep.orthogonal_projection import project_to_surface
@@ -394,15 +394,12 @@ def require_patches_that_bend(
 
 
 def find_greatest_reach(
-    mapped: MappedSurface,
-    offsets: Sequence[float],
-    samples: int = CURVATURE_SAMPLES_PER_PARAMETER,
-    in_body: Callable[[Array], BoolArray] | None = None,
+    mapped: MappedSurface, offsets: Sequence[float], samples: int = CURVATURE_SAMPLES_PER_PARAMETER
 ) -> tuple[float, int]:
     """The greatest of the offsets in local radii of curvature of the mapped mid surface, sampled, and the placement that has it.
 
-    It stays below 1. Beyond, only points (n, 3) `in_body` count. The curvature is the derivative of the exact normals by central differences: their error is far below what
-    lies between the samples.
+    It stays below 1; beyond, only points in the body count, if there is one. The curvature is the derivative of the exact normals
+    by central differences: their error is far below what lies between the samples.
     """
     u, v = (g.ravel() for g in np.meshgrid(*[np.linspace(0, 1, samples)] * 2))
     largest, worst = 0.0, 0
@@ -416,29 +413,20 @@ def find_greatest_reach(
         curvature = np.linalg.norm(np.stack([by_u, by_v], axis=-1) @ dual, ord=2, axis=(-2, -1))
         unit, centre = mapped.grading(here.position)
         reach = curvature * np.abs([centre + d * unit for d in offsets]).max(axis=0)
-        if in_body is not None:
+        if mapped.in_body is not None:
             sharp = reach >= 1.0
-            reach[sharp] *= in_body(here.position[sharp])
+            reach[sharp] *= mapped.in_body(here.position[sharp])
         if reach.max() > largest:
             largest = float(reach.max())
             worst = int(index[np.argmax(reach.max(axis=1))])
     return largest, worst
 
 
-def least_curvature_radius(mapped: MappedSurface) -> float:
-    """Least radius of curvature of the mapped mid surface, in local thicknesses of a graded wall; see `find_greatest_reach`."""
-    return 1.0 / find_greatest_reach(mapped, (1.0,))[0]
-
-
 def require_offsets_below_curvature_radius(
-    mapped: MappedSurface,
-    offsets: Sequence[float],
-    name: str,
-    samples: int = CURVATURE_SAMPLES_PER_PARAMETER,
-    in_body: Callable[[Array], BoolArray] | None = None,
+    mapped: MappedSurface, offsets: Sequence[float], name: str, samples: int = CURVATURE_SAMPLES_PER_PARAMETER
 ) -> None:
     """InvalidRequest if an offset is not below the least radius of curvature; `name` is that of the surface in the message."""
-    reach, index = find_greatest_reach(mapped, offsets, samples, in_body)
+    reach, index = find_greatest_reach(mapped, offsets, samples)
     if reach < 1:
         return
     if mapped.is_graded:

@@ -12,7 +12,7 @@ from functools import cached_property
 
 import numpy as np
 
-from tpmscad._typing import Array, IntArray, triple
+from tpmscad._typing import Array, BoolArray, IntArray, triple
 from tpmscad.api.public_calls import call_for_array
 from tpmscad.brep.welding import cluster_points
 from tpmscad.errors import InvalidRequest, format_point
@@ -56,7 +56,8 @@ class MappedSurface:
 
     `periods`, in cells, are the lengths after which the lattice meets itself along the axes; 0 where it ends. Of a graded wall
     `thickness` and `centre` are functions of points of the model: signed distances are multiples of the thickness at the point of
-    the mid surface, counted from the centre.
+    the mid surface, counted from the centre. Where the lattice is cut off, `limits` are corners of the box of what is left, in lattice
+    coordinates, and `in_body` tells points (n, 3) of the mid surface so near a body that their wall reaches it.
     """
 
     patch: SurfacePatch
@@ -67,6 +68,8 @@ class MappedSurface:
     periods: tuple[float, float, float] = (0.0, 0.0, 0.0)
     thickness: Callable[[Array], Array] | None = None
     centre: Callable[[Array], Array] | None = None
+    limits: tuple[Array, Array] | None = None
+    in_body: Callable[[Array], BoolArray] | None = None
 
     @property
     def is_graded(self) -> bool:
@@ -108,6 +111,16 @@ class MappedSurface:
     def grading(self, points: Array) -> tuple[Array, Array]:
         """At points (..., 3) of the mid surface what signed distances are multiples of, and what they are counted from: (...)."""
         return grading(self.thickness, self.centre, points)
+
+    def lie_within(self, lattice: Array) -> BoolArray:
+        """Whether points (..., 3) in lattice coordinates lie within the limits."""
+        low, high = (-np.inf, np.inf) if self.limits is None else self.limits
+        return np.asarray(((lattice >= low) & (lattice <= high)).all(axis=-1))
+
+    def counts(self, points: SurfacePoints) -> BoolArray:
+        """Whether the wall at points (n, 3) is not cut off."""
+        found = self.lie_within(points.lattice)
+        return found if self.in_body is None else found & self.in_body(points.position)
 
     @cached_property
     def checked(self) -> tuple[SurfacePoints, Array, Array]:

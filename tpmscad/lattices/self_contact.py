@@ -13,17 +13,17 @@ deepest of them are sought between the samples, so that contacts much smaller th
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.spatial import cKDTree
 
-from tpmscad._typing import Array, BoolArray, IntArray
+from tpmscad._typing import Array, IntArray
 from tpmscad.array_table import ArrayTable
 from tpmscad.brep.orthogonal_projection import project_to_surface
 from tpmscad.errors import InvalidRequest, format_point
-from tpmscad.lattices.mapped_surface import MappedSurface, SurfacePoints, repeats_after
+from tpmscad.lattices.mapped_surface import MappedSurface, repeats_after
 
 SAMPLES_PER_PARAMETER = 7
 """Samples of each patch along u and v."""
@@ -80,19 +80,13 @@ class WallPairs(ArrayTable):
     depth: Array
 
 
-def require_no_self_contact(
-    mapped: MappedSurface,
-    offsets: tuple[float, float],
-    counts: Callable[[SurfacePoints], BoolArray] | None = None,
-) -> None:
-    """InvalidRequest, with place and amount, if two parts of the wall between the two offsets overlap.
-
-    `counts` tells points of the mid surface whose wall counts, if it is cut off elsewhere.
-    """
+def require_no_self_contact(mapped: MappedSurface, offsets: tuple[float, float]) -> None:
+    """InvalidRequest, with place and amount, if two parts of the wall between the two offsets overlap where both count."""
     pairs = _predict_pairs(mapped, offsets)
-    if counts is not None and len(pairs.patch):
-        own, foot = mapped.points_at(pairs.patch, *pairs.own.T), mapped.points_at(pairs.other, *pairs.foot.T)
-        pairs = pairs[counts(own) & counts(foot)]
+    for columns in (("patch", "own"), ("other", "foot")):
+        if len(pairs.patch):
+            index, sides = (getattr(pairs, name) for name in columns)
+            pairs = pairs[mapped.counts(mapped.points_at(index, *sides.T))]
     pairs = _deepest(pairs, PAIRS_PER_PATCHES, PREDICTED_PAIRS)
     wall = (offsets[1] - offsets[0]) * float(mapped.checked[1].min())
     for refinement in range(MAX_REFINEMENTS + 1):

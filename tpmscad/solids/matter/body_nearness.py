@@ -6,6 +6,7 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from tpmscad._typing import Array, BoolArray
+from tpmscad.kernel.body_import._body_field import BodyDistance
 from tpmscad.kernel.body_import.cad_body import CadBody
 from tpmscad.kernel.measure.shape_sampling import contains_points, sample_faces
 from tpmscad.kernel.occt.bounding_boxes import box_diagonal, enclosing_box
@@ -38,7 +39,10 @@ class BodyNearness:
 
     def is_reached_from(self, points: Array, reach: float) -> BoolArray:
         """Whether points (n, 3) lie in the body or within a reach of it."""
-        return self(points[:, None], 0.0, reach)
+        near = self(points[:, None], 0.0, reach)
+        exact = BodyDistance(self.body.shape, self.low, self.high, tuple(faces_of(self.body.shape)))
+        near[near] = exact(points[near] @ self.rotation.T) <= reach
+        return near
 
 
 def measure_diagonals(images: Array) -> Array:

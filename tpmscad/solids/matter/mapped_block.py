@@ -15,14 +15,14 @@ from dataclasses import dataclass
 import numpy as np
 
 from tpmscad import surfaces
-from tpmscad._typing import Array, BoolArray, triple
+from tpmscad._typing import Array, triple
 from tpmscad.brep.boundary_representation import Brep
 from tpmscad.errors import InvalidRequest, format_point
 from tpmscad.kernel.body_import.body_brep import brep_from_shape
 from tpmscad.kernel.build.primitive_solids import revolve_profile
 from tpmscad.lattices import copies, mapped_lattice, mapped_surface
 from tpmscad.lattices.coordinate_maps import IDENTITY, Map, as_map, composition, stretching
-from tpmscad.lattices.mapped_surface import MappedSurface, SurfacePoints, grading
+from tpmscad.lattices.mapped_surface import MappedSurface, grading
 from tpmscad.lattices.revolved_box import RevolvedBox, find_revolved_box, find_revolved_cylinder
 from tpmscad.lattices.rounded_maps import round_over_cells
 from tpmscad.lattices.self_contact import require_no_self_contact
@@ -125,53 +125,33 @@ def find_greatest_offset(request: LatticeRequest, sample: Callable[[], Array]) -
     return float(np.abs([centre + d * unit for d in request.offset]).max())
 
 
-def require_walls(
-    surface: MappedSurface,
-    request: LatticeRequest,
-    limits: tuple[Array, Array] | None,
-    in_body: Callable[[Array], BoolArray] | None = None,
-) -> None:
-    """InvalidRequest if walls bend too sharply, meet, or have no thickness, over given placements.
-
-    limits: corners of the box, in lattice coordinates, beyond which walls are cut off, if they are. in_body: whether points
-    (n, 3) of the mid surface lie so near the body that cuts the lattice that their wall reaches it.
-    """
-
-    def counts(points: SurfacePoints) -> BoolArray:
-        found = np.ones(points.lattice.shape[:-1], bool)
-        if limits is not None:
-            found = ((points.lattice >= limits[0]) & (points.lattice <= limits[1])).all(axis=-1)
-        if in_body is not None:
-            found[found] = in_body(points.position[found])
-        return found
-
-    offsets, title = request.offset, f"mapped {request.surface}"
+def require_walls(surface: MappedSurface, request: LatticeRequest) -> None:
+    """InvalidRequest if walls bend too sharply, meet, or have no thickness, over given placements."""
     if request.is_graded:
-        _require_graded_walls(surface, request, counts)
+        _require_graded_walls(surface, request)
     if surface.map is IDENTITY:
         return
-    mapped_lattice.require_offsets_below_curvature_radius(surface, offsets, title, in_body=in_body)
+    mapped_lattice.require_offsets_below_curvature_radius(surface, request.offset, f"mapped {request.surface}")
     if request.kind == "sheet":
-        require_no_self_contact(surface, offsets, counts)
+        require_no_self_contact(surface, request.offset)
 
 
-def _require_graded_walls(
-    surface: MappedSurface, request: LatticeRequest, counts: Callable[[SurfacePoints], BoolArray]
-) -> None:
+def _require_graded_walls(surface: MappedSurface, request: LatticeRequest) -> None:
     """InvalidRequest where a graded wall has no thickness, or reaches farther than an even one may."""
     found, *gradings = surface.checked
-    inside = counts(found)
+    inside = surface.lie_within(found.lattice)
     points, unit, centre = (values[inside] for values in (found.position, *gradings))
-    if not len(points):
-        return
-    thinnest = int(unit.argmin())
-    if unit[thinnest] < MIN_WALL_THICKNESS:
+    thin = np.flatnonzero(unit < MIN_WALL_THICKNESS)
+    if surface.in_body is not None:
+        thin = thin[surface.in_body(points[thin])]
+    if len(thin):
+        thinnest = int(thin[unit[thin].argmin()])
         raise InvalidRequest(
             f"the thickness {unit[thinnest]:g} at {format_point(points[thinnest], 6)} in the model is below "
             f"{MIN_WALL_THICKNESS:g}, a hundred times the kernel's tolerance, and must be positive all along the lattice: "
             "keep its values above that"
         )
-    if surface.map is not IDENTITY:
+    if surface.map is not IDENTITY or not len(points):
         return
     for multiple in request.offset:
         distances = centre + multiple * unit
