@@ -197,7 +197,7 @@ def test_the_greatest_deviation_is_that_of_all_patches_measured_one_by_one() -> 
     fit = mapped_lattice.fit_mapped_layers(surface, (-0.3, 0.3), 0.05)
     each = []
     for layer, distance in zip(fit.surfaces, (-0.3, 0.3), strict=True):
-        classes = mapped_lattice.group_congruent_patches(surface, distance)
+        classes = mapped_lattice.group_congruent_patches(surface, (distance,))
         for patch, index in zip(layer.patches, classes.first.tolist(), strict=True):
             each.append(
                 measure_deviation(

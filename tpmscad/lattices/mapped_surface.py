@@ -56,8 +56,8 @@ class MappedSurface:
 
     `periods`, in cells, are the lengths after which the lattice meets itself along the axes; 0 where it ends. Of a graded wall
     `thickness` and `centre` are functions of points of the model: signed distances are multiples of the thickness at the point of
-    the mid surface, counted from the centre. Where the lattice is cut off, `limits` are corners of the box of what is left, in lattice
-    coordinates, and `in_body` tells points (n, 3) of the mid surface so near a body that their wall reaches it.
+    the mid surface, counted from the centre. Where walls are cut off, `limits` are the corners of a box in lattice coordinates
+    that holds what is left, and `in_body` tells points (n, 3) of the mid surface so near a body that their wall reaches it.
     """
 
     patch: SurfacePatch
@@ -117,20 +117,14 @@ class MappedSurface:
         low, high = (-np.inf, np.inf) if self.limits is None else self.limits
         return np.asarray(((lattice >= low) & (lattice <= high)).all(axis=-1))
 
-    def counts(self, points: SurfacePoints) -> BoolArray:
-        """Whether the wall at points (n, 3) is not cut off."""
-        found = self.lie_within(points.lattice)
-        return found if self.in_body is None else found & self.in_body(points.position)
-
     @cached_property
     def checked(self) -> tuple[SurfacePoints, Array, Array]:
         """Points (P, m, m) of all patches, and the grading there: values of a field may be dear, and are asked for once."""
         t = np.linspace(0.0, 1.0, CHECKED_SAMPLES)
         points = self.points(*np.meshgrid(t, t))
-        shape = points.position.shape
         rows = points.position.reshape(-1, 3)
         label, first = cluster_points(rows, COMMON_POINT_CELLS * self.cell)
-        unit, centre = (values[label].reshape(shape[:-1]) for values in self.grading(rows[first]))
+        unit, centre = (values[label].reshape(-1, len(t), len(t)) for values in self.grading(rows[first]))
         return points, unit, centre
 
     def orientation(self) -> int:

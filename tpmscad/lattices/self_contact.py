@@ -86,7 +86,8 @@ def require_no_self_contact(mapped: MappedSurface, offsets: tuple[float, float])
     for columns in (("patch", "own"), ("other", "foot")):
         if len(pairs.patch):
             index, sides = (getattr(pairs, name) for name in columns)
-            pairs = pairs[mapped.counts(mapped.points_at(index, *sides.T))]
+            at = mapped.points_at(index, *sides.T)
+            pairs = pairs[mapped.lie_within(at.lattice) & (mapped.in_body is None or mapped.in_body(at.position))]
     pairs = _deepest(pairs, PAIRS_PER_PATCHES, PREDICTED_PAIRS)
     wall = (offsets[1] - offsets[0]) * float(mapped.checked[1].min())
     for refinement in range(MAX_REFINEMENTS + 1):

@@ -8,7 +8,7 @@ derivatives. How far that is from the grading is measured at points of all patch
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import partial
 
 import numpy as np
@@ -34,17 +34,13 @@ MARGIN_SPACINGS = 2
 """Spacings of the grid beyond the patches."""
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class SmoothWalls:
-    """A mapped surface whose gradings are smooth, the greatest distance from the walls asked for, and notes on it."""
+def smooth_gradings(
+    mapped: MappedSurface, distances: Sequence[float], tol: float
+) -> tuple[MappedSurface, float, tuple[str, ...]]:
+    """The surface with smooth gradings, the greatest distance of its walls from those asked for, and notes on it.
 
-    mapped: MappedSurface
-    error: float = 0.0
-    notes: tuple[str, ...] = ()
-
-
-def smooth_gradings(mapped: MappedSurface, distances: Sequence[float], tol: float) -> SmoothWalls:
-    """The surface with smooth gradings; its walls at the distances keep those asked for within a part of `tol` if possible."""
+    The distance is within a part of `tol` if possible.
+    """
     error, notes, given_surface = 0.0, [], mapped
     for name, factor in (("thickness", max(map(abs, distances))), ("centre", 1.0)):
         given = getattr(mapped, name)
@@ -61,7 +57,7 @@ def smooth_gradings(mapped: MappedSurface, distances: Sequence[float], tol: floa
         mapped = replace(mapped, **{name: function})  # type: ignore[arg-type]
         error += factor * miss
         notes.append(f"the graded wall has creases, at which its surfaces are rounded by up to {factor * miss:.2g}")
-    return SmoothWalls(mapped, error, tuple(notes))
+    return mapped, error, tuple(notes)
 
 
 def _is_smooth(mapped: MappedSurface, evaluate: Callable[[Array], Array], values: Array) -> bool:

@@ -114,7 +114,8 @@ def cover_mapped_lattice(request: LatticeRequest, map: Map) -> MappedCover:
         patch, symmetry, request.cells, phase, reach / (cell * least_stretch), closed, revolved.inscribed / cell
     )
     open_ended = np.where(closed, np.inf, 0.0)
-    return MappedCover(placements, _periods(request, closed), _sweep(revolved), (-open_ended, size + open_ended))
+    body = revolve_profile(revolved.sides, revolved.straight, revolved.origin, revolved.axis, revolved.angle)
+    return MappedCover(placements, _periods(request, closed), brep_from_shape(body), (-open_ended, size + open_ended))
 
 
 def find_greatest_offset(request: LatticeRequest, sample: Callable[[], Array]) -> float:
@@ -174,10 +175,3 @@ def _points_inside(revolved: RevolvedBox, request: LatticeRequest) -> Array:
 
 def _periods(request: LatticeRequest, closed: tuple[bool, bool, bool]) -> tuple[float, float, float]:
     return triple(float(n) if c else 0.0 for n, c in zip(request.cells, closed, strict=True))
-
-
-def _sweep(revolved: RevolvedBox) -> Brep:
-    """The body of revolution as a boundary representation of planes and quadrics."""
-    return brep_from_shape(
-        revolve_profile(revolved.sides, revolved.straight, revolved.origin, revolved.axis, revolved.angle)
-    )
