@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -175,9 +176,8 @@ def test_the_identity_map_gives_the_lattice_itself() -> None:
 
 def test_the_least_curvature_radius_of_an_unmapped_lattice_is_the_exact_one() -> None:
     limit = 10 * surfaces.primitive_patch("gyroid").max_offset
-    assert mapped_lattice.least_curvature_radius(mid(maps.stretching((1.0, 1.0, 1.0)))) == pytest.approx(
-        limit, rel=1e-3
-    )
+    reach, _ = mapped_lattice.find_greatest_reach(mid(maps.stretching((1.0, 1.0, 1.0))), (1.0,))
+    assert 1 / reach == pytest.approx(limit, rel=1e-3)
 
 
 def test_mirror_images_are_a_class_of_their_own_although_their_distances_are_equal() -> None:
@@ -197,7 +197,7 @@ def test_the_greatest_deviation_is_that_of_all_patches_measured_one_by_one() -> 
     fit = mapped_lattice.fit_mapped_layers(surface, (-0.3, 0.3), 0.05)
     each = []
     for layer, distance in zip(fit.surfaces, (-0.3, 0.3), strict=True):
-        classes = mapped_lattice.group_congruent_patches(surface, distance)
+        classes = mapped_lattice.group_congruent_patches(surface, (distance,))
         for patch, index in zip(layer.patches, classes.first.tolist(), strict=True):
             each.append(
                 measure_deviation(
@@ -251,9 +251,24 @@ def test_a_graded_wall_reaches_half_its_local_thickness_from_the_mid_surface() -
         patch, symmetry, placements, MAPS["cylinder"], 10.0, thickness=lambda p: np.full(p.shape[:-1], 2.0)
     )
     plain = MappedSurface(patch, symmetry, placements, MAPS["cylinder"], 10.0)
-    np.testing.assert_allclose(
-        2 * mapped_lattice.least_curvature_radius(constant), mapped_lattice.least_curvature_radius(plain), rtol=1e-12
-    )
+    reach, _ = mapped_lattice.find_greatest_reach(plain, (1.0,))
+    assert mapped_lattice.find_greatest_reach(constant, (1.0,))[0] == pytest.approx(2 * reach, rel=1e-12)
+
+
+def test_beyond_the_radius_of_curvature_a_wall_is_refused_only_where_a_body_holds_it() -> None:
+    symmetry, patch = surfaces.patch_symmetry("gyroid"), surfaces.primitive_patch("gyroid")
+    placements = copies.place_whole_cells("gyroid", (2, 1, 1), np.zeros(3))
+    mapped = MappedSurface(patch, symmetry, placements, maps.cylinder(radius=10.0), 10.0)
+    offsets, name = (-1.8, 1.8), "mapped gyroid"
+    _, worst = mapped_lattice.find_greatest_reach(mapped, offsets)
+    place = mapped.points(np.array([0.5]), np.array([0.5]), worst).position[0]
+    for radius in (0.0, 30.0):
+        held = replace(mapped, in_body=lambda p, radius=radius: np.linalg.norm(p - place, axis=1) < radius)
+        if radius:
+            with pytest.raises(InvalidRequest, match="passes the least curvature radius"):
+                mapped_lattice.require_offsets_below_curvature_radius(held, offsets, name)
+        else:
+            mapped_lattice.require_offsets_below_curvature_radius(held, offsets, name)
 
 
 def test_walls_of_graded_thickness_that_meet_are_refused_where_they_are_thick_only() -> None:
@@ -267,6 +282,6 @@ def test_walls_of_graded_thickness_that_meet_are_refused_where_they_are_thick_on
         )  # fmt: skip
         if meets:
             with pytest.raises(InvalidRequest, match="overlaps itself"):
-                require_no_self_contact(mapped, (-0.5, 0.5), None)
+                require_no_self_contact(mapped, (-0.5, 0.5))
         else:
-            require_no_self_contact(mapped, (-0.5, 0.5), None)
+            require_no_self_contact(mapped, (-0.5, 0.5))

@@ -131,7 +131,7 @@ def test_a_lattice_that_overlaps_itself_is_refused_with_place_amount_and_remedy(
     surface = mapped(map, cells)
     surface.orientation()  # nothing is wrong near any point
     with pytest.raises(InvalidRequest, match=rf"near \(.*cells lie .* deep in each other. .*{remedy}"):
-        require_no_self_contact(surface, (-0.3, 0.3), None)
+        require_no_self_contact(surface, (-0.3, 0.3))
 
 
 CLEAR = {
@@ -146,13 +146,13 @@ CLEAR = {
 @pytest.mark.parametrize("case", CLEAR)
 def test_a_lattice_that_only_comes_near_itself_is_not_refused(case: str) -> None:
     map, cells = CLEAR[case]
-    require_no_self_contact(mapped(map, cells), (-0.3, 0.3), None)
+    require_no_self_contact(mapped(map, cells), (-0.3, 0.3))
 
 
 @pytest.mark.slow
 def test_the_amount_is_half_the_wall_where_two_turns_coincide() -> None:
     with pytest.raises(InvalidRequest, match=r"lie 0\.25 deep"):
-        require_no_self_contact(mapped(ring(4), (8, 1, 1)), (-0.1, 0.4), None)
+        require_no_self_contact(mapped(ring(4), (8, 1, 1)), (-0.1, 0.4))
 
 
 @pytest.mark.parametrize(

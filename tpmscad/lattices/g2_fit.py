@@ -124,14 +124,14 @@ def _boundary_strip(samples: Array, end: int, operators: _FitOperators) -> Array
     y = (KLEIN_EDGE * (t - 0.5))[None, :, None]
     outward = 1.0 if end == 1 else -1.0  # the direction of u in which xi grows
     x, x_xi, x_xixi = (
-        np.einsum("m,pmnk->pnk", _evaluation_matrix(np.array([float(end)]), order)[0], samples)
+        np.tensordot(samples, _evaluation_matrix(np.array([float(end)]), order)[0], (1, 0))
         * (outward / KLEIN_EDGE) ** order
         for order in range(3)
     )
 
     def along(f: Array, order: int) -> Array:
         """Derivative by y."""
-        return np.einsum("mn,pnk->pmk", _evaluation_matrix(t, order), f) / KLEIN_EDGE**order
+        return _evaluation_matrix(t, order) @ f / KLEIN_EDGE**order
 
     d1 = KLEIN_EDGE * x_xi - y * along(x, 1)
     d2 = (
@@ -141,18 +141,14 @@ def _boundary_strip(samples: Array, end: int, operators: _FitOperators) -> Array
         - 2 * KLEIN_EDGE * x_xi
         + 2 * y * along(x, 1)
     )
-    c, d1, d2 = (np.einsum("in,pnk->pik", m, f) for m, f in zip(operators.side_operators, (x, d1, d2), strict=True))
-
-    def applied(operator: Array, f: Array) -> Array:
-        return np.einsum("ij,pjk->pik", operator, f)
-
+    c, d1, d2 = (m @ f for m, f in zip(operators.side_operators, (x, d1, d2), strict=True))
     # X_xi and X_xixi from C, d1, d2, as Bernstein coefficients.
-    slope, y_slope = operators.y_times_derivative, applied(operators.y_times_derivative, c)
+    slope, y_slope = operators.y_times_derivative, operators.y_times_derivative @ c
     first = (d1 + y_slope) / KLEIN_EDGE
     second = (
         d2
-        + 2 * KLEIN_EDGE * applied(slope, first)
-        - applied(operators.y2_times_second_derivative, c)
+        + 2 * KLEIN_EDGE * (slope @ first)
+        - operators.y2_times_second_derivative @ c
         + 2 * KLEIN_EDGE * first
         - 2 * y_slope
     ) / KLEIN_EDGE**2

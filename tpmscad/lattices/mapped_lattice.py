@@ -185,20 +185,15 @@ def fit_mapped_layers(
     The result has the lowest degree for which every patch meets `tol`, or the last degree tried: compare the deviation.
     InvalidRequest if even that deviates by a tenth of a cell.
     """
-    t = g2_fit.sample_parameters()
-    u, v = np.meshgrid(t, t, indexing="ij")
     given = [d for d in distances if d is not None]
-    smooth = smooth_gradings(mapped, given, tol)
-    mapped = smooth.mapped
-    classes = [group_congruent_patches(mapped, d) for d in given]
-    members = _sample_classes(mapped, u, v, given, classes)
+    mapped, error, notes = smooth_gradings(mapped, given, tol)
+    classes = group_congruent_patches(mapped, given)
+    members = _sample_layers(mapped, g2_fit.sample_parameters(), given, classes.first)
+    exact = _sample_layers(mapped, cosine_grid(PATCH_SAMPLES_PER_PARAMETER), given, classes.first)
     for degree in BEZIER_DEGREES:
         fits = [g2_fit.fit_g2_patches(m, degree) for m in members]
-        layers = [
-            MappedLayer([bezier_surface(p) for p in poles], c.label, c.motion)
-            for (poles, _), c in zip(fits, classes, strict=True)
-        ]
-        deviation = _measure_patches(mapped, given, layers, classes).moved(smooth.error)
+        layers = [MappedLayer([bezier_surface(p) for p in poles], classes.label, classes.motion) for poles, _ in fits]
+        deviation = _measure_patches(mapped, given, exact, layers, classes.first).moved(error)
         progress((degree - BEZIER_DEGREES[0] + 1) / (BEZIER_DEGREES[-1] - BEZIER_DEGREES[0] + 1))
         if deviation.max <= tol:
             break
@@ -212,43 +207,42 @@ def fit_mapped_layers(
     fitted = iter(layers)
     lower, upper = (None if d is None else next(fitted) for d in distances)
     convergence = NetConvergence.worst(c for _, c in fits)
-    return LayersFit((lower, upper), deviation, convergence=convergence, notes=smooth.notes)
+    return LayersFit((lower, upper), deviation, convergence=convergence, notes=notes)
 
 
-def _sample_classes(
-    mapped: MappedSurface, u: Array, v: Array, distances: Sequence[float], classes: Sequence[CongruenceClasses]
-) -> list[Array]:
-    """Points (n, ..., 3) of one patch per class for each distance; layers of the same classes share the mid surface."""
-    if any(not np.array_equal(c.first, classes[0].first) for c in classes):
-        return [mapped.offset(u, v, d, c.first) for d, c in zip(distances, classes, strict=True)]
+def _sample_layers(mapped: MappedSurface, t: Array, distances: Sequence[float], chosen: IntArray) -> list[Array]:
+    """Points (n, m, m, 3) of placements (n,) for each distance, at parameters (m,) along u and v."""
+    u, v = np.meshgrid(t, t, indexing="ij")
     parts: list[list[Array]] = [[] for _ in distances]
-    for start in range(0, len(classes[0].first), PATCHES_AT_ONCE):
-        points = mapped.points(u, v, classes[0].first[start : start + PATCHES_AT_ONCE])
+    for start in range(0, len(chosen), PATCHES_AT_ONCE):
+        points = mapped.points(u, v, chosen[start : start + PATCHES_AT_ONCE])
         unit, centre = mapped.grading(points.position)
         for part, distance in zip(parts, distances, strict=True):
             part.append(points.position + (centre + distance * unit)[..., None] * points.normal)
     return [np.concatenate(part) for part in parts]
 
 
-def group_congruent_patches(mapped: MappedSurface, distance: float) -> CongruenceClasses:
-    """Classes of congruent patches of the offset surface, by samples that reach as far beyond the patch as those of the fit."""
+def group_congruent_patches(mapped: MappedSurface, distances: Sequence[float]) -> CongruenceClasses:
+    """Classes of congruent patches of the offset surfaces, by samples that reach as far beyond the patch as those of the fit."""
     t = 0.5 + (0.5 + g2_fit.SAMPLE_OVERHANG) * np.linspace(-1.0, 1.0, CONGRUENCE_SAMPLES_PER_PARAMETER)
-    u, v = (g.ravel() for g in np.meshgrid(t, t, indexing="ij"))
-    return group_congruent(mapped.offset(u, v, distance))
+    samples = np.concatenate(_sample_layers(mapped, t, distances, np.arange(len(mapped.placements))), axis=1)
+    return group_congruent(samples.reshape(len(samples), -1, 3))
 
 
 def _measure_patches(
     mapped: MappedSurface,
     distances: Sequence[float],
+    exact: Sequence[Array],
     layers: Sequence[MappedLayer],
-    classes: Sequence[CongruenceClasses],
+    placement: IntArray,
 ) -> Deviation:
     """Deviation of the fitted patches, all together: the greatest is sought by estimates, and measured where they have a maximum.
 
     An estimate is of first order in the difference at equal parameters. Maxima that could exceed the greatest one are refined and
-    projected, in each direction; all samples count for the root mean square.
+    projected, in each direction; all samples count for the root mean square. exact: points of the surfaces on `cosine_grid`.
     """
-    grids = [_Estimates.on_grid(mapped, d, layer, c) for d, layer, c in zip(distances, layers, classes, strict=True)]
+    columns = zip(distances, exact, layers, strict=True)
+    grids = [_Estimates.on_grid(mapped, placement, *of_layer) for of_layer in columns]
     least = np.max([grid.distances.max(axis=(1, 2, 3)) for grid in grids], axis=0) / ESTIMATE_MARGIN
     to_reference, from_reference = np.max([grid.measure_peaks(least) for grid in grids], axis=0).tolist()
     rms = float(np.sqrt(np.mean(np.concatenate([grid.mean_square for grid in grids]))))
@@ -271,7 +265,7 @@ class _Estimates:
 
     @classmethod
     def on_grid(
-        cls, mapped: MappedSurface, distance: float, layer: MappedLayer, classes: CongruenceClasses
+        cls, mapped: MappedSurface, placement: IntArray, distance: float, exact: Array, layer: MappedLayer
     ) -> _Estimates:
         """Of all patches of a layer, at all points of the grid."""
         t = cosine_grid(PATCH_SAMPLES_PER_PARAMETER)
@@ -287,10 +281,9 @@ class _Estimates:
                 evaluate_bezier_patches(rows, own, columns).reshape(len(own), *u.shape, 3)
                 for rows, columns in ((values, values), (slopes, values), (values, slopes))
             )
-            miss = mapped.offset(u, v, distance, classes.first[chosen]) - fitted
-            found[:, chosen] = _estimate_distances(miss, du, dv, u, v)
+            found[:, chosen] = _estimate_distances(exact[chosen] - fitted, du, dv, u, v)
         square = np.einsum("i,kpij,j->p", weight, found**2, weight) / (2 * weight.sum() ** 2)
-        return cls(mapped, distance, classes.first, poles, found, square)
+        return cls(mapped, distance, placement, poles, found, square)
 
     def measure_peaks(self, least: Array) -> tuple[float, float]:
         """The greatest distance to the exact surface, and back, at the maxima of estimates of at least `least` (2,)."""
@@ -395,8 +388,8 @@ def find_greatest_reach(
 ) -> tuple[float, int]:
     """The greatest of the offsets in local radii of curvature of the mapped mid surface, sampled, and the placement that has it.
 
-    It stays below 1. The curvature is the derivative of the exact normals by central differences: their error is far below what
-    lies between the samples.
+    It stays below 1; beyond, only points in the body count, if there is one. The curvature is the derivative of the exact normals
+    by central differences: their error is far below what lies between the samples.
     """
     u, v = (g.ravel() for g in np.meshgrid(*[np.linspace(0, 1, samples)] * 2))
     largest, worst = 0.0, 0
@@ -410,15 +403,13 @@ def find_greatest_reach(
         curvature = np.linalg.norm(np.stack([by_u, by_v], axis=-1) @ dual, ord=2, axis=(-2, -1))
         unit, centre = mapped.grading(here.position)
         reach = curvature * np.abs([centre + d * unit for d in offsets]).max(axis=0)
+        if mapped.in_body is not None:
+            sharp = reach >= 1.0
+            reach[sharp] *= mapped.in_body(here.position[sharp])
         if reach.max() > largest:
             largest = float(reach.max())
             worst = int(index[np.argmax(reach.max(axis=1))])
     return largest, worst
-
-
-def least_curvature_radius(mapped: MappedSurface) -> float:
-    """Least radius of curvature of the mapped mid surface, in local thicknesses of a graded wall; see `find_greatest_reach`."""
-    return 1.0 / find_greatest_reach(mapped, (1.0,))[0]
 
 
 def require_offsets_below_curvature_radius(

@@ -8,11 +8,13 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
-from tpmscad._typing import Array, IntArray, triple
+from tpmscad._typing import Array, BoolArray, IntArray, triple
 from tpmscad.api.public_calls import call_for_array
+from tpmscad.brep.welding import cluster_points
 from tpmscad.errors import InvalidRequest, format_point
 from tpmscad.lattices.coordinate_maps import IDENTITY, Map
 from tpmscad.rigid_motion import Motion
@@ -23,6 +25,12 @@ MAX_CONDITION = 1e3
 
 REGULARITY_SAMPLES_PER_CELL = 4
 """Samples along each edge of a cell at which the Jacobian is checked inside the box, besides those on the patches."""
+
+CHECKED_SAMPLES = 5
+"""Samples along each parameter of all patches at which graded walls are checked."""
+
+COMMON_POINT_CELLS = 1e-9
+"""In cells: points that are nearer to each other, as those on common sides of patches, are asked for one value."""
 
 CLOSING_TOL_FRACTION = 1e-10
 """A map closes if what it repeats agrees to this fraction of the lattice: below the kernel's tolerance for parts up to 1 m."""
@@ -42,13 +50,14 @@ class SurfacePoints:
     normal: Array
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@dataclass(frozen=True, eq=False)
 class MappedSurface:
     """The mapped mid surface over given placements of the primitive patch (in cells); `map` acts on cell * x.
 
     `periods`, in cells, are the lengths after which the lattice meets itself along the axes; 0 where it ends. Of a graded wall
     `thickness` and `centre` are functions of points of the model: signed distances are multiples of the thickness at the point of
-    the mid surface, counted from the centre.
+    the mid surface, counted from the centre. Where walls are cut off, `limits` are the corners of a box in lattice coordinates
+    that holds what is left, and `in_body` tells points (n, 3) of the mid surface so near a body that their wall reaches it.
     """
 
     patch: SurfacePatch
@@ -59,6 +68,8 @@ class MappedSurface:
     periods: tuple[float, float, float] = (0.0, 0.0, 0.0)
     thickness: Callable[[Array], Array] | None = None
     centre: Callable[[Array], Array] | None = None
+    limits: tuple[Array, Array] | None = None
+    in_body: Callable[[Array], BoolArray] | None = None
 
     @property
     def is_graded(self) -> bool:
@@ -100,6 +111,21 @@ class MappedSurface:
     def grading(self, points: Array) -> tuple[Array, Array]:
         """At points (..., 3) of the mid surface what signed distances are multiples of, and what they are counted from: (...)."""
         return grading(self.thickness, self.centre, points)
+
+    def lie_within(self, lattice: Array) -> BoolArray:
+        """Whether points (..., 3) in lattice coordinates lie within the limits."""
+        low, high = (-np.inf, np.inf) if self.limits is None else self.limits
+        return np.asarray(((lattice >= low) & (lattice <= high)).all(axis=-1))
+
+    @cached_property
+    def checked(self) -> tuple[SurfacePoints, Array, Array]:
+        """Points (P, m, m) of all patches, and the grading there: values of a field may be dear, and are asked for once."""
+        t = np.linspace(0.0, 1.0, CHECKED_SAMPLES)
+        points = self.points(*np.meshgrid(t, t))
+        rows = points.position.reshape(-1, 3)
+        label, first = cluster_points(rows, COMMON_POINT_CELLS * self.cell)
+        unit, centre = (values[label].reshape(-1, len(t), len(t)) for values in self.grading(rows[first]))
+        return points, unit, centre
 
     def orientation(self) -> int:
         """Sign of the Jacobian determinant of the map; InvalidRequest where the map is not regular on the surface."""

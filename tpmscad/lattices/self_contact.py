@@ -80,23 +80,16 @@ class WallPairs(ArrayTable):
     depth: Array
 
 
-def require_no_self_contact(
-    mapped: MappedSurface, offsets: tuple[float, float], limits: tuple[Array, Array] | None
-) -> None:
-    """InvalidRequest, with place and amount, if two parts of the wall between the two offsets overlap.
-
-    `limits` are the lower and upper corner of the box of the lattice, in lattice coordinates, if the wall is cut at its faces:
-    what lies beyond is left out.
-    """
+def require_no_self_contact(mapped: MappedSurface, offsets: tuple[float, float]) -> None:
+    """InvalidRequest, with place and amount, if two parts of the wall between the two offsets overlap where both count."""
     pairs = _predict_pairs(mapped, offsets)
-    if limits is not None:
-        pairs = _within(mapped, pairs, limits)
+    for columns in (("patch", "own"), ("other", "foot")):
+        if len(pairs.patch):
+            index, sides = (getattr(pairs, name) for name in columns)
+            at = mapped.points_at(index, *sides.T)
+            pairs = pairs[mapped.lie_within(at.lattice) & (mapped.in_body is None or mapped.in_body(at.position))]
     pairs = _deepest(pairs, PAIRS_PER_PATCHES, PREDICTED_PAIRS)
-    t = np.linspace(0.0, 1.0, SAMPLES_PER_PARAMETER)
-    unit = (
-        mapped.grading(mapped.points(*np.meshgrid(t, t, indexing="ij")).position)[0] if mapped.is_graded else np.ones(1)
-    )
-    wall = (offsets[1] - offsets[0]) * float(unit.min())
+    wall = (offsets[1] - offsets[0]) * float(mapped.checked[1].min())
     for refinement in range(MAX_REFINEMENTS + 1):
         pairs = _deepest(_find_feet(mapped, pairs, offsets), 1, CLOSE_PAIRS)
         if len(pairs.patch) == 0:
@@ -184,16 +177,6 @@ def _lattice_distance(mapped: MappedSurface, difference: Array) -> Array:
             length = period * mapped.cell
             difference[:, axis] -= length * np.rint(difference[:, axis] / length)
     return np.asarray(np.linalg.norm(difference, axis=1))
-
-
-def _within(mapped: MappedSurface, pairs: WallPairs, limits: tuple[Array, Array]) -> WallPairs:
-    """The pairs whose feet both lie in the box."""
-    keep = np.ones(len(pairs.patch), bool)
-    for index, sides in ((pairs.patch, pairs.own), (pairs.other, pairs.foot)):
-        if len(index):
-            at = mapped.points_at(index, *sides.T).lattice
-            keep &= ((at >= limits[0]) & (at <= limits[1])).all(axis=1)
-    return pairs[keep]
 
 
 def _find_feet(mapped: MappedSurface, pairs: WallPairs, offsets: tuple[float, float]) -> WallPairs:

@@ -8,7 +8,7 @@ derivatives. How far that is from the grading is measured at points of all patch
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import partial
 
 import numpy as np
@@ -18,7 +18,7 @@ from tpmscad.lattices.g2_fit import find_least_coefficients, sample_parameters
 from tpmscad.lattices.mapped_surface import MappedSurface, evaluate_grading
 from tpmscad.splines.gaussian_interpolation import GaussianInterpolant, interpolate_samples
 
-SPACINGS_PER_CELL = (8, 12, 16, 20)
+SPACINGS_PER_CELL = (5, 8, 12, 16, 20)
 """Spacings of the grid in the order of trial. The samples of the fit resolve finer ones no longer."""
 
 DEVIATION_SHARE = 0.4
@@ -27,9 +27,6 @@ DEVIATION_SHARE = 0.4
 SMOOTH_TAIL = 1e-9
 """Part of its greatest value below which the last coefficients of a smooth grading are: 1e-12 of formulas, 1e-6 at creases."""
 
-CHECKED_SAMPLES = 5
-"""Samples along each parameter of all patches at which a grading and its smooth function are compared."""
-
 CHECKED_PATCHES = 4
 """Patches, those over which a grading is least like a polynomial, at which it is seen whether it is smooth."""
 
@@ -37,36 +34,30 @@ MARGIN_SPACINGS = 2
 """Spacings of the grid beyond the patches."""
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class SmoothWalls:
-    """A mapped surface whose gradings are smooth, the greatest distance from the walls asked for, and notes on it."""
+def smooth_gradings(
+    mapped: MappedSurface, distances: Sequence[float], tol: float
+) -> tuple[MappedSurface, float, tuple[str, ...]]:
+    """The surface with smooth gradings, the greatest distance of its walls from those asked for, and notes on it.
 
-    mapped: MappedSurface
-    error: float = 0.0
-    notes: tuple[str, ...] = ()
-
-
-def smooth_gradings(mapped: MappedSurface, distances: Sequence[float], tol: float) -> SmoothWalls:
-    """The surface with smooth gradings; its walls at the distances keep those asked for within a part of `tol` if possible."""
-    error, notes = 0.0, []
+    The distance is within a part of `tol` if possible.
+    """
+    error, notes, given_surface = 0.0, [], mapped
     for name, factor in (("thickness", max(map(abs, distances))), ("centre", 1.0)):
         given = getattr(mapped, name)
         if given is None:
             continue
         evaluate = partial(evaluate_grading, "offset" if name == "centre" else name, given)
-        t = np.linspace(0.0, 1.0, CHECKED_SAMPLES)
-        u, v = np.meshgrid(t, t, indexing="ij")
-        points = mapped.points(u, v).position
-        values = evaluate(points)
+        points, *gradings = given_surface.checked
+        values = gradings[name == "centre"]
         if np.ptp(values) == 0.0 or _is_smooth(mapped, evaluate, values):
             continue
         function, miss = _smooth(
-            evaluate, points.reshape(-1, 3), values.ravel(), mapped.cell, DEVIATION_SHARE * tol / factor
+            evaluate, points.position.reshape(-1, 3), values.ravel(), mapped.cell, DEVIATION_SHARE * tol / factor
         )
         mapped = replace(mapped, **{name: function})  # type: ignore[arg-type]
         error += factor * miss
         notes.append(f"the graded wall has creases, at which its surfaces are rounded by up to {factor * miss:.2g}")
-    return SmoothWalls(mapped, error, tuple(notes))
+    return mapped, error, tuple(notes)
 
 
 def _is_smooth(mapped: MappedSurface, evaluate: Callable[[Array], Array], values: Array) -> bool:

@@ -269,9 +269,9 @@ def _fit_mapped_patches(
             except InvalidRequest as error:
                 raise InvalidRequest(f"{error}{_advise_cells(surface, request.cells)}") from None
         cover = cover_mapped_lattice(request, mapping)
-        surface = replace(surface, placements=cover.placements, periods=cover.periods)
+        surface = replace(surface, placements=cover.placements, periods=cover.periods, limits=cover.limits)
         surface.orientation()
-        require_walls(surface, request, cover.limits)
+        require_walls(surface, request)
 
     def fit_and_trim(tol: float) -> LatticePatches:
         with stages("fit") as done:

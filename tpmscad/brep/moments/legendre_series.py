@@ -6,6 +6,7 @@ many nodes it has, and the patch one table of coefficients. Same result as `loop
 
 from __future__ import annotations
 
+from functools import lru_cache
 from itertools import pairwise
 
 import numpy as np
@@ -53,15 +54,20 @@ def integrate_pcurves_single_span(surface: BSplineSurface, pieces: PcurveSpans) 
 def _legendre_coefficients(surface: BSplineSurface, terms: tuple[int, int]) -> Array:
     """Legendre coefficients of the 16 integrands: (terms_u, terms_v, 16)."""
     (u0, u1), (v0, v1) = surface.domain
-    (x, wx), (y, wy) = (gauss_legendre(n) for n in terms)
+    x, y = (gauss_legendre(n)[0] for n in terms)
     us, vs = u0 + (u1 - u0) * (0.5 + 0.5 * x), v0 + (v1 - v0) * (0.5 + 0.5 * y)
     points = surface.grid(us, vs)
     normals = np.cross(surface.grid(us, vs, 1, 0), surface.grid(us, vs, 0, 1))
     values = sum_moments(points.reshape(-1, 1, 3), normals.reshape(-1, 1, 3), np.ones(1)).reshape(*terms, N_MOMENTS)
-    to_u, to_v = (
-        _legendre(t, n) * (w * (np.arange(n) + 0.5)[:, None]) for t, w, n in ((x, wx, terms[0]), (y, wy, terms[1]))
-    )
-    return np.asarray(np.einsum("iu,uvk,jv->ijk", to_u, values, to_v, optimize=True))
+    along_u = (_to_series(terms[0]) @ values.reshape(terms[0], -1)).reshape(values.shape)
+    return _to_series(terms[1]) @ along_u
+
+
+@lru_cache(maxsize=16)
+def _to_series(terms: int) -> Array:
+    """Values at Gauss points -> Legendre coefficients: (terms, terms)."""
+    x, w = gauss_legendre(terms)
+    return _legendre(x, terms) * (w * (np.arange(terms) + 0.5)[:, None])
 
 
 def _antiderivatives(x: Array, terms: int) -> Array:

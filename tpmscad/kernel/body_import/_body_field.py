@@ -81,7 +81,7 @@ class BodyDistance(Field):
                 raise KernelError("distance to the body", f"no foot point for ({x:g}, {y:g}, {z:g})", self.solid)
             value[i], feet[i] = measure.Value(), measure.PointOnShape2(1).Coord()
         within = np.flatnonzero(((points > self.low) & (points < self.high)).all(axis=1))
-        inside = within[contains_points(self.solid, points[within])]
+        inside = within[contains_points(self.solid, points[within], value[within])]
         value[inside] = -value[inside]
         return value, feet
 

@@ -6,6 +6,7 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from tpmscad._typing import Array, BoolArray
+from tpmscad.kernel.body_import._body_field import BodyDistance
 from tpmscad.kernel.body_import.cad_body import CadBody
 from tpmscad.kernel.measure.shape_sampling import contains_points, sample_faces
 from tpmscad.kernel.occt.bounding_boxes import box_diagonal, enclosing_box
@@ -32,7 +33,15 @@ class BodyNearness:
         near = np.asarray(distance < self.spacing + reach + margin * measure_diagonals(images))
         middle = points[:, points.shape[1] // 2]
         asked = ~near & ((middle > self.low) & (middle < self.high)).all(axis=1)
-        near[asked] = contains_points(self.body.shape, middle[asked])
+        clearance = self.tree.query(middle[asked])[0] - 2.0 * self.spacing
+        near[asked] = contains_points(self.body.shape, middle[asked], clearance)
+        return near
+
+    def is_reached_from(self, points: Array, reach: float) -> BoolArray:
+        """Whether points (n, 3) lie in the body or within a reach of it."""
+        near = self(points[:, None], 0.0, reach)
+        exact = BodyDistance(self.body.shape, self.low, self.high, tuple(faces_of(self.body.shape)))
+        near[near] = exact(points[near] @ self.rotation.T) <= reach
         return near
 
 

@@ -9,7 +9,7 @@ than the body's.
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from math import ceil, floor
 from typing import Any
@@ -34,7 +34,7 @@ from tpmscad.kernel.occt.convert import transform_shape
 from tpmscad.lattices import mapped_lattice
 from tpmscad.lattices.coordinate_maps import Map
 from tpmscad.lattices.mapped_lattice import MappedLayers
-from tpmscad.lattices.mapped_surface import MappedSurface, box_points
+from tpmscad.lattices.mapped_surface import REGULARITY_SAMPLES_PER_CELL, MappedSurface, box_points
 from tpmscad.lattices.offset_surfaces import LayersFit
 from tpmscad.memory_limit import require_memory
 from tpmscad.requests.lattice_request import LatticeRequest
@@ -124,11 +124,11 @@ def fit_patches_over_box(
         patches = scale_brep(request.source.cover(fit.surfaces, cells, np.array(request.phase)).brep, cell)
         patches = translate_brep(patches, first * edges)
     else:
-        patches, fit = _fit_patches_one_by_one(request, mapping, bounds, first, cells, progress, near)
+        patches, fit = _fit_over_box(request, mapping, bounds, first, cells, progress, near)
     return PatchesOverBox(patches, low, high, fit, mapping)
 
 
-def _fit_patches_one_by_one(
+def _fit_over_box(
     request: LatticeRequest,
     mapping: Map,
     limits: tuple[Array, Array],
@@ -144,17 +144,32 @@ def _fit_patches_one_by_one(
     cell, source, edges = request.cell[0], exact_source(request), np.array(request.cell)
     margin = BLOCK_MARGIN_CELLS * edges
     bounds = limits[0] - margin, limits[1] + margin
-    reach = find_greatest_offset(request, lambda: first * edges + mapping(box_points(cells, cell)))
+    step = edges / REGULARITY_SAMPLES_PER_CELL
+
+    def sample_box() -> Array:
+        points = first * edges + mapping(box_points(cells, cell))
+        return points[((points > bounds[0] - step) & (points < bounds[1] + step)).all(axis=1)]
+
+    reach = find_greatest_offset(request, sample_box)
     placements = mapped_lattice.select_placements_near_box(
         source.patch, source.symmetry, mapping, bounds, first, cells, np.array(request.phase), cell, reach
     )
+    within = limits[0] * cell / edges, limits[1] * cell / edges
+    surface = MappedSurface(source.patch, source.symmetry, placements, mapping, cell, limits=within)
+    return fit_patches_one_by_one(surface, request, near, reach, progress)
+
+
+def fit_patches_one_by_one(
+    surface: MappedSurface, request: LatticeRequest, near: BodyNearness | None, reach: float, progress: FractionProgress
+) -> tuple[Brep, LayersFit[MappedLayers]]:
+    """The patches of the walls over those of a surface whose walls, within a reach, come near a body, if any; and their fit."""
+    placements = surface.placements
     if near is not None:
-        images = mapping(cell * mapped_lattice.sample_placements(source.patch, placements))
+        images = surface.map(surface.cell * mapped_lattice.sample_placements(surface.patch, placements))
         placements = placements[np.flatnonzero(near(images, mapped_lattice.PATCH_BULGE_FRACTION, reach))]
-    surface = MappedSurface(
-        source.patch, source.symmetry, placements, mapping, cell, thickness=request.thickness, centre=request.centre
-    )
-    require_walls(surface, request, (limits[0] * cell / edges, limits[1] * cell / edges))
+    surface = replace(surface, placements=placements, thickness=request.thickness, centre=request.centre)
+    surface.orientation()
+    require_walls(surface, request)
     fit = mapped_lattice.fit_mapped_layers(surface, request.layer_offsets, request.tol, progress)
     return mapped_lattice.assemble_mapped_lattice(surface, *fit.surfaces, natural=False), fit
 

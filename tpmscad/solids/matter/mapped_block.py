@@ -65,9 +65,6 @@ def compose_map(
     return (wrap if stretch is None else composition(wrap, stretch, request.cell[0])), notes
 
 
-GRADING_SAMPLES_PER_PARAMETER = 5
-"""Samples along each parameter of a patch at which a graded wall is checked."""
-
 MIN_WALL_THICKNESS = 1e-5
 """Model units: a hundred times the kernel's tolerance, at which the trimmed edges of the two walls are still distinct."""
 
@@ -117,7 +114,8 @@ def cover_mapped_lattice(request: LatticeRequest, map: Map) -> MappedCover:
         patch, symmetry, request.cells, phase, reach / (cell * least_stretch), closed, revolved.inscribed / cell
     )
     open_ended = np.where(closed, np.inf, 0.0)
-    return MappedCover(placements, _periods(request, closed), _sweep(revolved), (-open_ended, size + open_ended))
+    body = revolve_profile(revolved.sides, revolved.straight, revolved.origin, revolved.axis, revolved.angle)
+    return MappedCover(placements, _periods(request, closed), brep_from_shape(body), (-open_ended, size + open_ended))
 
 
 def find_greatest_offset(request: LatticeRequest, sample: Callable[[], Array]) -> float:
@@ -128,41 +126,33 @@ def find_greatest_offset(request: LatticeRequest, sample: Callable[[], Array]) -
     return float(np.abs([centre + d * unit for d in request.offset]).max())
 
 
-def require_walls(surface: MappedSurface, request: LatticeRequest, limits: tuple[Array, Array] | None) -> None:
-    """InvalidRequest if walls bend too sharply, meet, or have no thickness, over given placements.
-
-    limits: corners of the box, in lattice coordinates, beyond which walls are cut off, if they are.
-    """
-    offsets, title = request.offset, f"mapped {request.surface}"
+def require_walls(surface: MappedSurface, request: LatticeRequest) -> None:
+    """InvalidRequest if walls bend too sharply, meet, or have no thickness, over given placements."""
     if request.is_graded:
-        _require_graded_walls(surface, request, limits)
+        _require_graded_walls(surface, request)
     if surface.map is IDENTITY:
         return
-    mapped_lattice.require_offsets_below_curvature_radius(surface, offsets, title)
+    mapped_lattice.require_offsets_below_curvature_radius(surface, request.offset, f"mapped {request.surface}")
     if request.kind == "sheet":
-        require_no_self_contact(surface, offsets, limits)
+        require_no_self_contact(surface, request.offset)
 
 
-def _require_graded_walls(surface: MappedSurface, request: LatticeRequest, limits: tuple[Array, Array] | None) -> None:
+def _require_graded_walls(surface: MappedSurface, request: LatticeRequest) -> None:
     """InvalidRequest where a graded wall has no thickness, or reaches farther than an even one may."""
-    t = np.linspace(0.0, 1.0, GRADING_SAMPLES_PER_PARAMETER)
-    u, v = (g.ravel() for g in np.meshgrid(t, t))
-    found = surface.points(u, v)
-    inside = np.ones(found.lattice.shape[:-1], bool)
-    if limits is not None:
-        inside = ((found.lattice >= limits[0]) & (found.lattice <= limits[1])).all(axis=-1)
-    points = found.position[inside]
-    if not len(points):
-        return
-    unit, centre = surface.grading(points)
-    thinnest = int(unit.argmin())
-    if unit[thinnest] < MIN_WALL_THICKNESS:
+    found, *gradings = surface.checked
+    inside = surface.lie_within(found.lattice)
+    points, unit, centre = (values[inside] for values in (found.position, *gradings))
+    thin = np.flatnonzero(unit < MIN_WALL_THICKNESS)
+    if surface.in_body is not None:
+        thin = thin[surface.in_body(points[thin])]
+    if len(thin):
+        thinnest = int(thin[unit[thin].argmin()])
         raise InvalidRequest(
             f"the thickness {unit[thinnest]:g} at {format_point(points[thinnest], 6)} in the model is below "
             f"{MIN_WALL_THICKNESS:g}, a hundred times the kernel's tolerance, and must be positive all along the lattice: "
             "keep its values above that"
         )
-    if surface.map is not IDENTITY:
+    if surface.map is not IDENTITY or not len(points):
         return
     for multiple in request.offset:
         distances = centre + multiple * unit
@@ -185,10 +175,3 @@ def _points_inside(revolved: RevolvedBox, request: LatticeRequest) -> Array:
 
 def _periods(request: LatticeRequest, closed: tuple[bool, bool, bool]) -> tuple[float, float, float]:
     return triple(float(n) if c else 0.0 for n, c in zip(request.cells, closed, strict=True))
-
-
-def _sweep(revolved: RevolvedBox) -> Brep:
-    """The body of revolution as a boundary representation of planes and quadrics."""
-    return brep_from_shape(
-        revolve_profile(revolved.sides, revolved.straight, revolved.origin, revolved.axis, revolved.angle)
-    )

@@ -8,6 +8,7 @@ cells, the lattice meets itself; cells that come to lie on each other otherwise 
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -25,8 +26,13 @@ from tpmscad.lattices.spline_maps import SplineMap
 from tpmscad.requests.lattice_request import LatticeRequest
 from tpmscad.rigid_motion import Motion
 from tpmscad.solids.matter.body_nearness import BodyNearness, measure_diagonals
-from tpmscad.solids.matter.lattice_block import MAX_CELLS_IN_BOX, LatticeBlock, check_wall_thickness
-from tpmscad.solids.matter.mapped_block import compose_map, exact_source, find_greatest_offset, require_walls
+from tpmscad.solids.matter.lattice_block import (
+    MAX_CELLS_IN_BOX,
+    LatticeBlock,
+    check_wall_thickness,
+    fit_patches_one_by_one,
+)
+from tpmscad.solids.matter.mapped_block import compose_map, exact_source, find_greatest_offset
 from tpmscad.solids.matter.patch_measures import measure_lattice_patches
 from tpmscad.solids.matter.reference_distance import lattice_distance
 from tpmscad.stage_timer import StageTimer
@@ -191,12 +197,7 @@ def _fit_cover(
     placements = translate_motions(source.symmetry.cell_motions, cells + (phase - np.floor(phase)))
     images = mapping(cell * mapped_lattice.sample_placements(source.patch, placements))
     reach = find_greatest_offset(request, lambda: images)
-    placements = placements[np.flatnonzero(near(images, mapped_lattice.PATCH_BULGE_FRACTION, reach))]
     closed = triple(periods.astype(float).tolist())
-    surface = MappedSurface(
-        source.patch, source.symmetry, placements, mapping, cell, closed, request.thickness, request.centre
-    )
-    surface.orientation()
-    require_walls(surface, request, None)
-    fit = mapped_lattice.fit_mapped_layers(surface, request.layer_offsets, request.tol, progress)
-    return mapped_lattice.assemble_mapped_lattice(surface, *fit.surfaces, natural=False), fit
+    in_body = partial(near.is_reached_from, reach=reach)
+    surface = MappedSurface(source.patch, source.symmetry, placements, mapping, cell, closed, in_body=in_body)
+    return fit_patches_one_by_one(surface, request, near, reach, progress)

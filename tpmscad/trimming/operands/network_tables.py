@@ -23,6 +23,7 @@ from tpmscad._typing import Array, BoolArray, IntArray
 from tpmscad.brep.boundary_representation import Brep
 from tpmscad.brep.carriers import Carrier, Plane
 from tpmscad.brep.foot_surface import span_powers
+from tpmscad.brep.moments.legendre_series import is_single_span
 from tpmscad.rigid_motion import Motion
 from tpmscad.splines.bspline import BSplineCurve, BSplineSurface
 from tpmscad.splines.curve_batch import evaluate_curves
@@ -245,10 +246,20 @@ def bound_faces(brep: Brep) -> tuple[Array, Array]:
     low, high = np.empty((len(faces), 3)), np.empty((len(faces), 3))
     order = np.argsort(own, kind="stable")
     for members in np.split(order, np.cumsum(np.bincount(own, minlength=1))[:-1]):
-        poles = surfaces[int(own[members[0]])].poles.reshape(-1, 3)
-        points = faces.motion[members][:, None].apply(poles)
+        surface = surfaces[int(own[members[0]])]
+        poles = surface.poles
+        if is_single_span(surface):  # nets of its quarters: its own may be twice as large as the surface
+            poles = _halving(surface.degree_v) @ np.tensordot(_halving(surface.degree_u), poles, 1)
+        points = faces.motion[members][:, None].apply(poles.reshape(-1, 3))
         low[members], high[members] = points.min(axis=1), points.max(axis=1)
     return low, high
+
+
+@lru_cache(maxsize=32)
+def _halving(degree: int) -> Array:
+    """Bezier poles -> those of both halves, (2 degree + 2, degree + 1), by de Casteljau's algorithm."""
+    left = np.array([[comb(k, j) / 2.0**k for j in range(degree + 1)] for k in range(degree + 1)])
+    return np.concatenate([left, left[::-1, ::-1]])
 
 
 def _list_surfaces(brep: Brep, rows: IntArray, polygons: list[Array]) -> tuple[list[BSplineSurface], IntArray]:
