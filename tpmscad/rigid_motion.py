@@ -81,10 +81,6 @@ class Motion(ArrayTable):
         rotation = np.swapaxes(frame.rotation, -2, -1) @ self.rotation
         return Motion(rotation, frame.apply_inverse(self.translation))
 
-    def is_identity(self) -> bool:
-        """Whether every motion of the batch is exactly the identity."""
-        return bool((self.rotation == np.eye(3)).all()) and not self.translation.any()
-
 
 def match_points(points: Array, images: Array) -> Motion:
     """The proper rigid motions that bring points (P, m, 3) nearest to their images (P, m, 3); exact translations stay exact.

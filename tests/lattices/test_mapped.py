@@ -143,9 +143,9 @@ def test_walls_are_as_thick_as_asked_wherever_the_map_stretches(name: str) -> No
     u, v = RNG.random((2, 30))
     h = 1e-5
     for index in (0, 7):
-        low, middle, high = (surface.offset(u, v, d, index) for d in (-0.4, 0.0, 0.4))
+        low, middle, high = (surface.shift(surface.points(u, v, index), d) for d in (-0.4, 0.0, 0.4))
         np.testing.assert_allclose(np.linalg.norm(high - low, axis=-1), 0.8, rtol=1e-9)
-        along = surface.offset(u + h, v, 0.0, index) - surface.offset(u - h, v, 0.0, index)
+        along = surface.points(u + h, v, index).position - surface.points(u - h, v, index).position
         np.testing.assert_allclose(np.einsum("ni,ni->n", (high - middle) / 0.4, along) / (2 * h), 0, rtol=0, atol=1e-7)
 
 
@@ -202,7 +202,7 @@ def test_the_greatest_deviation_is_that_of_all_patches_measured_one_by_one() -> 
             each.append(
                 measure_deviation(
                     patch,
-                    lambda u, v, d=distance, i=index: surface.offset(u, v, d, i),
+                    lambda u, v, d=distance, i=index: surface.shift(surface.points(u, v, i), d),
                     mapped_lattice.PATCH_SAMPLES_PER_PARAMETER,
                 )
             )
@@ -243,7 +243,7 @@ def test_a_graded_wall_reaches_half_its_local_thickness_from_the_mid_surface() -
     u, v = RNG.random((2, 7))
     middle = mapped.points(u, v)
     for distance in (-0.5, 0.5):
-        apart = mapped.offset(u, v, distance) - middle.position
+        apart = mapped.shift(middle, distance) - middle.position
         np.testing.assert_allclose(
             apart, distance * thickness(middle.position)[..., None] * middle.normal, rtol=0, atol=1e-13
         )

@@ -99,10 +99,6 @@ class MappedSurface:
         normal = np.linalg.solve(np.swapaxes(jacobian, -1, -2), normal[..., None])[..., 0]
         return SurfacePoints(lattice, position, du, dv, normal / np.linalg.norm(normal, axis=-1, keepdims=True))
 
-    def offset(self, u: Array, v: Array, distance: float, index: int | slice | IntArray = slice(None)) -> Array:
-        """Points at the signed normal distance from the mapped surface, of every chosen placement, as in `points`."""
-        return self.shift(self.points(u, v, index), distance)
-
     def shift(self, points: SurfacePoints, distance: float) -> Array:
         """The points (..., 3) at the signed normal distance from those of the mid surface."""
         unit, centre = self.grading(points.position)

@@ -37,10 +37,7 @@ MARGIN_SPACINGS = 2
 def smooth_gradings(
     mapped: MappedSurface, distances: Sequence[float], tol: float
 ) -> tuple[MappedSurface, float, tuple[str, ...]]:
-    """The surface with smooth gradings, the greatest distance of its walls from those asked for, and notes on it.
-
-    The distance is within a part of `tol` if possible.
-    """
+    """The surface with smooth gradings, how far its walls are from those asked for, if possible a part of `tol`, and notes."""
     error, notes, given_surface = 0.0, [], mapped
     for name, factor in (("thickness", max(map(abs, distances))), ("centre", 1.0)):
         given = getattr(mapped, name)

@@ -268,8 +268,7 @@ def _fit_mapped_patches(
                 )
             except InvalidRequest as error:
                 raise InvalidRequest(f"{error}{_advise_cells(surface, request.cells)}") from None
-        cover = cover_mapped_lattice(request, mapping)
-        surface = replace(surface, placements=cover.placements, periods=cover.periods, limits=cover.limits)
+        surface, body = cover_mapped_lattice(request, surface)
         surface.orientation()
         require_walls(surface, request)
 
@@ -278,13 +277,13 @@ def _fit_mapped_patches(
             fit = mapped_lattice.fit_mapped_layers(surface, request.layer_offsets, tol, done)
             lower, upper = fit.surfaces
         with stages("assemble"):
-            brep = mapped_lattice.assemble_mapped_lattice(surface, lower, upper, natural=cover.body is None)
-        notes = _note_overhang(surface, request) if spline_map and cover.body is None else ()
-        if cover.body is not None:
+            brep = mapped_lattice.assemble_mapped_lattice(surface, lower, upper, natural=body is None)
+        notes = _note_overhang(surface, request) if spline_map and body is None else ()
+        if body is not None:
             with stages("trim"):
-                brep, notes = _trim_by_body(brep, cover.body, cell)
+                brep, notes = _trim_by_body(brep, body, cell)
         fill = None
-        if cover.body is None and lower is not None and upper is not None:
+        if body is None and lower is not None and upper is not None:
             periods = 0.0, 0.0, 0.0
             if not request.is_graded:
                 periods = mapped_surface.find_translation_periods(mapping, request.cells, cell)

@@ -107,7 +107,7 @@ def fit_patches_over_box(
 
     near: tells the patches that come near a body; the others are left out where patches are fitted one by one.
     """
-    edges, bounds = np.array(request.cell), (low, high)
+    edges = np.array(request.cell)
     low, high = low - BLOCK_MARGIN_CELLS * edges, high + BLOCK_MARGIN_CELLS * edges
     first, last = np.array([floor(v) for v in low / edges]), np.array([ceil(v) for v in high / edges])
     counts = last - first
@@ -124,14 +124,14 @@ def fit_patches_over_box(
         patches = scale_brep(request.source.cover(fit.surfaces, cells, np.array(request.phase)).brep, cell)
         patches = translate_brep(patches, first * edges)
     else:
-        patches, fit = _fit_over_box(request, mapping, bounds, first, cells, progress, near)
+        patches, fit = _fit_over_box(request, mapping, (low, high), first, cells, progress, near)
     return PatchesOverBox(patches, low, high, fit, mapping)
 
 
 def _fit_over_box(
     request: LatticeRequest,
     mapping: Map,
-    limits: tuple[Array, Array],
+    bounds: tuple[Array, Array],
     first: Array,
     cells: tuple[int, int, int],
     progress: FractionProgress,
@@ -139,12 +139,10 @@ def _fit_over_box(
 ) -> tuple[Brep, LayersFit[MappedLayers]]:
     """Patches of a lattice that repeats no cell, or whose cell has unequal edges, from the cell `first`, and their fit.
 
-    limits: corners of the box beyond which they are cut off.
+    bounds: corners of the box beyond which they are cut off, with the margin.
     """
     cell, source, edges = request.cell[0], exact_source(request), np.array(request.cell)
-    margin = BLOCK_MARGIN_CELLS * edges
-    bounds = limits[0] - margin, limits[1] + margin
-    step = edges / REGULARITY_SAMPLES_PER_CELL
+    margin, step = BLOCK_MARGIN_CELLS * cell, edges / REGULARITY_SAMPLES_PER_CELL
 
     def sample_box() -> Array:
         points = first * edges + mapping(box_points(cells, cell))
@@ -154,7 +152,7 @@ def _fit_over_box(
     placements = mapped_lattice.select_placements_near_box(
         source.patch, source.symmetry, mapping, bounds, first, cells, np.array(request.phase), cell, reach
     )
-    within = limits[0] * cell / edges, limits[1] * cell / edges
+    within = bounds[0] * cell / edges + margin, bounds[1] * cell / edges - margin
     surface = MappedSurface(source.patch, source.symmetry, placements, mapping, cell, limits=within)
     return fit_patches_one_by_one(surface, request, near, reach, progress)
 

@@ -10,7 +10,7 @@ of these images bounds the lattice without overlap.
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import replace
 
 import numpy as np
 
@@ -28,7 +28,6 @@ from tpmscad.lattices.rounded_maps import round_over_cells
 from tpmscad.lattices.self_contact import require_no_self_contact
 from tpmscad.lattices.spline_maps import SplineMap
 from tpmscad.requests.lattice_request import LatticeRequest
-from tpmscad.rigid_motion import Motion
 from tpmscad.sources.exact_sources import CopiedPrimitive
 from tpmscad.trimming.operands.polyhedra import box
 
@@ -69,31 +68,20 @@ MIN_WALL_THICKNESS = 1e-5
 """Model units: a hundred times the kernel's tolerance, at which the trimmed edges of the two walls are still distinct."""
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class MappedCover:
-    """The placements of the patches, the periods of a closed lattice in cells, and the body that trims them, if any.
+def cover_mapped_lattice(request: LatticeRequest, surface: MappedSurface) -> tuple[MappedSurface, Brep | None]:
+    """The mid surface over the patches that a lattice needs, and the body that trims them, if any.
 
-    `limits` are the corners of the box in lattice coordinates, infinite along closed axes; None for a natural boundary.
+    Limits are infinite along closed axes; a natural boundary has none. InvalidRequest if the box has no image to trim by.
     """
-
-    placements: Motion
-    periods: tuple[float, float, float]
-    body: Brep | None
-    limits: tuple[Array, Array] | None
-
-
-def cover_mapped_lattice(request: LatticeRequest, map: Map) -> MappedCover:
-    """The cover of a lattice under a map from cubic lattice coordinates; InvalidRequest if its box has no image to trim by."""
+    map, symmetry = surface.map, surface.symmetry
     cell, phase = request.cell[0], np.array(request.phase)
     size = cell * np.array(request.cells, float)
     if request.boundary == "natural":
         mapped_surface.require_regular(map, mapped_surface.box_points(request.cells, cell), cell)
         closed = mapped_surface.find_closed_axes(map, request.cells, cell)
         placements = copies.place_whole_cells(request.surface, request.cells, phase, closed)
-        return MappedCover(placements, _periods(request, closed), None, None)
-    source = exact_source(request)
+        return replace(surface, placements=placements, periods=_periods(request, closed)), None
     reach = find_greatest_offset(request, lambda: map(mapped_surface.box_points(request.cells, cell)))
-    patch, symmetry = source.patch, source.symmetry
     try:
         bounds = mapped_lattice.map_box(map, size)
     except InvalidRequest:
@@ -103,19 +91,20 @@ def cover_mapped_lattice(request: LatticeRequest, map: Map) -> MappedCover:
     else:
         mapped_surface.require_regular(map, mapped_surface.box_points(request.cells, cell), cell)
         placements = mapped_lattice.select_placements_near_box(
-            patch, symmetry, map, bounds, np.zeros(3), request.cells, phase, cell, reach
+            surface.patch, symmetry, map, bounds, np.zeros(3), request.cells, phase, cell, reach
         )
-        return MappedCover(placements, (0.0, 0.0, 0.0), box(*bounds), (np.zeros(3), size))
+        return replace(surface, placements=placements, limits=(np.zeros(3), size)), box(*bounds)
     closed = triple(revolved.closed and axis == revolved.lattice_axis for axis in range(3))
     points = _points_inside(revolved, request)
     mapped_surface.require_regular(map, points, cell)
     least_stretch = float(np.linalg.svd(map.jacobian(points, cell), compute_uv=False).min())
     placements = mapped_lattice.select_placements_in_lattice(
-        patch, symmetry, request.cells, phase, reach / (cell * least_stretch), closed, revolved.inscribed / cell
+        surface.patch, symmetry, request.cells, phase, reach / (cell * least_stretch), closed, revolved.inscribed / cell
     )
     open_ended = np.where(closed, np.inf, 0.0)
     body = revolve_profile(revolved.sides, revolved.straight, revolved.origin, revolved.axis, revolved.angle)
-    return MappedCover(placements, _periods(request, closed), brep_from_shape(body), (-open_ended, size + open_ended))
+    limits, periods = (-open_ended, size + open_ended), _periods(request, closed)
+    return replace(surface, placements=placements, periods=periods, limits=limits), brep_from_shape(body)
 
 
 def find_greatest_offset(request: LatticeRequest, sample: Callable[[], Array]) -> float:

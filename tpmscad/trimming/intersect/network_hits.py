@@ -21,7 +21,6 @@ from tpmscad.trimming.intersect.edge_face import intersect_edges_with_faces
 from tpmscad.trimming.operands.edge_uses import UseSegments, divide_uses, evaluate_edges, evaluate_use_parameters
 from tpmscad.trimming.operands.network_tables import (
     SENSE,
-    FaceCells,
     NetworkEdges,
     NetworkFaces,
     PatchPolynomials,
@@ -118,25 +117,7 @@ def prepare_networks(first: Brep, second: Brep, margin: float, *, is_cover: bool
     covered = np.stack([first.vertices.min(axis=0), first.vertices.max(axis=0)])
     sizes = [CELL_FRACTION * float(np.median(np.max(high - low, axis=1))) for low, high in boxes]
     one = _prepare(first, np.unique(pairs[:, 0]), boxes[0], EVERYWHERE, sizes[1])
-    pairs = pairs[_reach_cells(one.faces.cells, pairs, *boxes[1], margin)]
     return one, _prepare(second, np.unique(pairs[:, 1]), boxes[1], covered if is_cover else EVERYWHERE, sizes[0])
-
-
-@njit_cached
-def _reach_cells(cells: FaceCells, pairs: IntArray, low: Array, high: Array, margin: float) -> BoolArray:
-    """Whether the box (low, high) of the second of a pair (n, 2) comes nearer than a margin to a cell of the first, a face."""
-    found = np.zeros(len(pairs), np.bool_)
-    for i in range(len(pairs)):
-        box = pairs[i, 1]
-        for c in range(cells.first[pairs[i, 0]], cells.first[pairs[i, 0] + 1]):
-            square = 0.0
-            for d in range(3):
-                gap = max(low[box, d] - cells.centre[c, d], cells.centre[c, d] - high[box, d], 0.0)
-                square += gap * gap
-            if square <= (cells.radius[c] + margin) ** 2:
-                found[i] = True
-                break
-    return found
 
 
 def _prepare(brep: Brep, near: IntArray, boxes: tuple[Array, Array], covered: Array, cell_size: float) -> Network:

@@ -501,13 +501,13 @@ def _bound_normals(coefficients: Array, parts: tuple[int, int]) -> tuple[Array, 
         np.concatenate([np.zeros((len(t), 1)), w[:, :-1] * np.arange(1.0, w.shape[1])], axis=1)
         for t, w in ((x, power_u), (y, power_v))
     )
-    su, sv = (
-        np.einsum("xk,nabklc,yl->nabxyc", of_u, coefficients, of_v, optimize=True)
-        for of_u, of_v in ((slope_u, power_v), (power_u, slope_v))
-    )
-    terms = np.einsum("iKx,nabxyc,jLy->naibjKLc", to_u, np.cross(su, sv), to_v, optimize=True)
-    mean = terms[..., 0, 0, :]
-    unit, turn = _bound_directions(terms.reshape(-1, terms.shape[-3] * terms.shape[-2], 3))
+    nets = np.moveaxis(coefficients, 5, 3)
+    su, sv = (of_u @ nets @ of_v.T for of_u, of_v in ((slope_u, power_v), (power_u, slope_v)))
+    values = np.cross(su, sv, axis=3)
+    terms = to_u.reshape(-1, len(x)) @ values @ to_v.reshape(-1, len(y)).T
+    terms = terms.reshape(n, nu, nv, 3, ways * parts[0], len(x), ways * parts[1], len(y))
+    mean = terms[..., 0, :, 0].transpose(0, 1, 4, 2, 5, 3)
+    unit, turn = _bound_directions(terms)
     quarters = (n, nu * parts[0], ways, nv * parts[1], ways)
     mean = mean.reshape(*quarters, 3).sum(axis=(2, 4))
     normal = mean / np.maximum(np.linalg.norm(mean, axis=-1, keepdims=True), 1e-300)
@@ -518,25 +518,30 @@ def _bound_normals(coefficients: Array, parts: tuple[int, int]) -> tuple[Array, 
 
 @njit_cached
 def _bound_directions(terms: Array) -> tuple[Array, Array]:  # pragma: no cover - compiled
-    """Unit vectors (n, 3) along the first of terms (n, m, 3), and bounds (n,) of how far that of any sum with signs is off."""
-    n, m, _ = terms.shape
-    unit, turn = np.zeros((n, 3)), np.full(n, 2.0)
-    for i in range(n):
-        x, y, z = terms[i, 0]
+    """Unit vectors along the first of terms (n, a, b, 3, i, k, j, l), and bounds of how far that of any sum with signs is off.
+
+    Sums are those over k and l; the vectors are (n, a, i, b, j, 3), the bounds (n, a, i, b, j).
+    """
+    n, na, nb, _, ni, nk, nj, nl = terms.shape
+    unit, turn = np.zeros((n, na, ni, nb, nj, 3)), np.full((n, na, ni, nb, nj), 2.0)
+    for own in np.ndindex((n, na, ni, nb, nj)):
+        m, a, i, b, j = own
+        x, y, z = terms[m, a, b, 0, i, 0, j, 0], terms[m, a, b, 1, i, 0, j, 0], terms[m, a, b, 2, i, 0, j, 0]
         length = np.sqrt(x * x + y * y + z * z)
         scale = 1.0 / max(length, 1e-300)
         x, y, z = x * scale, y * scale, z * scale
-        unit[i, 0], unit[i, 1], unit[i, 2] = x, y, z
-        aside, others = 0.0, 0.0
-        for k in range(1, m):
-            a, b, c = terms[i, k]
-            ahead = a * x + b * y + c * z
-            a, b, c = a - ahead * x, b - ahead * y, c - ahead * z
-            aside += np.sqrt(a * a + b * b + c * c)
-            others += abs(ahead)
+        unit[m, a, i, b, j, 0], unit[m, a, i, b, j, 1], unit[m, a, i, b, j, 2] = x, y, z
+        aside, others = 0.0, -length  # the first term itself adds its length
+        for k in range(nk):
+            for q in range(nl):
+                p, r, t = terms[m, a, b, 0, i, k, j, q], terms[m, a, b, 1, i, k, j, q], terms[m, a, b, 2, i, k, j, q]
+                ahead = p * x + r * y + t * z
+                p, r, t = p - ahead * x, r - ahead * y, t - ahead * z
+                aside += np.sqrt(p * p + r * r + t * t)
+                others += abs(ahead)
         least = length - others
         if aside < least:
-            turn[i] = aside / max(least, 1e-300)
+            turn[own] = aside / max(least, 1e-300)
     return unit, turn
 
 
