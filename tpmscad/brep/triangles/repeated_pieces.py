@@ -264,6 +264,14 @@ def close_walls(
             np.minimum.at(low, of_wall, ends_of.min(axis=1))
             np.maximum.at(high, of_wall, ends_of.max(axis=1))
     return RepeatedPieces(
-        cell, low, high, base, both[first], node, index.ravel()[everything], np.concatenate([*pieces, of, of]), beyond,
-        beyond_shift,
-    )  # fmt: skip
+        cell=cell,
+        low=low,
+        high=high,
+        base=base,
+        arm=both[first],
+        node=node,
+        triangles=index.ravel()[everything],
+        piece=np.concatenate([*pieces, of, of]),
+        beyond=beyond,
+        beyond_shift=beyond_shift,
+    )
