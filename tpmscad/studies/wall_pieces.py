@@ -85,7 +85,7 @@ def find_wall(request: LatticeRequest) -> WallPatches | None:
     if isinstance(source, CopiedPrimitive):
         motions = source.symmetry.cell_motions
         placements = Motion(motions.rotation, motions.translation + np.array(request.phase))
-        surface = MappedSurface(source.patch, source.symmetry, placements, stretching(cell / cell[0]), cell[0])
+        surface = _mid_surface(source, placements, cell)
         low, high = (1.0, 1.0) if request.is_graded else request.offset
 
         def at(index: IntArray, uv: Array) -> tuple[Array, Array, Array, Array, Array]:
@@ -115,6 +115,11 @@ def find_wall(request: LatticeRequest) -> WallPatches | None:
 
         return WallPatches(cell, reflect, orientation_sign(source.symmetry, upper) * motions.handedness, True)
     return None
+
+
+def _mid_surface(source: CopiedPrimitive, placements: Motion, cell: Array) -> MappedSurface:
+    """The mid surface over copies of a patch in cells of edges (3,)."""
+    return MappedSurface(source.patch, source.symmetry, placements, stretching(cell / cell[0]), cell[0])
 
 
 @dataclass(eq=False)
@@ -189,6 +194,5 @@ def require_distances_below_curvature_radius(request: LatticeRequest, distances:
     """InvalidRequest if a graded wall reaches beyond the least radius of curvature of its mid surface."""
     source, cell = request.source, np.array(request.cell)
     assert isinstance(source, CopiedPrimitive)
-    placements = source.symmetry.cell_motions
-    surface = MappedSurface(source.patch, source.symmetry, placements, stretching(cell / cell[0]), cell[0])
+    surface = _mid_surface(source, source.symmetry.cell_motions, cell)
     require_offsets_below_curvature_radius(surface, [distances.least, distances.greatest], source.name)

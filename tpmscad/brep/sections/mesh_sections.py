@@ -14,6 +14,7 @@ import numpy as np
 
 from tpmscad._compiled_loops import njit_cached
 from tpmscad._typing import Array, IntArray
+from tpmscad.brep.sections.polygon_regions import mark_kept
 from tpmscad.errors import TrimmingError
 
 
@@ -171,10 +172,7 @@ def _hash(key: int, size: int) -> Any:
 
 @njit_cached
 def _thin_contour(path: Array, error: float) -> Any:
-    """Which points (n,) of a closed contour (n + 1, 2) stay, so that all others lie within `error` of the chords.
-
-    The first point and the one farthest from it stay. Source: D. H. Douglas, T. K. Peucker, Cartographica 10 (1973) 112.
-    """
+    """Which points (n,) of a closed contour (n + 1, 2) stay, as in `thin_polygon`."""
     n = len(path) - 1
     kept = np.zeros(n + 1, np.bool_)
     kept[0] = kept[n] = True
@@ -186,22 +184,6 @@ def _thin_contour(path: Array, error: float) -> Any:
         if away > most:
             far, most = k, away
     kept[far] = True
-    spans = [(0, far), (far, n)]
-    while len(spans) > 0:
-        a, b = spans.pop()
-        if b - a < 2:
-            continue
-        cx, cy = path[b, 0] - path[a, 0], path[b, 1] - path[a, 1]
-        square = cx * cx + cy * cy
-        at, most = a, -1.0
-        for k in range(a + 1, b):
-            x, y = path[k, 0] - path[a, 0], path[k, 1] - path[a, 1]
-            share = min(1.0, max(0.0, (x * cx + y * cy) / square)) if square > 0.0 else 0.0
-            off = (x - share * cx) ** 2 + (y - share * cy) ** 2
-            if off > most:
-                at, most = k, off
-        if most > error * error:
-            kept[at] = True
-            spans.append((a, at))
-            spans.append((at, b))
+    mark_kept(path, 0, far, error, kept)
+    mark_kept(path, far, n, error, kept)
     return kept[:n]

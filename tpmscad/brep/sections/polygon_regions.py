@@ -12,8 +12,9 @@ from typing import Literal
 
 import numpy as np
 
+from tpmscad._compiled_loops import njit_cached
 from tpmscad._lazy_import import import_extra
-from tpmscad._typing import Array
+from tpmscad._typing import Array, BoolArray
 from tpmscad.brep.loops import signed_area
 
 Region = list[Array]
@@ -45,20 +46,33 @@ def thin_curve(points: Array, error: float) -> Array:
     """
     kept = np.zeros(len(points), bool)
     kept[[0, -1]] = True
-    spans = [(0, len(points) - 1)]
-    while spans:
+    mark_kept(np.ascontiguousarray(points, float), 0, len(points) - 1, error, kept)
+    return points[kept]
+
+
+@njit_cached
+def mark_kept(
+    points: Array, first: int, last: int, error: float, kept: BoolArray
+) -> None:  # pragma: no cover - compiled
+    """Mark which points (n, 2) between `first` and `last`, which are kept, stay as in `thin_curve`, in `kept` (n,)."""
+    spans = [(first, last)]
+    while len(spans) > 0:
         a, b = spans.pop()
         if b - a < 2:
             continue
-        chord, arms = points[b] - points[a], points[a + 1 : b] - points[a]
-        length2 = float(chord @ chord)
-        along = np.clip(arms @ chord / length2, 0.0, 1.0) if length2 > 0.0 else np.zeros(len(arms))
-        off = np.linalg.norm(arms - along[:, None] * chord, axis=1)
-        farthest = int(np.argmax(off))
-        if off[farthest] > error:
-            kept[a + 1 + farthest] = True
-            spans += [(a, a + 1 + farthest), (a + 1 + farthest, b)]
-    return points[kept]
+        cx, cy = points[b, 0] - points[a, 0], points[b, 1] - points[a, 1]
+        square = cx * cx + cy * cy
+        at, most = a, -1.0
+        for k in range(a + 1, b):
+            x, y = points[k, 0] - points[a, 0], points[k, 1] - points[a, 1]
+            share = min(1.0, max(0.0, (x * cx + y * cy) / square)) if square > 0.0 else 0.0
+            off = (x - share * cx) ** 2 + (y - share * cy) ** 2
+            if off > most:
+                at, most = k, off
+        if most > error * error:
+            kept[at] = True
+            spans.append((a, at))
+            spans.append((at, b))
 
 
 def thin_polygon(polygon: Array, error: float) -> Array:

@@ -13,7 +13,7 @@ import numpy as np
 from tpmscad._typing import Array, IntArray
 from tpmscad.brep.sections.periodic_section import close_along_sides
 from tpmscad.brep.triangles.closed_mesh import is_closed, load_manifold, weld_points
-from tpmscad.brep.triangles.repeated_pieces import SURFACE, RepeatedPieces
+from tpmscad.brep.triangles.repeated_pieces import SURFACE, RepeatedPieces, directed_sides
 from tpmscad.errors import TrimmingError
 
 MATCH_REL_TOL = 1e-8
@@ -110,7 +110,7 @@ def _follow(following: dict[int, int], start: int) -> list[int]:
 
 def _find_open_sides(triangles: IntArray, n: int) -> IntArray:
     """The sides (k, 2) of triangles that no other one runs through the other way."""
-    sides = np.stack([triangles, np.roll(triangles, -1, axis=1)], axis=-1).reshape(-1, 2)
+    sides = directed_sides(triangles)
     return sides[~np.isin(sides[:, 0] * n + sides[:, 1], sides[:, 1] * n + sides[:, 0])]
 
 

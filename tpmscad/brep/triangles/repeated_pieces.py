@@ -155,7 +155,7 @@ def split_pinched_edges(mesh: SolidMesh) -> SolidMesh:
 
     Manifold does the same, but may then take a side for a face of the lattice.
     """
-    sides = np.sort(_directed_sides(mesh.triangles[mesh.face == BETWEEN_PIECES]), axis=1)
+    sides = np.sort(directed_sides(mesh.triangles[mesh.face == BETWEEN_PIECES]), axis=1)
     distinct, count = np.unique(sides, axis=0, return_counts=True)
     pinched = np.zeros(len(mesh.points), bool)
     pinched[distinct[count > 2]] = True
@@ -163,7 +163,7 @@ def split_pinched_edges(mesh: SolidMesh) -> SolidMesh:
     if not len(near):
         return mesh
     triangles = mesh.triangles[near].astype(np.int64)
-    sides = _directed_sides(triangles)
+    sides = directed_sides(triangles)
     _, label, count = np.unique(np.sort(sides, axis=1), axis=0, return_inverse=True, return_counts=True)
     order = np.argsort(label.ravel(), kind="stable")
     order = order[count[label.ravel()[order]] == 2].reshape(-1, 2)
@@ -183,7 +183,7 @@ def split_pinched_edges(mesh: SolidMesh) -> SolidMesh:
     return SolidMesh(np.concatenate([mesh.points, mesh.points[pairs[again, 0]]]), new, mesh.face)
 
 
-def _directed_sides(triangles: IntArray) -> IntArray:
+def directed_sides(triangles: IntArray) -> IntArray:
     """The sides (3 m, 2) of triangles (m, 3), from corner k to k + 1."""
     return np.stack([triangles, np.roll(triangles, -1, axis=1)], axis=-1).reshape(-1, 2)
 
@@ -229,7 +229,7 @@ def close_walls(
         pieces.append(piece[kept])
     corners, piece = walls[1], pieces[1]
     # directed sides of the triangles, without those that a triangle of the same patch has the other way
-    sides = _directed_sides(corners)
+    sides = directed_sides(corners)
     of = np.repeat(piece, 3)
     ends = np.concatenate([base_of[sides], (shift[sides[:, 1]] - shift[sides[:, 0]])], axis=1)
     against = np.concatenate([ends[:, 1::-1], -ends[:, 2:]], axis=1)

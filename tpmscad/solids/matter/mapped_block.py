@@ -31,6 +31,9 @@ from tpmscad.requests.lattice_request import LatticeRequest
 from tpmscad.sources.exact_sources import CopiedPrimitive
 from tpmscad.trimming.operands.polyhedra import box
 
+MIN_WALL_THICKNESS = 1e-5
+"""Model units: a hundred times the kernel's tolerance, at which the trimmed edges of the two walls are still distinct."""
+
 
 def exact_source(request: LatticeRequest) -> CopiedPrimitive:
     """The source of a lattice under a map, which only copies of an exact patch can be."""
@@ -62,10 +65,6 @@ def compose_map(
     else:
         wrap = as_map(map).over_block(block * request.cells)
     return (wrap if stretch is None else composition(wrap, stretch, request.cell[0])), notes
-
-
-MIN_WALL_THICKNESS = 1e-5
-"""Model units: a hundred times the kernel's tolerance, at which the trimmed edges of the two walls are still distinct."""
 
 
 def cover_mapped_lattice(request: LatticeRequest, surface: MappedSurface) -> tuple[MappedSurface, Brep | None]:
