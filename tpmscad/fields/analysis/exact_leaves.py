@@ -1,4 +1,4 @@
-"""Fields whose solids need no fit, moved, scaled, reversed and offset as they may be: planes, spheres, cylinders, struts and cores."""
+"""Fields whose solids need no fit, moved, scaled, reversed and offset: planes, spheres, cylinders, struts and cores."""
 
 from __future__ import annotations
 

@@ -14,6 +14,7 @@ from dataclasses import dataclass, replace
 from typing import Annotated, Self
 
 import numpy as np
+from scipy.optimize import brentq
 
 from tpmscad._compiled_loops import njit_cached
 from tpmscad._typing import Array, IntArray
@@ -99,9 +100,10 @@ class CoreField(Field):
         points, shape = stack_points(x, y, z)
         across, cells = np.array(self.axes)[:2], self.cells
         normals, offsets, starts = cells.half_planes()
-        plane = (points - np.array(self.origin)) @ across.T
-        values, sides = _measure_voids(plane, np.linalg.inv(cells.lattice), cells.lattice, normals, offsets, starts)
-        gradients = -normals[sides] @ across
+        inverse = np.linalg.inv(cells.lattice)
+        shifted = points - np.array(self.origin)
+        values, sides = _measure_voids(shifted, across, inverse, cells.lattice, normals, offsets, starts)
+        gradients = (-normals @ across)[sides]
         gx, gy, gz = (gradients[:, k].reshape(shape) for k in range(3))
         return values.reshape(shape), gx, gy, gz
 
@@ -119,9 +121,13 @@ class CoreField(Field):
     def move(self, rotation: Array, shift: Array, factor: float) -> Self:
         """The core of the points p with factor * rotation @ p + shift in this one."""
         x, y, z = (rotation.T @ (np.array(self.origin) - shift) / factor).tolist()
-        axes = tuple(map(tuple, (np.array(self.axes) @ rotation).tolist()))
+        first, second, third = map(tuple, (np.array(self.axes) @ rotation).tolist())
         return replace(
-            self, cell=self.cell / factor, thickness=self.thickness / factor, origin=(x, y, z), axes=axes
+            self,
+            cell=self.cell / factor,
+            thickness=self.thickness / factor,
+            origin=(x, y, z),
+            axes=(first, second, third),
         )
 
     def thicken(self, by: float) -> Self | None:
@@ -134,12 +140,13 @@ class CoreField(Field):
 
 @njit_cached  # type: ignore[untyped-decorator]  # numba has no types
 def _measure_voids(
-    points: Array, inverse: Array, lattice: Array, normals: Array, offsets: Array, starts: IntArray
+    points: Array, across: Array, inverse: Array, lattice: Array, normals: Array, offsets: Array, starts: IntArray
 ) -> tuple[Array, IntArray]:  # pragma: no cover - compiled
-    """The depths of points (n, 2) in the voids, of the parts in which they are deepest, and the nearest sides of those (n,)."""
+    """The depths of points (n, 3) in the voids, of the parts in which they are deepest, and the nearest sides of those (n,)."""
     values, sides = np.empty(len(points)), np.empty(len(points), np.int64)
     for k in range(len(points)):
-        x, y = points[k, 0], points[k, 1]
+        x = points[k, 0] * across[0, 0] + points[k, 1] * across[0, 1] + points[k, 2] * across[0, 2]
+        y = points[k, 0] * across[1, 0] + points[k, 1] * across[1, 1] + points[k, 2] * across[1, 2]
         i0 = np.floor(x * inverse[0, 0] + y * inverse[1, 0] + 0.5)
         j0 = np.floor(x * inverse[0, 1] + y * inverse[1, 1] + 0.5)
         deepest, side = -np.inf, 0
@@ -180,6 +187,29 @@ def limit_thickness(structure: str, cell: float, angle: float) -> float:
     if structure == "re-entrant":  # the slanted walls meet in the waist
         limits.append(1 - math.sin(math.radians(angle)))
     return cell * min(limits)
+
+
+def thickness_of_fraction(structure: str, cell: float, fraction: float, angle: float = DEFAULT_ANGLE) -> float:
+    """The thickness of walls that fill a fraction of space."""
+    limit = limit_thickness(structure, cell, angle)
+
+    def void_share(thickness: float) -> float:
+        cells = make_core_cells(structure, cell, thickness, angle)
+        return sum(map(_polygon_area, cells.corners)) / abs(float(np.linalg.det(cells.lattice)))
+
+    least = void_share(limit)
+    if not fraction < 1 - least:
+        raise InvalidRequest(
+            f"volume_fraction = {fraction:g} of a {structure} core is {1 - least:.6g} at most, where its voids fall apart"
+        )
+    found: float = brentq(lambda thickness: void_share(thickness) - (1 - fraction), 0.0, limit, xtol=1e-15 * cell)
+    return found
+
+
+def _polygon_area(corners: Array) -> float:
+    """The area of a polygon that is given counter-clockwise."""
+    x, y = corners.T
+    return 0.5 * float(x @ np.roll(y, -1) - y @ np.roll(x, -1))
 
 
 def _tile_plane(structure: str, angle: float) -> CoreCells:
@@ -242,13 +272,11 @@ def core(
     ],
     thickness: Annotated[float, POSITIVE, "Thickness of the walls, model units."],
     axis: Annotated[Direction, DIRECTION, "Direction of the cells: 'x', 'y', 'z', or a vector (3,)."] = (0.0, 0.0, 1.0),
-    angle: Annotated[
-        float, ANGLE, "Degrees by which the slanted walls of `re-entrant` lean inwards."
-    ] = DEFAULT_ANGLE,
+    angle: Annotated[float, ANGLE, "Degrees by which the slanted walls of `re-entrant` lean inwards."] = DEFAULT_ANGLE,
 ) -> CoreField:
     """Return the core of a sandwich panel: the walls between straight cells along an axis, without ends.
 
-    The centre of a cell lies at the origin. Cells follow each other along the first coordinate axis that is not `axis`, or nearly:
+    The centre of a cell lies at the origin. Cells follow each other along the coordinate axis that is most nearly across `axis`:
     along x for cells along z or y. The upright walls of re-entrant cells are twice as long as the slanted ones.
 
     Returns
@@ -268,8 +296,8 @@ def core(
     Examples
     --------
     >>> from tpmscad import fields
-    >>> float(fields.core("honeycomb", cell=6.0, thickness=0.4)((0.0, 0.0, 0.0)))
-    2.8
+    >>> float(fields.core("square", cell=6.0, thickness=0.5)((0.0, 0.0, 0.0)))
+    2.75
     """
     limit = limit_thickness(structure, cell, angle)
     if thickness >= limit:

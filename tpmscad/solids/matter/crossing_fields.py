@@ -31,6 +31,7 @@ from tpmscad.fields.analysis.exact_leaves import CoreLeaf, NetworkLeaf, QuadricL
 from tpmscad.fields.analysis.outermost_extremes import combine_complements
 from tpmscad.fields.analysis.slope_bounds import bound_slope
 from tpmscad.fields.field import Field
+from tpmscad.fields.kinds.cores import CoreField
 from tpmscad.fields.kinds.data_domains import list_bounded
 from tpmscad.fields.kinds.linear_extension import extend_level_sets_linearly
 from tpmscad.kernel.body_import.body_brep import FreeFormBody, brep_from_shape
@@ -110,7 +111,11 @@ class CrossingFields:
     lo: Array
     hi: Array
     tol: float
-    name: str = "field infill"
+
+    @property
+    def name(self) -> str:
+        """The name of what is filled with it."""
+        return f"{self.field.structure} infill" if isinstance(self.field, CoreField) else "field infill"
 
     @property
     def fitted(self) -> list[FieldPatches]:
