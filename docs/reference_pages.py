@@ -67,6 +67,7 @@ JOBS: dict[str, tuple[str, ...]] = {
                 "wall",
                 "strut_lattice",
                 "plate_lattice",
+                "core",
                 "struts",
                 "bspline_unit",
                 "expression",
