@@ -174,16 +174,17 @@ def test_struts_of_unequal_diameters_are_the_union_of_each(seed: int, node_radiu
 def test_collinear_struts_of_unequal_diameters_stay_two() -> None:
     stepped = fields.struts([[0, 0, 0], [3, 0, 0], [9, 0, 0], [12, 0, 0]], [[0, 1], [1, 2], [2, 3]], [1.0, 0.5, 0.5])
     assert stepped.edges.tolist() == [[0, 1], [1, 2]]
-    assert stepped.radii.tolist() == [0.5, 0.25]
+    assert stepped.radii.tolist() == [[0.5, 0.5], [0.25, 0.25]]
     assert repr(stepped) == "StrutsField(3 points, 2 struts, diameters from 0.5 to 1)"
 
 
 @pytest.mark.parametrize(
     ("diameter", "message"),
     [
-        ([1.0, 2.0], "diameter has 2 values for 1 edges: give one number, or one for each edge"),
+        ([1.0, 2.0], "diameter has 2 values for 1 edges: give one number, one for each edge, or a pair"),
         ([0.0], "holds 0 at index 0, and must be positive"),
-        ([[1.0]], r"of shape \(1, 1\) must be a sequence of positive numbers"),
+        ([[1.0]], r"has the shape \(1, 1\), and must have two columns"),
+        ([[1.0, 0.0]], "holds 0 at index 0, and must be positive"),
         (-1.0, "diameter -1.0"),
     ],
 )

@@ -121,6 +121,19 @@ def _read_positive_values(value: object) -> object:
     return array
 
 
+def _read_positive_pairs(value: object) -> object:
+    """An array (n, 2) of positive numbers."""
+    import numpy as np
+
+    array = array_kind("pairs of positive numbers (m, 2)", "", 2).read(value)
+    if array.shape[1] != 2:
+        raise InvalidValue(f"has the shape {array.shape}, and must have two columns, one for each end")
+    wrong = np.argwhere(array <= 0)
+    if len(wrong):
+        raise InvalidValue(f"holds {array[tuple(wrong[0])]:g} at index {wrong[0][0]}, and must be positive throughout")
+    return array
+
+
 def _read_refinement(value: object) -> int | tuple[int, int]:
     """Cuts in all directions, or along a wall and through it."""
     if isinstance(value, list | tuple) and len(value) == 2:
@@ -197,6 +210,7 @@ PAIR_OR_TRIPLE = array_kind("two or three numbers", "(0, 0)", 1)
 POINT_ROWS = array_kind("an array of points (n, 3)", "np.random.rand(50, 3)", 2)
 PAIR_ROWS = ArgumentKind("pairs of whole numbers (m, 2)", "[[0, 1], [1, 2]]", _read_pairs)
 POSITIVE_VALUES = ArgumentKind("a sequence of positive numbers", "[1.0, 0.8]", _read_positive_values)
+POSITIVE_PAIRS = ArgumentKind("pairs of positive numbers (m, 2)", "[[1.0, 0.8]]", _read_positive_pairs)
 POINT_VALUES = array_kind("an array (n,), a value for each point", "np.zeros(50)", 1)
 CONTROL_NET = array_kind("a control net (U, V, W, 3) of finite numbers", "np.random.rand(4, 4, 4, 3)", 4)
 MASK = ArgumentKind("an array of bools", "np.eye(4) > 0", _read_mask)

@@ -102,6 +102,7 @@ def struts(options: StrutOptions) -> Model:
         unit_cell=unit_cell,
         certificate=replace(model.certificate, notes=(*notes, *model.certificate.notes)),
         envelope=Envelope.of_box("the box of the cells", low, hi),
+        struts=field,
     )
 
 

@@ -20,6 +20,7 @@ import numpy as np
 
 from tpmscad._typing import BoolArray
 from tpmscad.fields.field import Field, MinMaxField, ScaledField, SumField, multiply_fields
+from tpmscad.fields.kinds.beam_lattices import BeamsField
 from tpmscad.fields.kinds.booleans import RoundedMinMaxField, join_extremes
 from tpmscad.fields.kinds.coordinate_transforms import AffineTransformedField
 from tpmscad.fields.kinds.linear_extension import LinearExtension
@@ -115,6 +116,11 @@ def _(field: MinMaxField, values: bool = False) -> Field:
 @expose_extremes.register
 def _(field: StrutsField, values: bool = False) -> Field:
     return join_extremes(-1, split_by_diameter(field))
+
+
+@expose_extremes.register
+def _(field: BeamsField, values: bool = False) -> Field:
+    return expose_extremes(field.field, values)
 
 
 @expose_extremes.register

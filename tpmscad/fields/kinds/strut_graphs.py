@@ -27,6 +27,7 @@ from tpmscad.api.shared_kinds import (
     PAIR_ROWS,
     POINT_ROWS,
     POSITIVE,
+    POSITIVE_PAIRS,
     POSITIVE_VALUES,
 )
 from tpmscad.errors import InvalidRequest, format_point
@@ -54,7 +55,7 @@ STRAIGHT = 1e-9
 CHANGED_FIELDS = 64
 """Moved and offset fields that are kept: each is asked for several times, and has a grid of its own."""
 
-STRUT_DIAMETERS = POSITIVE.or_else(POSITIVE_VALUES)
+STRUT_DIAMETERS = POSITIVE.or_else(POSITIVE_VALUES).or_else(POSITIVE_PAIRS)
 
 NodeRadius = Annotated[
     float,
@@ -77,13 +78,27 @@ class _NearStruts(NamedTuple):
     members: IntArray
 
 
-def _find_near(points: Array, edges: IntArray, radii: Array, margin: float) -> _NearStruts:
-    """The grid of the struts of radii (m,) between points, with a margin around these."""
-    low, high = points.min(axis=0) - margin, points.max(axis=0) + margin
-    counts = np.maximum(((high - low) / (high - low).max() * CELLS_ALONG_GRID).astype(np.int64), 1)
-    size = (high - low) / counts
-    start = points[edges[:, 0]]
-    return _NearStruts(low, size, counts, *_list_near(low, size, counts, start, points[edges[:, 1]] - start, radii))
+@njit_cached  # type: ignore[untyped-decorator]  # numba has no types
+def _nearest_part(
+    dx: float, dy: float, dz: float, ax: float, ay: float, az: float, first: float, last: float
+) -> float:  # pragma: no cover - compiled
+    """Where on the axis a = (ax, ay, az) the ball lies that is nearest to a point d, as a fraction of the axis from its start.
+
+    The radii of the balls grow along the axis from `first` to `last`; they fill a cone that touches both.
+    """
+    square = ax * ax + ay * ay + az * az
+    if square == 0.0:
+        return 0.0
+    t = (dx * ax + dy * ay + dz * az) / square
+    if first != last:
+        length = np.sqrt(square)
+        sine = (first - last) / length
+        if abs(sine) >= 1.0:  # one ball holds all others
+            return 0.0 if first > last else 1.0
+        # the normal of the cone leans against the axis by the same angle everywhere
+        away = np.sqrt(max(dx * dx + dy * dy + dz * dz - t * t * square, 0.0))
+        t -= away * sine / (np.sqrt(1.0 - sine * sine) * length)
+    return min(max(t, 0.0), 1.0)
 
 
 @njit_cached  # type: ignore[untyped-decorator]  # numba has no types
@@ -129,26 +144,46 @@ def _select_near(
         s = among[m]
         dx, dy, dz = point[0] - start[s, 0], point[1] - start[s, 1], point[2] - start[s, 2]
         ax, ay, az = along[s, 0], along[s, 1], along[s, 2]
-        t = min(max((dx * ax + dy * ay + dz * az) / (ax * ax + ay * ay + az * az), 0.0), 1.0)
-        distances[m] = np.sqrt((dx - t * ax) ** 2 + (dy - t * ay) ** 2 + (dz - t * az) ** 2) - radii[s]
+        t = _nearest_part(dx, dy, dz, ax, ay, az, radii[s, 0], radii[s, 1])
+        dx, dy, dz = dx - t * ax, dy - t * ay, dz - t * az
+        distances[m] = np.sqrt(dx * dx + dy * dy + dz * dz) - radii[s, 0] - t * (radii[s, 1] - radii[s, 0])
     return among[distances <= distances.min() + reach]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class StrutsField(Field):
-    """Distance to the struts (m, 2) between points (n, 3), less their radii (m,), or to the points, less `node_radius`."""
+    """Distance to the struts (m, 2) between points (n, 3), and to balls at the points.
+
+    radii (m, 2): of each strut at its start and its end, between which it is a cone that touches the balls of these radii. balls
+    (n,): radii at the points, at least those of the struts there.
+    """
 
     points: Array
     edges: IntArray
     radii: Array
-    node_radius: float
+    balls: Array
     near: _NearStruts
+
+    @property
+    def diameters(self) -> Array:
+        """The diameter of each strut at its start and its end, (m, 2)."""
+        return 2 * self.radii
+
+    @property
+    def is_even(self) -> bool:
+        """Whether all struts have one diameter throughout, and all balls one radius."""
+        return bool(self.radii.min() == self.radii.max() and self.balls.min() == self.balls.max())
 
     @property
     def radius(self) -> float:
         """The radius of all struts, which must be of one."""
-        assert self.radii.min() == self.radii.max()
-        return float(self.radii[0])
+        assert self.is_even
+        return float(self.radii[0, 0])
+
+    @property
+    def node_radius(self) -> float:
+        """The radius of the largest ball."""
+        return float(self.balls.max())
 
     def at(self, x: Array, y: Array, z: Array) -> Array:
         """Values at coordinates that broadcast."""
@@ -157,14 +192,9 @@ class StrutsField(Field):
     def jet(self, x: Array, y: Array, z: Array) -> FieldJet:
         """Value and partial derivatives at coordinates that broadcast; on an axis the gradient is a unit vector across."""
         points, shape = stack_points(x, y, z)
-        start = self.points[self.edges[:, 0]]
         values, gradients = _measure_struts(
             np.ascontiguousarray(points),
-            start,
-            self.points[self.edges[:, 1]] - start,
-            self.points,
-            self.radii,
-            self.node_radius,
+            *_list_parts(self.points, self.edges, self.radii, self.balls),
             *self.near,
         )
         gx, gy, gz = (gradients[:, axis].reshape(shape) for axis in range(3))
@@ -176,14 +206,30 @@ class StrutsField(Field):
         return f"StrutsField({len(self.points)} points, {len(self.edges)} struts, {diameter})"
 
 
+def _list_parts(points: Array, edges: IntArray, radii: Array, balls: Array) -> tuple[Array, Array, Array]:
+    """Starts (k, 3), vectors (k, 3) and radii at both ends (k, 2) of struts, and of the balls that are larger than their ends."""
+    more = np.flatnonzero(balls > greatest_radii(len(points), edges, radii))
+    start = points[edges[:, 0]]
+    return (
+        np.concatenate([start, points[more]]),
+        np.concatenate([points[edges[:, 1]] - start, np.zeros((len(more), 3))]),
+        np.concatenate([radii, np.column_stack([balls[more], balls[more]])]),
+    )
+
+
+def greatest_radii(count: int, edges: IntArray, radii: Array) -> Array:
+    """The greatest radius of the ends of struts at each of so many points."""
+    ends = np.zeros(count)
+    np.maximum.at(ends, edges, radii)
+    return ends
+
+
 @njit_cached  # type: ignore[untyped-decorator]  # numba has no types
 def _measure_struts(
     points: Array,
     start: Array,
     along: Array,
-    nodes: Array,
     radii: Array,
-    node_radius: float,
     low: Array,
     size: Array,
     counts: IntArray,
@@ -192,7 +238,6 @@ def _measure_struts(
 ) -> tuple[Array, Array]:
     """Values (n,) and gradients (n, 3) at points (n, 3)."""
     values, gradients = np.empty(len(points)), np.zeros((len(points), 3))
-    thinnest = radii.min()
     for k in range(len(points)):
         x, y, z = points[k, 0], points[k, 1], points[k, 2]
         best, distance, nearest = np.inf, 0.0, -1
@@ -206,43 +251,28 @@ def _measure_struts(
             s = members[each] if within else each
             dx, dy, dz = x - start[s, 0], y - start[s, 1], z - start[s, 2]
             ax, ay, az = along[s, 0], along[s, 1], along[s, 2]
-            t = min(max((dx * ax + dy * ay + dz * az) / (ax * ax + ay * ay + az * az), 0.0), 1.0)
+            t = _nearest_part(dx, dy, dz, ax, ay, az, radii[s, 0], radii[s, 1])
             dx, dy, dz = dx - t * ax, dy - t * ay, dz - t * az
             length = np.sqrt(dx * dx + dy * dy + dz * dz)
-            if length - radii[s] < best:
-                best, distance, nearest = length - radii[s], length, s
+            value = length - radii[s, 0] - t * (radii[s, 1] - radii[s, 0])
+            if value < best:
+                best, distance, nearest = value, length, s
                 gradients[k, 0], gradients[k, 1], gradients[k, 2] = dx, dy, dz
         values[k] = best
-        if node_radius > thinnest:
-            best = np.inf
-            node = 0
-            for n in range(len(nodes)):
-                dx, dy, dz = x - nodes[n, 0], y - nodes[n, 1], z - nodes[n, 2]
-                square = dx * dx + dy * dy + dz * dz
-                if square < best:
-                    best, node = square, n
-            if np.sqrt(best) - node_radius < values[k]:
-                distance = np.sqrt(best)
-                values[k] = distance - node_radius
-                gradients[k, 0], gradients[k, 1], gradients[k, 2] = (
-                    x - nodes[node, 0],
-                    y - nodes[node, 1],
-                    z - nodes[node, 2],
-                )
         if distance > 0:
             for c in range(3):
                 gradients[k, c] /= distance
         else:  # any unit vector across
+            axis = along[nearest]
+            length = np.sqrt((axis**2).sum())
             least = 0
             for c in range(1, 3):
-                if abs(along[nearest, c]) < abs(along[nearest, least]):
+                if abs(axis[c]) < abs(axis[least]):
                     least = c
-            length = np.sqrt((along[nearest] ** 2).sum())
-            part = along[nearest, least] / length
+            part = axis[least] / length if length > 0 else 0.0
             for c in range(3):
-                gradients[k, c] = ((1.0 if c == least else 0.0) - part * along[nearest, c] / length) / np.sqrt(
-                    1 - part * part
-                )
+                tilt = part * axis[c] / length if length > 0 else 0.0
+                gradients[k, c] = ((1.0 if c == least else 0.0) - tilt) / np.sqrt(1 - part * part)
     return values, gradients
 
 
@@ -251,7 +281,9 @@ def struts(
     points: Annotated[Any, POINT_ROWS, "Nodes (n, 3), model units."],
     edges: Annotated[Any, PAIR_ROWS, "The two nodes of each strut, by their numbers from 0: (m, 2)."],
     diameter: Annotated[
-        float | Any, STRUT_DIAMETERS, "Diameter of all struts, or a sequence (m,) of one for each edge, model units."
+        float | Any,
+        STRUT_DIAMETERS,
+        "Diameter of all struts, or of each edge (m,), or at both ends of each edge (m, 2), between which it is a cone, model units.",
     ],
     node_radius: NodeRadius = 0.0,
 ) -> StrutsField:
@@ -306,20 +338,28 @@ def struts(
     diameters = np.asarray(diameter, float)
     if diameters.ndim and len(diameters) != len(edges):
         raise InvalidRequest(
-            f"diameter has {len(diameters)} values for {len(edges)} edges: give one number, or one for each edge"
+            f"diameter has {len(diameters)} values for {len(edges)} edges: give one number, one for each edge, or a pair"
         )
-    radii = np.broadcast_to(diameters / 2, len(edges)).copy()
+    radii = np.broadcast_to(diameters[:, None] / 2 if diameters.ndim == 1 else diameters / 2, (len(edges), 2)).copy()
+    turned = edges[:, 0] > edges[:, 1]
+    radii[turned] = radii[turned][:, ::-1]
     if node_radius <= radii.min():
         ordered, radii = _join_straight(points, ordered, radii)
-    return _make_field(points, ordered, radii, node_radius)
+    return build_struts(points, ordered, radii, np.full(len(points), float(node_radius)))
 
 
-def _make_field(points: Array, edges: IntArray, radii: Array, node_radius: float) -> StrutsField:
-    """The field of struts and the points that they reach."""
+def build_struts(points: Array, edges: IntArray, radii: Array, balls: Array) -> StrutsField:
+    """The field of struts with radii (m, 2) at their ends and balls of at least the radii (n,), and of the points they reach."""
     used, numbers = np.unique(edges, return_inverse=True)
-    points, edges, node_radius = points[used], numbers.reshape(-1, 2), max(node_radius, float(radii.min()))
-    margin = 2 * max(node_radius, float(radii.max()))
-    return StrutsField(points, edges, radii, node_radius, _find_near(points, edges, radii, margin))
+    points, edges = points[used], numbers.reshape(-1, 2)
+    balls = np.maximum(balls[used], greatest_radii(len(points), edges, radii))
+    margin = 2 * float(balls.max())
+    low, high = points.min(axis=0) - margin, points.max(axis=0) + margin
+    counts = np.maximum(((high - low) / (high - low).max() * CELLS_ALONG_GRID).astype(np.int64), 1)
+    size = (high - low) / counts
+    parts = _list_parts(points, edges, radii, balls)
+    near = _NearStruts(low, size, counts, *_list_near(low, size, counts, *parts))
+    return StrutsField(points, edges, radii, balls, near)
 
 
 @lru_cache(maxsize=CHANGED_FIELDS)
@@ -333,7 +373,7 @@ def change_struts(
     """The struts with nodes at matrix p + shift, their radii and that of the balls times a factor and greater by a distance."""
     points = field.points @ np.array(matrix).T + np.array(shift)
     radii = factor * field.radii + distance
-    return _make_field(points, field.edges, radii, factor * field.node_radius + distance)
+    return build_struts(points, field.edges, radii, factor * field.balls + distance)
 
 
 def map_struts(field: StrutsField, function: Callable[[Array], Array]) -> StrutsField:
@@ -345,32 +385,35 @@ def map_struts(field: StrutsField, function: Callable[[Array], Array]) -> Struts
     _, number = connected_components(links, directed=False)
     _, first = np.unique(number, return_index=True)
     edges, kept = np.unique(np.sort(number[field.edges], axis=1), axis=0, return_index=True)
-    return _make_field(points[first], edges, field.radii[kept], field.node_radius)
+    balls = np.zeros(len(first))
+    np.maximum.at(balls, number, field.balls)
+    return build_struts(points[first], edges, field.radii[kept], balls)
 
 
 def split_by_diameter(field: StrutsField) -> list[StrutsField]:
-    """Fields of struts of one diameter each, thin ones first, whose minimum is the field."""
-    if field.radii.min() == field.radii.max():
+    """Fields of struts of one diameter each, thin ones first, and of all cones, whose minimum is the field."""
+    if field.is_even:
         return [field]
+    conical = field.radii[:, 0] != field.radii[:, 1]
+    label = np.where(conical, np.inf, field.radii[:, 0])
+    balls = np.where(field.balls > greatest_radii(len(field.points), field.edges, field.radii), field.balls, 0.0)
     return [
-        _make_field(
-            field.points, field.edges[field.radii == radius], field.radii[field.radii == radius], field.node_radius
-        )
-        for radius in np.unique(field.radii)
+        build_struts(field.points, field.edges[label == each], field.radii[label == each], balls)
+        for each in np.unique(label)
     ]
 
 
 def _join_straight(points: Array, edges: IntArray, radii: Array) -> tuple[IntArray, Array]:
-    """The edges and radii with one in place of two equal ones that continue each other at a node without others."""
-    at: dict[int, dict[int, float]] = {}
-    for (i, j), radius in zip(edges.tolist(), radii.tolist(), strict=True):
-        at.setdefault(i, {})[j] = radius
-        at.setdefault(j, {})[i] = radius
+    """The edges and radii with one in place of two equal cylinders that continue each other at a node without others."""
+    at: dict[int, dict[int, tuple[float, float]]] = {}
+    for (i, j), (first, last) in zip(edges.tolist(), radii.tolist(), strict=True):
+        at.setdefault(i, {})[j] = first, last
+        at.setdefault(j, {})[i] = last, first
     for node in list(at):
         if len(at[node]) != 2:
             continue
         i, j = sorted(at[node])
-        if at[node][i] != at[node][j]:
+        if len({*at[node][i], *at[node][j]}) > 1:
             continue
         back, on = points[i] - points[node], points[j] - points[node]
         cross = np.linalg.norm(np.cross(back, on))
