@@ -3,8 +3,8 @@
 The lattice repeats after every cell, so that slabs of as many cells are translates of each other: one is made, and written at
 every place. Cut faces of adjacent slabs agree to 1e-12 of the coordinates: a CAD system that unites them finds no gap.
 
-Beside the files lies a manifest, which holds the request and the hash of every file. A run that was interrupted goes on where it
-stopped: a file that the manifest knows and whose hash is right is not written again.
+Beside the files lies a manifest, which holds the request and the hash of every file. A run that was interrupted makes the slab
+again and goes on where it stopped: a file that the manifest knows and whose hash is right is not written again.
 """
 
 from __future__ import annotations
@@ -25,8 +25,8 @@ from tpmscad.api.public_calls import validate_options
 from tpmscad.api.shared_arguments import Schema
 from tpmscad.api.shared_kinds import CELL_COUNTS, EXECUTOR, PATH, TEXT
 from tpmscad.atomic_file import validate_output_path
-from tpmscad.errors import InvalidRequest, NotMet
-from tpmscad.files.slab_files import Cells, Manifest, SlabFile, SlabOriginal, make_originals, write_slab
+from tpmscad.errors import InvalidRequest
+from tpmscad.files.slab_files import Cells, Manifest, SlabFile, make_originals, write_slab
 from tpmscad.kernel.step.part21 import STEP_SUFFIXES, find_schema
 from tpmscad.parallel import run_as_completed
 from tpmscad.requests.lattice_options import LatticeOptions
@@ -180,32 +180,30 @@ def export_slabs(options: SlabOptions) -> SlabFiles:
     template = Path(options.path)
     names = name_files(template, len(slabs))
     folder = template.parent
-    described = asdict(request) | {"slab": slabs[0].cells, "schema": schema}
-    manifest = Manifest.open(folder / f"{strip_field(template.stem)}.slabs.json", described)
-    kept = tuple(name for name in names if name in manifest.rows)
-    if len(kept) < len(names):
-        stages = StageTimer(options.progress)
-        with tempfile.TemporaryDirectory(prefix=".slabs-", dir=folder) as aside:
-            with stages("original"):
-                sizes = tuple(dict.fromkeys(each.cells for each in slabs))
-                task = (request, sizes, Path(aside).resolve())
-                originals = next(made for _, made in run_as_completed(options.executor, make_originals, [task]))
-            _require_met(originals, names)
-            manifest.begin(originals)
-            kept = tuple(name for name in kept if name in manifest.rows)
-            missing = [(name, each) for name, each in zip(names, slabs, strict=True) if name not in manifest.rows]
-            stamp = options.time_stamp or datetime.now(UTC).isoformat(timespec="seconds")
-            edges = np.multiply(slabs[0].cells, request.cell)
-            of_cells = {original.cells: original for original in originals}
-            tasks = []
-            for name, each in missing:
+    sizes = tuple(dict.fromkeys(each.cells for each in slabs))
+    stages = StageTimer(options.progress)
+    with tempfile.TemporaryDirectory(prefix=".slabs-", dir=folder) as aside:
+        with stages("original"):
+            task = (request, sizes, Path(aside).resolve())
+            originals = next(made for _, made in run_as_completed(options.executor, make_originals, [task]))
+        of_cells = {original.cells: original for original in originals}
+        described = asdict(request) | {"slab": slabs[0].cells, "schema": schema}
+        described["originals"] = [original.sha256 for original in originals]
+        certificates = [original.certificate.to_dict() for original in originals]
+        manifest = Manifest.open(folder / f"{strip_field(template.stem)}.slabs.json", described, certificates)
+        kept = tuple(name for name in names if name in manifest.rows)
+        stamp = options.time_stamp or datetime.now(UTC).isoformat(timespec="seconds")
+        edges = np.multiply(slabs[0].cells, request.cell)
+        tasks = []
+        for name, each in zip(names, slabs, strict=True):
+            if name not in kept:
                 x, y, z = np.multiply(each.steps, edges).tolist()
                 original, path = of_cells[each.cells], folder.resolve() / name
                 tasks.append((original, path, (x, y, z), f"{original.name} {path.stem}", schema, stamp))
-            with stages("slabs") as report:
-                for _, row in run_as_completed(options.executor, write_slab, tasks):
-                    manifest.add(row)
-                    report(len(manifest.rows) / len(names))
+        with stages("slabs") as report:
+            for _, row in run_as_completed(options.executor, write_slab, tasks):
+                manifest.add(row)
+                report(len(manifest.rows) / len(names))
     rows = tuple(manifest.rows[name] for name in names)
     return SlabFiles(folder, rows, tuple(manifest.certificates), manifest.path, kept)
 
@@ -253,13 +251,3 @@ def _refuse_what_does_not_repeat(options: SlabOptions) -> None:
         raise InvalidRequest("slabs are cut in planes: use boundary='box', or write the whole with lattice")
     if options.loose != KEEP:
         raise InvalidRequest("a piece that is loose in a slab may be a part of the next one: leave loose out")
-
-
-def _require_met(originals: Sequence[SlabOriginal], names: Sequence[str]) -> None:
-    """NotMet if a slab misses the request."""
-    for original in originals:
-        if not original.certificate.met:
-            missed = "; ".join(original.certificate.shortfalls)
-            raise NotMet(
-                f"{names[0]} and the others not written, a slab misses the request: {missed}", original.certificate
-            )
