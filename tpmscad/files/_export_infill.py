@@ -48,7 +48,7 @@ from tpmscad.kernel.step.product_entities import MassProperties, write_assembly,
 from tpmscad.kernel.step.step_reader import read_step
 from tpmscad.parallel import run_as_completed
 from tpmscad.requests.lattice_options import InfillOptions
-from tpmscad.result_display import fit_lines, format_html_table, split_columns
+from tpmscad.result_display import fit_lines, tabulate_summary
 from tpmscad.results.certificate import Certificate
 from tpmscad.results.loose_pieces import KEEP
 from tpmscad.rigid_motion import Motion
@@ -136,15 +136,11 @@ class InfillFile:
             ]
         )
 
-    def __str__(self) -> str:
+    def __repr__(self) -> str:
         return fit_lines([self.summary()], ".to_dict()")
 
-    def __repr__(self) -> str:
-        return str(self)
-
     def _repr_html_(self) -> str:
-        first, *lines = self.summary().splitlines()
-        return format_html_table(first, split_columns("\n".join(lines)))
+        return tabulate_summary(self.summary())
 
 
 @dataclass(frozen=True)

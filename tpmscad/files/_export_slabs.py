@@ -79,7 +79,7 @@ class SlabFiles:
             "certificates": list(self.certificates),
         }
 
-    def __str__(self) -> str:
+    def __repr__(self) -> str:
         head = f"{'file':<24} {'z mm':>9} {'cells':>10} {'faces':>7} {'volume mm3':>14} {'MB':>7} {'s':>6}"
         rows = [
             f"{s.file:<24} {s.origin[2]:>9.3f} {'x'.join(map(str, s.cells)):>10} {s.faces:>7} {s.volume:>14.6f} "
@@ -89,9 +89,6 @@ class SlabFiles:
         kept = f", {len(self.reused)} of them from an earlier run" if self.reused else ""
         total = f"{len(rows)} slabs{kept}, volume {self.volume:.9g} mm3"
         return fit_lines([head, *rows], self.manifest.name, tail=[total])
-
-    def __repr__(self) -> str:
-        return str(self)
 
     def _repr_html_(self) -> str:
         head = ("file", "corner, mm", "cells", "faces", "volume, mm3", "MB", "s")

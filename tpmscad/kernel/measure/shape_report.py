@@ -95,9 +95,6 @@ class ShapeReport:
         return {"ok": self.ok} | asdict(self)
 
     def __repr__(self) -> str:
-        return str(self)
-
-    def __str__(self) -> str:
         (x0, y0, z0), (x1, y1, z1) = self.bounds
         x, y, z = self.centroid
         return "\n".join(
@@ -239,11 +236,8 @@ class StepReport:
             f"volume      {shape.volume:.9g} mm3, surface {shape.area:.9g} mm2",
         ]
 
-    def __str__(self) -> str:
-        return f"{self.file}: {list_names(self.products, 3)}, {self._describe_units()}\n{self.shape}"
-
     def __repr__(self) -> str:
-        return str(self)
+        return f"{self.file}: {list_names(self.products, 3)}, {self._describe_units()}\n{self.shape}"
 
     def _repr_html_(self) -> str:
         return tabulate_solids(self.file, self.solids)
