@@ -7,11 +7,11 @@ from functools import cache
 import numpy as np
 import pytest
 
+from tests.meshing.mesh_facets import boundary_facets
 from tests.trimming.network_operands import trim
 from tpmscad import InvalidRequest
 from tpmscad.brep.solid_properties import measure_solid
 from tpmscad.lattices.spline_volumes import SplineVolumes
-from tpmscad.meshing.facet_search import boundary_facets
 from tpmscad.meshing.hexahedra import mesh_hexahedra, place_nodes, space_parameters
 from tpmscad.sources.catalogue_sources import lattice_source
 from tpmscad.splines.jacobian_bounds import bound_jacobian
