@@ -158,14 +158,6 @@ def read_dicom(path: Path, choice: ImageChoice) -> StoredImage:
         told = (
             f"series {number} of {len(series)}, {_tag(slices[0], SERIES_DESCRIPTION) or 'which has no description'}",
         )
-    if len(slices) == 1:
-        return StoredImage(
-            np.transpose(sitk.GetArrayFromImage(slices[0])),
-            _affine_of(slices[0]),
-            "LPS",
-            notes=told,
-            is_chosen=is_chosen,
-        )
     values, affine = _stack_slices(path.name, sitk, slices)
     return StoredImage(values, affine, "LPS", notes=told, is_chosen=is_chosen)
 
@@ -183,12 +175,14 @@ def _tag(image: Any, tag: str) -> str:
 
 
 def _stack_slices(name: str, sitk: Any, slices: list[Any]) -> tuple[Array, Array]:
-    """Slices in the order of their positions along the normal, as (nx, ny, nz) or (nx, ny, nz, n), and their affine map.
+    """Slices in the order of their positions along the normal, as (nx, ny, nz, n), and their affine map; of one file its frames.
 
     InvalidRequest if they differ in size, spacing or direction, or are not evenly spaced: one is missing, or of another series.
     """
     first = slices[0]
     affine = _affine_of(first)
+    if len(slices) == 1:
+        return np.transpose(sitk.GetArrayFromImage(first)), affine
     for image in slices:
         if image.GetSize() != first.GetSize() or not np.allclose(_affine_of(image)[:3, :2], affine[:3, :2], atol=1e-4):
             raise InvalidRequest(
