@@ -7,7 +7,6 @@ comes with the extra `tpmscad[triangles]`.
 
 from __future__ import annotations
 
-import importlib
 import posixpath
 import re
 import zipfile
@@ -18,6 +17,7 @@ from xml.parsers import expat
 
 import numpy as np
 
+from tpmscad._lazy_import import import_extra
 from tpmscad._typing import Array, IntArray
 from tpmscad.errors import InvalidRequest
 
@@ -70,10 +70,7 @@ def read_mesh_file(file: Path) -> tuple[str, Array, IntArray, tuple[str, ...]]:
 
 
 def _load_by_trimesh(file: Path) -> tuple[Array, IntArray]:
-    try:
-        trimesh = importlib.import_module("trimesh")
-    except ImportError:
-        raise InvalidRequest("reading a mesh needs trimesh: pip install 'tpmscad[triangles]'") from None
+    trimesh = import_extra("trimesh", "files of triangles", "triangles")
     mesh = trimesh.load_scene(str(file), process=False).to_mesh()
     return np.asarray(mesh.vertices, float), np.asarray(mesh.faces, np.int64)
 

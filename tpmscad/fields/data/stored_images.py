@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-import importlib
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
 
 from tpmscad._typing import Array
 from tpmscad.errors import InvalidRequest
@@ -43,14 +41,6 @@ class ImageChoice:
     centred: bool | None = None
     array_name: str | None = None
     volume: int | None = None
-
-
-def load_reader(module: str, package: str) -> Any:
-    """The module of an optional package; InvalidRequest says how to install it."""
-    try:
-        return importlib.import_module(module)
-    except ImportError:
-        raise InvalidRequest(f"reading this image needs {package}: pip install 'tpmscad[images]'") from None
 
 
 def select_name(file_name: str, names: Sequence[str], wanted: str | None, kind: str = "arrays") -> str:
