@@ -10,14 +10,14 @@ from __future__ import annotations
 import tempfile
 from collections.abc import Sequence
 from concurrent.futures import Executor
-from dataclasses import KW_ONLY, dataclass
+from dataclasses import KW_ONLY, dataclass, replace
 from functools import partial
 from pathlib import Path
 from typing import Annotated, Any
 
 import numpy as np
 
-from tpmscad._typing import Array
+from tpmscad._typing import Array, triple
 from tpmscad.api.argument_kinds import choice_of
 from tpmscad.api.public_calls import validate_options
 from tpmscad.api.shared_arguments import Schema
@@ -44,7 +44,7 @@ from tpmscad.kernel.occt.convert import as_solid, transform_shape
 from tpmscad.kernel.step.entity_table import EntityTable
 from tpmscad.kernel.step.joined_files import PlacedProduct, write_cells, write_group, write_joined_step
 from tpmscad.kernel.step.part21 import STEP_SUFFIXES, find_schema
-from tpmscad.kernel.step.product_entities import MassProperties, write_assembly, write_validation_properties
+from tpmscad.kernel.step.product_entities import write_assembly, write_validation_properties
 from tpmscad.kernel.step.step_reader import read_step
 from tpmscad.parallel import run_as_completed
 from tpmscad.requests.lattice_options import InfillOptions
@@ -298,8 +298,7 @@ def _join(
         if part is not None:
             shift = np.zeros(3)
             shift[layers.axis] = (first - layers.layers[original][0]) * cell[layers.axis]
-            x, y, z = shift.tolist()
-            copies.append((part, f"cut layer {len(copies) + 1}", (x, y, z)))
+            copies.append((part, f"cut layer {len(copies) + 1}", triple(shift.tolist())))
     if skin_part is not None:
         copies.append((skin_part, "skin", (0.0, 0.0, 0.0)))
 
@@ -313,9 +312,8 @@ def _join(
             product = write_assembly(
                 section, setting, f"{name} turned", [whole.product], [name], turn[None], np.zeros((1, 3))
             )
-            mass = whole.mass
-            x, y, z = (turn @ np.array(mass.centroid)).tolist()
-            write_validation_properties(section, setting, product, MassProperties(mass.volume, mass.area, (x, y, z)))
+            centroid = triple((turn @ np.array(whole.mass.centroid)).tolist())
+            write_validation_properties(section, setting, product, replace(whole.mass, centroid=centroid))
 
     n_cells = len(layers.whole)
     counts = [(cell_part, n_cells)] if cell_part is not None else []

@@ -20,6 +20,7 @@ from typing import Annotated, Any
 
 import numpy as np
 
+from tpmscad._typing import triple
 from tpmscad.api.argument_kinds import choice_of
 from tpmscad.api.public_calls import validate_options
 from tpmscad.api.shared_arguments import Schema
@@ -194,9 +195,9 @@ def export_slabs(options: SlabOptions) -> SlabFiles:
         tasks = []
         for name, each in zip(names, slabs, strict=True):
             if name not in kept:
-                x, y, z = np.multiply(each.steps, edges).tolist()
+                shift = triple(np.multiply(each.steps, edges).tolist())
                 original, path = of_cells[each.cells], folder.resolve() / name
-                tasks.append((original, path, (x, y, z), f"{original.name} {path.stem}", schema, stamp))
+                tasks.append((original, path, shift, f"{original.name} {path.stem}", schema, stamp))
         with stages("slabs") as report:
             for _, row in run_as_completed(options.executor, write_slab, tasks):
                 manifest.add(row)

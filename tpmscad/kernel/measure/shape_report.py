@@ -16,7 +16,7 @@ from OCP.TopAbs import TopAbs_EDGE, TopAbs_FACE, TopAbs_SHELL, TopAbs_VERTEX
 from OCP.TopLoc import TopLoc_Location
 from OCP.TopoDS import TopoDS_Solid
 
-from tpmscad._typing import Array
+from tpmscad._typing import Array, triple
 from tpmscad.kernel.measure.face_table import FaceEntry
 from tpmscad.kernel.measure.mass_properties import solid_moments
 from tpmscad.kernel.measure.shape_extents import shape_bounds
@@ -335,17 +335,11 @@ def _sum_up(placed: Sequence[_PlacedFigures]) -> ShapeReport:
         outward=all(v > 0 for v in volumes),
         volume=volume,
         area=float(total[0]),
-        centroid=_triple(centroid),
-        bounds=(_triple(low), _triple(high)),
+        centroid=triple(centroid.tolist()),
+        bounds=(triple(low.tolist()), triple(high.tolist())),
         volumes=tuple(sorted(volumes, reverse=True)),
         max_tolerance=max((f.tolerance for f in figures), default=0.0),
     )
-
-
-def _triple(values: Array) -> tuple[float, float, float]:
-    """Three floats of an array (3,)."""
-    x, y, z = values.tolist()
-    return x, y, z
 
 
 def _measure_solid(solid: TopoDS_Solid) -> _SolidFigures:
