@@ -43,14 +43,14 @@ class ImageChoice:
     volume: int | None = None
 
 
-def select_name(file_name: str, names: Sequence[str], wanted: str | None, kind: str = "arrays") -> str:
+def select_name(file_name: str, names: Sequence[str], wanted: str | None) -> str:
     """The name that is wanted, or the only one; InvalidRequest lists them if it is not among them, or they are several."""
     listed = ", ".join(map(repr, names))
     if wanted is not None and wanted not in names:
-        raise InvalidRequest(f"{file_name} holds no array {wanted!r}: its {kind} are {listed or 'none'}")
+        raise InvalidRequest(f"{file_name} holds no array {wanted!r}: its arrays are {listed or 'none'}")
     if wanted is None and len(names) != 1:
         raise InvalidRequest(
-            f"{file_name} holds {len(names)} {kind}, {listed}: name one of them, array_name={names[0]!r}"
+            f"{file_name} holds {len(names)} arrays, {listed}: name one of them, array_name={names[0]!r}"
             if names
             else f"{file_name} holds no array of numbers in three dimensions"
         )

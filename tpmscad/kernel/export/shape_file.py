@@ -84,7 +84,6 @@ def write_shape(
     schema: str = "ap242",
     name: str | None = None,
     time_stamp: str | None = None,
-    verify: Callable[[Path], None] | None = None,
 ) -> None:
     """Write the solids of a TopoDS, build123d or CadQuery shape as one STEP product in mm; arguments and errors as `write_step`.
 
@@ -92,7 +91,7 @@ def write_shape(
     in STEP.
     """
     solids = name_solids(shape, name or Path(path).stem)
-    write_solids(solids, path, schema=schema, name=name, time_stamp=time_stamp, verify=verify)
+    write_solids(solids, path, schema=schema, name=name, time_stamp=time_stamp)
 
 
 def _colour_items(written: WrittenSolid, of: NamedSolid) -> list[tuple[int, Colour]]:
