@@ -25,7 +25,7 @@ from tpmscad.fields.kinds.booleans import RoundedMinMaxField, join_extremes
 from tpmscad.fields.kinds.coordinate_transforms import AffineTransformedField
 from tpmscad.fields.kinds.linear_extension import LinearExtension
 from tpmscad.fields.kinds.primitive_regions import BoxRegion, CylinderRegion, HalfSpaceRegion
-from tpmscad.fields.kinds.strut_graphs import StrutsField, split_by_diameter
+from tpmscad.fields.kinds.strut_graphs import StrutsField, split_by_node_radius
 
 T = TypeVar("T")
 
@@ -115,7 +115,7 @@ def _(field: MinMaxField, values: bool = False) -> Field:
 
 @expose_extremes.register
 def _(field: StrutsField, values: bool = False) -> Field:
-    return join_extremes(-1, split_by_diameter(field))
+    return join_extremes(-1, split_by_node_radius(field))
 
 
 @expose_extremes.register

@@ -18,21 +18,21 @@ from scipy.spatial import cKDTree
 from tpmscad._compiled_loops import njit_cached
 from tpmscad._typing import Array, IntArray
 from tpmscad.api.argument_kinds import choice_of
-from tpmscad.api.public_calls import validate_call
+from tpmscad.api.public_calls import call_for_array, validate_call
 from tpmscad.api.shared_kinds import (
     ANGLE,
     CELL_COUNTS,
+    END_VALUES,
+    GRADED_THICKNESS,
     LENGTHS,
     NOT_NEGATIVE,
     PAIR_ROWS,
     POINT_ROWS,
-    POSITIVE,
-    POSITIVE_PAIRS,
-    POSITIVE_VALUES,
 )
 from tpmscad.errors import InvalidRequest, format_point
 from tpmscad.fields.field import Field
 from tpmscad.fields.kinds.coordinate_transforms import IDENTITY
+from tpmscad.fields.kinds.expressions import expression
 from tpmscad.fields.tape.evaluation import FieldJet, Triple, stack_points
 from tpmscad.memory_limit import require_memory
 from tpmscad.strut_cells import DEFAULT_ANGLE, KINDS, LARGEST_ANGLE, make_cell
@@ -55,7 +55,7 @@ STRAIGHT = 1e-9
 CHANGED_FIELDS = 64
 """Moved and offset fields that are kept: each is asked for several times, and has a grid of its own."""
 
-STRUT_DIAMETERS = POSITIVE.or_else(POSITIVE_VALUES).or_else(POSITIVE_PAIRS)
+STRUT_DIAMETERS = GRADED_THICKNESS.or_else(END_VALUES)
 
 NodeRadius = Annotated[
     float,
@@ -175,15 +175,11 @@ class StrutsField(Field):
         return bool(self.radii.min() == self.radii.max() and self.balls.min() == self.balls.max())
 
     @property
-    def radius(self) -> float:
-        """The radius of all struts, which must be of one."""
-        assert self.is_even
-        return float(self.radii[0, 0])
-
-    @property
-    def node_radius(self) -> float:
-        """The radius of the largest ball."""
-        return float(self.balls.max())
+    def node_radii(self) -> Array:
+        """The radius (n,) of all ends of struts at each point, which must be of one there."""
+        found = greatest_radii(len(self.points), self.edges, self.radii)
+        assert np.array_equal(found[self.edges], self.radii)
+        return found
 
     def at(self, x: Array, y: Array, z: Array) -> Array:
         """Values at coordinates that broadcast."""
@@ -283,7 +279,8 @@ def struts(
     diameter: Annotated[
         float | Any,
         STRUT_DIAMETERS,
-        "Diameter of all struts, or of each edge (m,), or at both ends of each edge (m, 2), between which it is a cone, model units.",
+        "Diameter, model units: of all struts, of each edge (m,), or at both ends of each (m, 2), between which it is a cone; or "
+        "a function of points (n, 3), a field, or a formula of x, y and z, asked at the nodes.",
     ],
     node_radius: NodeRadius = 0.0,
 ) -> StrutsField:
@@ -302,8 +299,9 @@ def struts(
 
     Notes
     -----
-    `tpmscad.solidify` and `tpmscad.infill` make exact solids of cylinders and balls of it. Struts of each diameter are one
-    operand there, which is cut by the others; balls at nodes are for struts of one diameter.
+    `tpmscad.solidify` and `tpmscad.infill` make exact solids of it, of cylinders, of cones that touch the balls at both ends, and
+    of balls. Struts that have one radius in each node are one operand there, which is cut by the others. Solids are refused where
+    struts touch outside their nodes; `infill_triangles` and `infill_layers` take them.
 
     Examples
     --------
@@ -335,7 +333,7 @@ def struts(
         again = int(np.setdiff1d(np.arange(len(edges)), first)[0])
         i, j = edges[again].tolist()
         raise InvalidRequest(f"edge {again} joins nodes {i} and {j} once more: give each strut once")
-    diameters = np.asarray(diameter, float)
+    diameters = _grade_diameters(diameter, points)[edges] if _is_graded(diameter) else np.asarray(diameter, float)
     if diameters.ndim and len(diameters) != len(edges):
         raise InvalidRequest(
             f"diameter has {len(diameters)} values for {len(edges)} edges: give one number, one for each edge, or a pair"
@@ -346,6 +344,25 @@ def struts(
     if node_radius <= radii.min():
         ordered, radii = _join_straight(points, ordered, radii)
     return build_struts(points, ordered, radii, np.full(len(points), float(node_radius)))
+
+
+def _is_graded(diameter: Any) -> bool:
+    """Whether a diameter is a function of the place."""
+    return callable(diameter) or isinstance(diameter, str)
+
+
+def _grade_diameters(diameter: Any, points: Array) -> Array:
+    """The diameters (n,) at nodes (n, 3) by a function, a field or a formula; InvalidRequest where one is not positive."""
+    found = call_for_array("diameter", expression(diameter) if isinstance(diameter, str) else diameter, points)
+    if found.shape != (len(points),):
+        raise InvalidRequest(
+            f"diameter returned an array of shape {found.shape} for {len(points)} nodes: give one for each"
+        )
+    wrong = np.flatnonzero(~(found > 0) | ~np.isfinite(found))
+    if len(wrong):
+        place = format_point(points[wrong[0]], 5)
+        raise InvalidRequest(f"diameter is {found[wrong[0]]:g} at the node {place}, and must be positive at all nodes")
+    return found
 
 
 def build_struts(points: Array, edges: IntArray, radii: Array, balls: Array) -> StrutsField:
@@ -390,17 +407,42 @@ def map_struts(field: StrutsField, function: Callable[[Array], Array]) -> Struts
     return build_struts(points[first], edges, field.radii[kept], balls)
 
 
-def split_by_diameter(field: StrutsField) -> list[StrutsField]:
-    """Fields of struts of one diameter each, thin ones first, and of all cones, whose minimum is the field."""
-    if field.is_even:
+def split_by_node_radius(field: StrutsField) -> list[StrutsField]:
+    """Fields whose minimum is the field, in each of which all struts that meet in a point have one radius there.
+
+    Struts that have the same radius where they meet stay together. InvalidRequest if these are linked so that one set has two
+    radii in one point.
+    """
+    ends = greatest_radii(len(field.points), field.edges, field.radii)
+    balls = np.where(field.balls > ends, field.balls, 0.0)
+    if np.array_equal(ends[field.edges], field.radii):
         return [field]
-    conical = field.radii[:, 0] != field.radii[:, 1]
-    label = np.where(conical, np.inf, field.radii[:, 0])
-    balls = np.where(field.balls > greatest_radii(len(field.points), field.edges, field.radii), field.balls, 0.0)
-    return [
-        build_struts(field.points, field.edges[label == each], field.radii[label == each], balls)
-        for each in np.unique(label)
-    ]
+    keys = np.column_stack([field.edges.ravel(), field.radii.ravel()])
+    joints, joint = np.unique(keys, axis=0, return_inverse=True)
+    start, end = joint.reshape(-1, 2).T
+    links = coo_array((np.ones(len(start)), (start, end)), shape=(len(joints),) * 2)
+    count, label = connected_components(links, directed=False)
+    points_of: list[set[int]] = [set() for _ in range(count)]
+    for (point, radius), own in zip(joints.tolist(), label.tolist(), strict=True):
+        if int(point) in points_of[own]:
+            place = format_point(field.points[int(point)], 5)
+            raise InvalidRequest(
+                f"struts of two diameters, one of them {2 * radius:g}, meet near {place}, and struts that have one diameter "
+                "where they meet link them: give all there one diameter, or make triangles or layers"
+            )
+        points_of[own].add(int(point))
+    sets: list[tuple[set[int], list[int]]] = []
+    for own in sorted(range(count), key=lambda k: -len(points_of[k])):
+        for taken, members in sets:
+            if taken.isdisjoint(points_of[own]):
+                taken |= points_of[own]
+                members.append(own)
+                break
+        else:
+            sets.append((set(points_of[own]), [own]))
+    of_edge = label[start]
+    chosen = [np.isin(of_edge, members) for _, members in sets]
+    return [build_struts(field.points, field.edges[own], field.radii[own], balls) for own in chosen]
 
 
 def _join_straight(points: Array, edges: IntArray, radii: Array) -> tuple[IntArray, Array]:
@@ -428,7 +470,12 @@ def _join_straight(points: Array, edges: IntArray, radii: Array) -> tuple[IntArr
 def strut_lattice(
     structure: Annotated[str, choice_of(*KINDS), "Kind of cell."],
     cell: Annotated[float | Sequence[float], LENGTHS, "Edge length of the cell, or one for each axis, model units."],
-    diameter: Annotated[float, POSITIVE, "Diameter of the struts, model units."],
+    diameter: Annotated[
+        float | str | Callable[[Array], Array],
+        GRADED_THICKNESS,
+        "Diameter of the struts, model units; or a function of points (n, 3), a field, or a formula of x, y and z, asked at the "
+        "nodes, between which struts are cones.",
+    ],
     cells: Annotated[int | Sequence[int], CELL_COUNTS, "Number of cells along every axis, or along each."] = (1, 1, 1),
     node_radius: NodeRadius = 0.0,
     angle: Annotated[float, ANGLE, "Degrees by which struts of `re-entrant` lean inwards, up to 30."] = DEFAULT_ANGLE,
