@@ -98,7 +98,7 @@ def test_struts_of_two_diameters_are_cut_by_each_other() -> None:
     [
         ([1.2] * 4 + [0.8] * 4, 1.0, "struts of several diameters have the same ball of radius 1 near"),
         (
-            [[1.0, 1.0], [1.2, 1.0], *[[0.8, 0.8]] * 6, [1.0, 1.2]],
+            [[1.0, 1.0], [1.2, 1.0], *[[0.8, 0.8]] * 6, [1.0, 1.1]],
             0.0,
             "struts of two diameters, one of them 1.2, meet near",
         ),

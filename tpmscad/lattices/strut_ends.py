@@ -1,14 +1,14 @@
 """The ends of round struts that meet in a node, as functions of the angle about each strut.
 
-A node is a ball of radius R in which cones begin that touch a common ball, of radius r <= R, about the same centre; cylinders are
-cones that do not widen. Cone i runs along the unit vector d_i, and widens by the sine s_i of its half-angle; c_i is the cosine.
+A node is a ball of radius R in which cones begin that touch a common ball, of radius r <= R, about the same centre; cylinders
+are cones that do not widen. Cone i runs along the unit vector d_i, and widens by the sine s_i of its half-angle; c_i is the cosine.
 With e(phi) a unit vector across it, its points are
 
     r ((c_i e - s_i d_i) + T (c_i d_i + s_i e)),        T = (p . d_i + r s_i) / (r c_i),
 
 where r T is the length along its generators from the circle in which it touches the ball. Two such cones meet in a plane, since
-both touch one ball (a theorem of Monge): in that of equal T. Seen from the node the farthest cone is that of the greatest T, and the
-ball shows where no T exceeds ((R / r)^2 - 1)^(1/2). On generator phi of cone i the plane N . p = c cuts
+both touch one ball (a theorem of Monge): in that of equal T. Seen from the node the farthest cone is that of the greatest T, and
+the ball shows where no T exceeds ((R / r)^2 - 1)^(1/2). On generator phi of cone i the plane N . p = c cuts
 
     w = T / (1 + T s_i / c_i) = (c / r - N . n(phi)) / (N . d_i / c_i + c s_i / (r c_i)),        n = c_i e - s_i d_i,
 
@@ -16,8 +16,8 @@ which grows with T and is a function A cos phi + B sin phi + C; towards cone j i
 
     w = c_i (c_i e . d_j - s_i d_i . d_j + s_j) / (c_i c_j + s_i s_j - d_i . d_j).
 
-A plane through the node with the outward normal n, behind which all struts lie, is the same with N = n and c = 0. Thus an end is the
-upper envelope of such functions. On the ball the same planes cut small circles, whose latitudes over phi have an envelope, too.
+A plane through the node with the outward normal n, behind which all struts lie, is the same with N = n and c = 0. Thus an end is
+the upper envelope of such functions. On the ball the same planes cut circles, whose latitudes over phi have an envelope, too.
 """
 
 from __future__ import annotations
