@@ -68,6 +68,8 @@ JOBS: dict[str, tuple[str, ...]] = {
                 "strut_lattice",
                 "plate_lattice",
                 "core",
+                "beams",
+                "wireframe",
                 "struts",
                 "bspline_unit",
                 "expression",
@@ -101,7 +103,7 @@ JOBS: dict[str, tuple[str, ...]] = {
         f"maps.{name}"
         for name in ("cylinder", "sphere", "between", "trivariate", "grading", "stretching", "composition", "as_map")
     ),
-    "Files": ("export_step", "export_infill", "export_instances", "export_slabs", "check_step", "Model.export"),
+    "Files": ("export_step", "export_beams", "export_infill", "export_instances", "export_slabs", "check_step", "Model.export"),
     "Meshes": ("Model.mesh", "Model.hexahedra", "infill_triangles"),
     "Simulate": ("homogenize", "permeability", "estimate_flow"),
     "Measure and check before printing": (
