@@ -23,14 +23,11 @@ BEAM_SUFFIXES = (".3mf",)
 @validate_call()
 def export_beams(
     source: Annotated[Any, ANYTHING, "A field of struts, or beams of a file; or a model of struts."],
-    path: Annotated[str | Path, PATH, "The ``.3mf`` file to write, complete and verified, or absent."],
-) -> Path:
+    path: Annotated[
+        str | Path, PATH, "The ``.3mf`` file to write, complete and verified by lib3mf's strict reader, or absent."
+    ],
+) -> None:
     """Write struts as a 3MF beam lattice: nodes, beams with a radius at each end, and balls, in millimetres.
-
-    Returns
-    -------
-    Path
-        The file, which lib3mf's strict reader takes.
 
     Raises
     ------
@@ -55,4 +52,3 @@ def export_beams(
         )
     balls = np.where(field.balls > greatest_radii(len(field.points), field.edges, field.radii), field.balls, 0.0)
     write_beam_file(path, BeamLattice(field.points, field.edges, field.radii, balls), path.stem)
-    return path

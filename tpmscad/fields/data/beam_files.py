@@ -7,6 +7,7 @@ are in single precision: lengths of 40 mm are known to 2e-6 mm.
 from __future__ import annotations
 
 import contextlib
+import locale
 import os
 import zipfile
 from collections.abc import Iterator
@@ -75,6 +76,16 @@ class BeamFile:
 def load_lib3mf() -> Any:
     """The module lib3mf, which has no types, and takes time to load."""
     return import_module("lib3mf")
+
+
+@contextlib.contextmanager
+def keep_locale() -> Iterator[None]:
+    """The locale of the process as it was: lib3mf 2.5 sets that of C while it writes, after which Python takes text for ASCII."""
+    before = locale.setlocale(locale.LC_ALL)
+    try:
+        yield
+    finally:
+        locale.setlocale(locale.LC_ALL, before)
 
 
 def is_beam_path(source: Any) -> bool:
@@ -230,7 +241,7 @@ def write_beam_file(path: Path, lattice: BeamLattice, title: str) -> None:
         for node in shown.tolist():
             beams.AddBall(lib3mf.Ball(Index=node, Radius=float(lattice.balls[node])))
     model.AddBuildItem(mesh, lib3mf.Wrapper().GetIdentityTransform())
-    with atomic_write(path) as aside:
+    with atomic_write(path) as aside, keep_locale():
         model.QueryWriter("3mf").WriteToFile(str(aside))
         _require_same(aside, lattice, path.name)
 
