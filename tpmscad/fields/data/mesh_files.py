@@ -292,8 +292,8 @@ def _require_understood(name: str, model: ThreemfModel) -> None:
         is_beams = namespace is not None and "beamlattice" in namespace
         remedy = "read beams with fields.beams, or" if is_beams else "in the program that made it"
         raise InvalidRequest(
-            f"{name} holds {what}, which it requires to be understood and which is not read as triangles: {remedy} save the shape as "
-            "triangles alone"
+            f"{name} holds {what}, which it requires to be understood and which is not read as triangles: {remedy} save the shape "
+            "as triangles alone"
         )
 
 
