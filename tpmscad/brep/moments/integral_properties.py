@@ -174,7 +174,7 @@ def _add_planar_faces(moments: Array, brep: Brep, planar_uses: IntArray, face: I
         dv = (speed @ np.swapaxes(edges.motion.rotation[e], 1, 2) @ axes)[:, :, 1] * weights * uses.sense[at][:, None]
         np.add.at(in_plane, f, np.stack([(p * dv).sum(axis=1) for p in (u, u**2 / 2, u * v)], axis=1))
     at = np.unique(face[planar_uses])
-    moments[at] = _lift_planar_moments(in_plane[at], frames[at])
+    moments[at] = lift_planar_moments(in_plane[at], frames[at])
 
 
 def _plane_frames(brep: Brep) -> Array:
@@ -195,7 +195,7 @@ def _plane_frames(brep: Brep) -> Array:
     return frames
 
 
-def _lift_planar_moments(in_plane: Array, frames: Array) -> Array:
+def lift_planar_moments(in_plane: Array, frames: Array) -> Array:
     """Moments in space (n, 16) of planar faces from their in-plane integrals of 1, u, v (n, 3)."""
     o, n, area = frames[:, 0], frames[:, 3], in_plane[:, :1]
     x = area * o + np.einsum("na,nai->ni", in_plane[:, 1:3], frames[:, 1:3])
