@@ -38,6 +38,9 @@ GAUSS_POINTS_FEW_SPANS = 10
 GAUSS_POINTS_MANY_SPANS = 6
 """Gauss points on each knot span if there are at least `MANY_SPANS_THRESHOLD` of them."""
 
+MIN_AREA_POINTS = 16
+"""Least Gauss points on each knot interval along u: the area density contains a square root and is no polynomial."""
+
 MANY_SPANS_THRESHOLD = 4
 """Knot spans from which on fewer Gauss points suffice on each."""
 
@@ -72,19 +75,18 @@ def integrate_at_nodes(
     part: NDArray[np.int64],
     n_parts: int,
     first_knots: Array | None = None,
-    least_points: int = 0,
 ) -> Array:
     """The sums of F dv over quadrature nodes, for the 16 moments and each part of a loop: (n_parts, 16).
 
     u, v, dv_weights, part (m,): of each node the parameters, the weight times dv/dt, and the part it lies on.
-    first_knots (n_parts,): as in `integrate_pcurves`. least_points: of F on each knot interval of a spline, for the area.
+    first_knots (n_parts,): as in `integrate_pcurves`.
     """
     result = np.zeros((n_parts, N_MOMENTS))
     for start in range(0, len(u), NODES_PER_BATCH):
         at = slice(start, start + NODES_PER_BATCH)
         first = None if first_knots is None else first_knots[part[at]]
         inner = (
-            _antiderivative_on_spline(surface, u[at], v[at], first, least_points)
+            _antiderivative_on_spline(surface, u[at], v[at], first)
             if isinstance(surface, BSplineSurface)
             else _antiderivative_on_quadric(surface, u[at], v[at], first)
         )
@@ -198,9 +200,7 @@ def antiderivative_matrix(u: Array, samples: Array) -> Array:
     return np.asarray((u[:, None] + 2.0 * waves) / len(samples))
 
 
-def _antiderivative_on_spline(
-    surface: BSplineSurface, u: Array, v: Array, first_knot: Array | None, least_points: int
-) -> Array:
+def _antiderivative_on_spline(surface: BSplineSurface, u: Array, v: Array, first_knot: Array | None) -> Array:
     """F at the pairs (u, v): (n, 16), by Gauss quadrature along u on every knot interval from `first_knot` (n,) up to u."""
     poles = np.swapaxes(surface.poles, 0, 1).reshape(surface.poles.shape[1], -1)
     ruled = np.concatenate(
@@ -211,7 +211,7 @@ def _antiderivative_on_spline(
         axis=2,
     )  # the poles of S and of S_v along u, at every v: (n, U, 6)
     degree = surface.degree_u
-    values, slopes, w = _bernstein_rule(degree, max(2 * degree + 1, least_points))
+    values, slopes, w = _bernstein_rule(degree, max(2 * degree + 1, MIN_AREA_POINTS))
     breaks = np.unique(surface.knots_u)
     result = np.zeros((len(u), N_MOMENTS))
     for low, high in zip(breaks[:-1], breaks[1:], strict=True):

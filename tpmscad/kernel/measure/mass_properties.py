@@ -40,9 +40,6 @@ from tpmscad.splines.bspline import BSplineSurface
 
 ELEMENTARY = (GeomAbs_Plane, GeomAbs_Cylinder, GeomAbs_Cone, GeomAbs_Sphere, GeomAbs_Torus)
 
-MIN_AREA_POINTS = 16
-"""Least Gauss points per knot interval of a spline: the area density contains a square root and is no polynomial."""
-
 OCCT_QUADRATURE_REL_TOL = 1e-13
 """Relative error requested of OCCT for faces on other surfaces. At 1e-9 turned arcs of splines were off by 2e-7, at 1e-11 by
 3e-9, all in the same time."""
@@ -73,7 +70,7 @@ def _integrate_face(face: TopoDS_Face, nodes_of: EdgeNodeCache) -> Array:
         (moments,) = lift_planar_moments(in_plane[None], frame[None])
     else:
         start = None if isinstance(surface, BSplineSurface) else np.array([u.min()])
-        (moments,) = integrate_at_nodes(surface, u, v, dv, np.zeros(len(u), np.int64), 1, start, MIN_AREA_POINTS)
+        (moments,) = integrate_at_nodes(surface, u, v, dv, np.zeros(len(u), np.int64), 1, start)
     # loops run round the face's own normal, of which only the area takes the side
     return np.concatenate([[side * moments[0], moments[4:13:4].sum() / 3.0], moments[13:] / 4.0])
 
