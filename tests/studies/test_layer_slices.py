@@ -18,7 +18,7 @@ import tpmscad
 from tests.cli.test_cli import run
 from tpmscad.kernel.export.layer_files import Layer
 from tpmscad.kernel.measure.shape_extents import shape_bounds
-from tpmscad.kernel.slicing.repeated_faces import LOOSE, RepeatedFaces
+from tpmscad.kernel.slicing.contours import SlicedFaces
 from tpmscad.studies.layer_slices import Slices, slice_shape
 
 pytestmark = pytest.mark.kernel
@@ -206,30 +206,31 @@ def test_repeated_faces_give_the_contours_of_the_whole_solid(height: float) -> N
     assert found.volume == pytest.approx(model.volume, rel=1e-3)
 
 
-def test_layers_at_which_curves_do_not_close_are_cut_as_a_whole(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_ends_of_curves_that_no_edge_tells_are_joined_where_they_meet(monkeypatch: pytest.MonkeyPatch) -> None:
     model = tpmscad.lattice("schwarz_p", cell=4, cells=(2, 1, 1), thickness=0.5, tol=0.05)
     expected = model.slices(0.5, 0.02)
-    number_ends = RepeatedFaces._number_ends
+    name_ends = SlicedFaces._name_ends
 
-    def lose_one(self: RepeatedFaces, curves: Any, copies: Any, which: int, n_levels: int) -> np.ndarray:
-        number = number_ends(self, curves, copies, which, n_levels)
-        number[np.flatnonzero(copies.level == 3)[which]] = LOOSE
-        return number
+    def lose_some(self: SlicedFaces, curves: Any, copies: Any, which: int, n_levels: int) -> np.ndarray:
+        name = name_ends(self, curves, copies, which, n_levels)
+        name[np.flatnonzero((copies.level == 3) & ~curves.closed[copies.curve])[3 * which : 3 * which + 5]] = -1
+        return name
 
-    monkeypatch.setattr(RepeatedFaces, "_number_ends", lose_one)
+    monkeypatch.setattr(SlicedFaces, "_name_ends", lose_some)
     found = model.slices(0.5, 0.02)
-    assert [len(layer.contours) for layer in found] == [len(layer.contours) for layer in expected]
-    np.testing.assert_allclose([x.area for x in found], [x.area for x in expected], rtol=1e-4)
+    for own, other in zip(found, expected, strict=True):
+        assert all(np.array_equal(a, b) for a, b in zip(own.contours, other.contours, strict=True))
 
 
 def test_copies_of_faces_that_do_not_meet_are_noticed(monkeypatch: pytest.MonkeyPatch) -> None:
     model = tpmscad.lattice("schwarz_p", cell=4, cells=(2, 1, 1), thickness=0.5, tol=0.05)
-    prepare = RepeatedFaces.__init__
-
-    def misplace(self: RepeatedFaces, *arguments: Any) -> None:
-        prepare(self, *arguments)
-        self.moved = self.moved * 1.001
-
-    monkeypatch.setattr(RepeatedFaces, "__init__", misplace)
+    moved = SlicedFaces._moved.fget  # type: ignore[attr-defined]
+    monkeypatch.setattr(SlicedFaces, "_moved", property(lambda self: 1.001 * moved(self)))
     with pytest.raises(tpmscad.KernelError, match=r"neighbouring faces end 0\.004 apart"):
         model.slices(0.5, 0.02)
+
+
+def test_a_solid_that_is_open_is_refused() -> None:
+    open_box = bd.Solid(bd.Shell(bd.Box(2, 2, 2).faces()[1:]))
+    with pytest.raises(tpmscad.KernelError, match="open along 4 of its edges"):
+        slice_shape(open_box, "part", 0.5, 0.01, (-1, 1))

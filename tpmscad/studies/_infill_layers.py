@@ -32,8 +32,7 @@ from tpmscad.kernel.body_import.cad_body import CadBody
 from tpmscad.kernel.build.solids import build_solids
 from tpmscad.kernel.export.layer_files import Layer
 from tpmscad.kernel.measure.shape_extents import shape_bounds
-from tpmscad.kernel.slicing.contours import LayerContours, slice_solids, split_layers, triangulate_for_slices
-from tpmscad.kernel.slicing.surface_triangulation import SurfaceTriangulation
+from tpmscad.kernel.slicing.contours import LayerContours, SlicedFaces, split_layers, triangulate_for_slices
 from tpmscad.parallel import task_runner
 from tpmscad.requests.lattice_request import (
     LatticeRequest,
@@ -116,13 +115,13 @@ def infill_layers(options: InfillLayersOptions) -> Slices:
     request = tiled.request
     with stages("read"):
         outer, *others = (
-            tuple(triangulate_for_slices(each.shape, SLICING_SHARE * error)) for each in (body, *passive.bodies)
+            triangulate_for_slices([each.shape], SLICING_SHARE * error) for each in (body, *passive.bodies)
         )
-    inner: tuple[SurfaceTriangulation, ...] | None = None
+    inner: SlicedFaces | None = None
     if skin is not None:
         with stages("offset"):
             parts = erode_body(body, skin, openings).parts
-            inner = tuple(t for part in parts for t in triangulate_for_slices(part.shape, SLICING_SHARE * error))
+            inner = triangulate_for_slices([part.shape for part in parts], SLICING_SHARE * error)
     with stages("cut"):
         lattice = CellSections(request, _find_gap(0.5 * (edges[:-1] + edges[1:]), request.cell[2]), error)
         regions = tuple((operation, own) for (operation, _), own in zip(passive.steps, others, strict=True))
@@ -173,7 +172,7 @@ class CellSections:
         return np.array(self.request.cell)
 
     @cached_property
-    def _tiles(self) -> dict[int, list[SurfaceTriangulation]]:
+    def _tiles(self) -> dict[int, SlicedFaces]:
         return {}
 
     def at(self, heights: Array) -> list[CellSection]:
@@ -214,8 +213,8 @@ class CellSections:
             tol = find_trim_tolerance(max(self.request.cell))
             cell = box(low, low + self.cell)
             solids = build_solids(combine_networks(cell, cover.patches, "intersection", tol, is_cover=True).brep)
-            self._tiles[corner] = triangulate_for_slices(solids.shape, SLICING_SHARE * self.error)
-        cut = slice_solids(self._tiles[corner], self.bottom + rest, SLICING_SHARE * self.error)
+            self._tiles[corner] = triangulate_for_slices([solids.shape], SLICING_SHARE * self.error)
+        cut = self._tiles[corner].cut(self.bottom + rest)
         sections: list[CellSection | TrimmingError] = []
         for contours, area in zip(split_layers(cut, len(rest)), cut.areas.tolist(), strict=True):
             try:
@@ -252,10 +251,10 @@ class LayeredInfill:
 
     lattice: CellSections
     turn: Array
-    body: tuple[SurfaceTriangulation, ...]
-    cavity: tuple[SurfaceTriangulation, ...] | None
+    body: SlicedFaces
+    cavity: SlicedFaces | None
     has_openings: bool
-    passive: tuple[tuple[Operation, tuple[SurfaceTriangulation, ...]], ...]
+    passive: tuple[tuple[Operation, SlicedFaces], ...]
     error: float
     executor: Executor | None
 
@@ -279,9 +278,9 @@ class LayeredInfill:
         with task_runner(self.executor, tasks[0] if tasks else None) as run_tasks:
             return [layer for batch in run_tasks(_fill_sections, tasks) for layer in batch]
 
-    def _cut_body(self, solids: tuple[SurfaceTriangulation, ...], heights: Array) -> list[BodySection]:
+    def _cut_body(self, solids: SlicedFaces, heights: Array) -> list[BodySection]:
         """The sections of solids at ascending heights (n,)."""
-        found = slice_solids(solids, heights, SLICING_SHARE * self.error, self.executor)
+        found = solids.cut(heights, self.executor)
         outlines = split_layers(found, len(heights))
         return [BodySection(outline, area) for outline, area in zip(outlines, found.areas.tolist(), strict=True)]
 

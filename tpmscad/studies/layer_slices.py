@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import Executor
 from dataclasses import dataclass
-from functools import cache
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -15,14 +14,11 @@ from tpmscad._typing import Array
 from tpmscad.api.public_calls import validate_call
 from tpmscad.api.shared_kinds import PATH
 from tpmscad.atomic_file import validate_output_path
-from tpmscad.brep.boundary_representation import Brep
 from tpmscad.errors import InvalidRequest
 from tpmscad.kernel.boolean.boolean_operations import OcctSolids
 from tpmscad.kernel.build.solids import BrepSolids
 from tpmscad.kernel.export.layer_files import LAYER_WRITERS, Layer
-from tpmscad.kernel.slicing.contours import LayerContours, slice_solids, split_layers, triangulate_for_slices
-from tpmscad.kernel.slicing.repeated_faces import RepeatedFaces
-from tpmscad.kernel.slicing.surface_triangulation import SurfaceTriangulation
+from tpmscad.kernel.slicing.contours import LayerContours, split_layers, triangulate_for_slices
 
 MAX_LAYERS = 100_000
 """Layers of one part: 3 m at 0.03 mm. More are taken for a mistake of units."""
@@ -126,44 +122,19 @@ def slice_shape(
     bounds: Sequence[float],
     executor: Executor | None = None,
 ) -> Slices:
-    """Slices of solids between the two heights `bounds`, cut in the middle of each layer; see `_make_cutter` for the shape.
+    """Slices of solids between the two heights `bounds`, cut in the middle of each layer.
 
     The last layer is thinner where the height does not divide that of the part. Raises InvalidRequest if there would be too
     many layers, and KernelError if OCCT cannot triangulate the shape.
     """
     edges = divide_into_layers(height, bounds)
     error = choose_chord_error(height, chord_error)
-    cut, measure_areas = _make_cutter(shape, error, executor)
-    found = cut(0.5 * (edges[:-1] + edges[1:]))
-    return collect_layers(name, edges, error, found, _integrate_layers(edges, found.areas, measure_areas))
-
-
-def _make_cutter(
-    solids: Any, chord_error: float, executor: Executor | None
-) -> tuple[Callable[[Array], LayerContours], Callable[[Array], Array]]:
-    """What cuts a shape, or the solids of a boundary representation, at ascending heights, and what measures the areas there.
-
-    In a boundary representation, faces that are repeated are cut once. Raises KernelError if OCCT cannot triangulate the faces.
-    """
-
-    @cache
-    def triangulate() -> list[SurfaceTriangulation]:
-        shape = solids.shape if isinstance(solids, BrepSolids | OcctSolids) else solids
-        return triangulate_for_slices(shape, chord_error)
-
-    def cut_whole(levels: Array) -> LayerContours:
-        return slice_solids(triangulate(), levels, chord_error, executor)
-
-    if not isinstance(solids, BrepSolids) or _has_seams(solids.brep):
-        return cut_whole, lambda levels: cut_whole(levels).areas
-    faces = RepeatedFaces(solids.brep, chord_error)
-    return lambda levels: faces.cut(levels, executor, cut_whole), lambda levels: faces.measure_areas(levels, executor)
-
-
-def _has_seams(brep: Brep) -> bool:
-    """Whether a face lies on both sides of one of its edges."""
-    pairs = np.stack([brep.face_of_use, brep.uses.edge], axis=1)
-    return len(np.unique(pairs, axis=0)) < len(pairs)
+    if isinstance(shape, OcctSolids):
+        shape = shape.shape
+    faces = triangulate_for_slices(shape if isinstance(shape, BrepSolids) else [shape], error)
+    found = faces.cut(0.5 * (edges[:-1] + edges[1:]), executor)
+    volumes = _integrate_layers(edges, found.areas, lambda levels: faces.measure_areas(levels, executor))
+    return collect_layers(name, edges, error, found, volumes)
 
 
 def divide_into_layers(height: float, bounds: Sequence[float]) -> Array:
