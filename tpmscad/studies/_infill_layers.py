@@ -360,8 +360,10 @@ def _fill_section(
     filled; the body's share counts where the lattice lies along its outline. Of the area that passive sections take nothing is
     left to the lattice; what is solid without it is combined with them.
     """
-    room, curves = (body, lattice.curves) if cavity is None else (cavity, lattice.curves.reverse())
-    inside = [polygon @ turn.T for polygon in curves.fill([polygon @ turn for polygon in room.outline])]
+    room = body if cavity is None else cavity
+    kept: Operation = "intersection" if cavity is None else "difference"
+    inside = lattice.curves.combine([polygon @ turn for polygon in room.outline], kept)
+    inside = [polygon @ turn.T for polygon in inside]
     if cavity is None:
         contours, beside = inside, BodySection([], 0.0)
     else:
