@@ -30,9 +30,8 @@ from tpmscad.brep.sections.polygon_regions import (
 from tpmscad.errors import InvalidRequest, TrimmingError
 from tpmscad.kernel.body_import.cad_body import CadBody
 from tpmscad.kernel.build.solids import build_solids
-from tpmscad.kernel.export.layer_files import Layer
 from tpmscad.kernel.measure.shape_extents import shape_bounds
-from tpmscad.kernel.slicing.contours import LayerContours, SlicedFaces, split_layers, triangulate_for_slices
+from tpmscad.kernel.slicing.contours import SlicedFaces, triangulate_for_slices
 from tpmscad.parallel import task_runner
 from tpmscad.requests.lattice_request import (
     LatticeRequest,
@@ -129,7 +128,8 @@ def infill_layers(options: InfillLayersOptions) -> Slices:
         sections = filled.fill(0.5 * (edges[:-1] + edges[1:]))
         heights, excess = np.diff(edges), lattice.mean_shares(edges) - [each.share for each in sections]
         volumes = heights * ([each.area for each in sections] + excess * [each.room for each in sections])
-        return collect_layers(f"{request.surface} infill", edges, error, _join_sections(sections), volumes)
+        found = ((each.contours, each.area, each.length) for each in sections)
+        return collect_layers(f"{request.surface} infill", edges, error, found, volumes)
 
 
 def _cut_triangles(
@@ -141,13 +141,7 @@ def _cut_triangles(
         filling = triangulate_filling(tiled, parts, SLICING_SHARE * error)
     with stages("cut"):
         found = cut_into_layers(filling, parts, tiled.turn, edges, (1 - SLICING_SHARE) * error, options.executor)
-    layers = tuple(
-        Layer(float(bottom), float(top), tuple(contours), area, length, float(volume))
-        for (contours, area, length), bottom, top, volume in zip(
-            (section for slab in found.sections for section in slab), edges[:-1], edges[1:], found.volumes, strict=True
-        )
-    )
-    return Slices(tiled.name, layers, error, 0)
+    return collect_layers(tiled.name, edges, error, *found)
 
 
 def _find_gap(heights: Array, period: float) -> float:
@@ -216,7 +210,7 @@ class CellSections:
             self._tiles[corner] = triangulate_for_slices([solids.shape], SLICING_SHARE * self.error)
         cut = self._tiles[corner].cut(self.bottom + rest)
         sections: list[CellSection | TrimmingError] = []
-        for contours, area in zip(split_layers(cut, len(rest)), cut.areas.tolist(), strict=True):
+        for contours, area, _ in cut:
             try:
                 exact = find_periodic_section(contours, area, low[:2], self.cell[:2])
             except TrimmingError as error:
@@ -281,8 +275,7 @@ class LayeredInfill:
     def _cut_body(self, solids: SlicedFaces, heights: Array) -> list[BodySection]:
         """The sections of solids at ascending heights (n,)."""
         found = solids.cut(heights, self.executor)
-        outlines = split_layers(found, len(heights))
-        return [BodySection(outline, area) for outline, area in zip(outlines, found.areas.tolist(), strict=True)]
+        return [BodySection(outline, area) for outline, area, _ in found]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -323,19 +316,6 @@ class FilledSection:
     length: float
     room: float
     share: float
-
-
-def _join_sections(sections: Sequence[FilledSection]) -> LayerContours:
-    """The contours of all layers."""
-    contours = [contour for each in sections for contour in each.contours]
-    return LayerContours(
-        np.concatenate([np.zeros((0, 2)), *contours]),
-        np.cumsum([0, *map(len, contours)]),
-        np.repeat(np.arange(len(sections)), [len(each.contours) for each in sections]),
-        np.array([each.area for each in sections]),
-        np.array([each.length for each in sections]),
-        0,
-    )
 
 
 def _fill_sections(

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import Executor
 from dataclasses import dataclass
 from pathlib import Path
@@ -14,11 +14,12 @@ from tpmscad._typing import Array
 from tpmscad.api.public_calls import validate_call
 from tpmscad.api.shared_kinds import PATH
 from tpmscad.atomic_file import validate_output_path
+from tpmscad.brep.sections.layer_contours import LayerSection
 from tpmscad.errors import InvalidRequest
 from tpmscad.kernel.boolean.boolean_operations import OcctSolids
 from tpmscad.kernel.build.solids import BrepSolids
 from tpmscad.kernel.export.layer_files import LAYER_WRITERS, Layer
-from tpmscad.kernel.slicing.contours import LayerContours, split_layers, triangulate_for_slices
+from tpmscad.kernel.slicing.contours import triangulate_for_slices
 
 MAX_LAYERS = 100_000
 """Layers of one part: 3 m at 0.03 mm. More are taken for a mistake of units."""
@@ -134,7 +135,7 @@ def slice_shape(
     faces = triangulate_for_slices(shape if isinstance(shape, BrepSolids) else [shape], error)
     found = faces.cut(0.5 * (edges[:-1] + edges[1:]), executor)
     volumes = _integrate_layers(edges, found.areas, lambda levels: faces.measure_areas(levels, executor))
-    return collect_layers(name, edges, error, found, volumes)
+    return collect_layers(name, edges, error, found, volumes, found.unresolved)
 
 
 def divide_into_layers(height: float, bounds: Sequence[float]) -> Array:
@@ -155,22 +156,21 @@ def choose_chord_error(height: float, chord_error: float | None) -> float:
     return DEFAULT_CHORD_ERROR_FRACTION * height if chord_error is None else chord_error
 
 
-def collect_layers(name: str, edges: Array, chord_error: float, found: LayerContours, volumes: Array) -> Slices:
-    """The layers between consecutive heights (n + 1,), with the contours found in their middles and their volumes (n,)."""
-    count = len(edges) - 1
-    contours = split_layers(found, count)
+def collect_layers(
+    name: str,
+    edges: Array,
+    chord_error: float,
+    sections: Iterable[LayerSection],
+    volumes: Array,
+    unresolved: int = 0,
+) -> Slices:
+    """The layers between consecutive heights (n + 1,), with their sections and volumes (n,)."""
+    rows = zip(edges[:-1].tolist(), edges[1:].tolist(), sections, volumes.tolist(), strict=True)
     layers = tuple(
-        Layer(
-            float(edges[i]),
-            float(edges[i + 1]),
-            tuple(contours[i]),
-            float(found.areas[i]),
-            float(found.perimeters[i]),
-            float(volumes[i]),
-        )
-        for i in range(count)
+        Layer(bottom, top, tuple(contours), area, length, volume)
+        for bottom, top, (contours, area, length), volume in rows
     )
-    return Slices(name, layers, chord_error, found.unresolved)
+    return Slices(name, layers, chord_error, unresolved)
 
 
 def _integrate_layers(edges: Array, areas: Array, measure_areas: Callable[[Array], Array]) -> Array:

@@ -6,45 +6,23 @@ ends of a side in a fixed order.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
 from tpmscad._compiled_loops import njit_cached
 from tpmscad._typing import Array, IntArray
+from tpmscad.brep.sections.layer_contours import LayerContours
 from tpmscad.brep.sections.polygon_regions import mark_kept
 from tpmscad.errors import TrimmingError
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class MeshSections:
-    """Contours (n, 2) one after another, counter-clockwise round the solid: starts (c + 1,), and the plane of each, (c,).
-
-    areas, perimeters: of each plane, (l,), before points were left out.
-    """
-
-    points: Array
-    starts: IntArray
-    level: IntArray
-    areas: Array
-    perimeters: Array
-
-    def __iter__(self) -> Iterator[tuple[list[Array], float, float]]:
-        """The contours, area and perimeter of each plane."""
-        first = np.searchsorted(self.level, np.arange(len(self.areas) + 1))
-        for i, (area, length) in enumerate(zip(self.areas.tolist(), self.perimeters.tolist(), strict=True)):
-            ends = self.starts[first[i] : first[i + 1] + 1]
-            yield [self.points[a:b] for a, b in zip(ends[:-1].tolist(), ends[1:].tolist(), strict=True)], area, length
-
-
-def cut_mesh(points: Array, triangles: IntArray, levels: Array, error: float) -> MeshSections:
+def cut_mesh(points: Array, triangles: IntArray, levels: Array, error: float) -> LayerContours:
     """The sections of a mesh at ascending heights (l,), with fewer points, all others within `error` of the chords.
 
     TrimmingError if the mesh is open at one of them.
     """
-    found = MeshSections(*_cut_triangles(points, triangles, levels, error))
+    found = LayerContours(*_cut_triangles(points, triangles, levels, error))
     if (found.areas != found.areas).any():
         raise TrimmingError("the triangles are open in the plane of a layer")
     return found

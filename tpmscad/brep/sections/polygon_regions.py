@@ -15,7 +15,7 @@ import numpy as np
 from tpmscad._compiled_loops import njit_cached
 from tpmscad._lazy_import import import_extra
 from tpmscad._typing import Array, BoolArray
-from tpmscad.brep.loops import signed_area
+from tpmscad.index_ranges import list_following
 
 Region = list[Array]
 """Closed polygons."""
@@ -86,9 +86,18 @@ def thin_polygon(polygon: Array, error: float) -> Array:
 
 def signed_areas(region: Sequence[Array]) -> float:
     """Area of a region: that of outer polygons without holes."""
-    return float(sum(map(signed_area, region)))
+    (x0, y0), (x1, y1) = (ends.T for ends in _list_sides(region))
+    return 0.5 * float(x0 @ y1 - x1 @ y0)
 
 
 def region_length(region: Sequence[Array]) -> float:
     """Length of the boundary of a region."""
-    return float(sum(np.linalg.norm(p - np.roll(p, -1, axis=0), axis=1).sum() for p in region))
+    begin, end = _list_sides(region)
+    return float(np.hypot(*(end - begin).T).sum())
+
+
+def _list_sides(region: Sequence[Array]) -> tuple[Array, Array]:
+    """Both ends (n, 2) of all sides of the polygons, from the middle of the points."""
+    points = np.concatenate([np.zeros((0, 2)), *region])
+    points -= points.sum(axis=0) / max(len(points), 1)
+    return points, points[list_following(np.cumsum([0, *map(len, region)]))]

@@ -21,6 +21,7 @@ from tpmscad._typing import Array, BoolArray, IntArray
 from tpmscad.array_table import ArrayTable
 from tpmscad.brep.extents import true_bounds
 from tpmscad.brep.loops import follow_paths
+from tpmscad.brep.sections.layer_contours import LayerContours
 from tpmscad.brep.triangles.measured_deviation import FaceTriangles, pair_sides
 from tpmscad.errors import KernelError
 from tpmscad.index_ranges import expand_ranges, list_preceding
@@ -52,30 +53,6 @@ FACES_PER_TASK, LEVELS_PER_FACE = 64, 125
 
 MAX_REL_GAP = 1e-6
 """In sizes of the solid: distance of the ends of two curves on a chord of an edge up to which they are one point."""
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class LayerContours:
-    """Contours of all layers, one after the other.
-
-    points: (n, 2). starts: index of the first point of each contour, and n, (c + 1,). layer: of each contour, ascending, (c,).
-    areas: inside the exact contours of each layer, (l,). perimeters: of the exact contours of each layer, (l,). unresolved:
-    number of chords longer than the error allows, beside points where the face is horizontal.
-    """
-
-    points: Array
-    starts: IntArray
-    layer: IntArray
-    areas: Array
-    perimeters: Array
-    unresolved: int
-
-
-def split_layers(found: LayerContours, count: int) -> list[list[Array]]:
-    """The contours of each of `count` layers."""
-    contours = np.split(found.points, found.starts[1:-1]) if len(found.layer) else []
-    first = np.searchsorted(found.layer, np.arange(count + 1))
-    return [contours[a:b] for a, b in zip(first[:-1].tolist(), first[1:].tolist(), strict=True)]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
