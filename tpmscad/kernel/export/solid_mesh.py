@@ -16,7 +16,6 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from OCP.TopoDS import TopoDS_Face
 
 from tpmscad._typing import Array, BoolArray, IntArray
 from tpmscad.brep.linked_items import label_linked
@@ -73,19 +72,6 @@ BYTES_PER_TRIANGLE = 250
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class ParametricMesh:
-    """A closed mesh of a solid that knows where its corners lie on faces.
-
-    mesh: also with triangles that a degenerate edge collapses to a line in space. faces: of the solid, in the order in which the
-    mesh numbers them. uv: parameters of the corners on the face, (m, 3, 2).
-    """
-
-    mesh: SolidMesh
-    faces: tuple[TopoDS_Face, ...]
-    uv: Array
-
-
-@dataclass(frozen=True, slots=True, eq=False)
 class MeasuredMeshes:
     """A closed mesh of each solid, and the greatest distance of their triangles from the faces, and of chords from edges."""
 
@@ -134,23 +120,6 @@ def measure_meshes(
         else f"no closed mesh within {deviation:g} of the faces: try another deviation"
     )
     raise KernelError("triangulate", what, outlines.sources[triangulation.worst] if outlines.sources else None)
-
-
-def mesh_parametrically(shape: Any, deviation: float, angle: float) -> tuple[ParametricMesh, ...]:
-    """A mesh of each solid with parameters on faces and edges; chords of edges keep the deviation, triangles about do.
-
-    Raises KernelError if OCCT cannot close a mesh.
-    """
-    topods = unwrap(shape)
-    outlines = explore_faces([faces_of(solid) for solid in solids_of(topods)])
-    found = triangulate_outlines(outlines, deviation, angle)
-    expanded = found.expand(outlines)
-    meshes = tuple(_collect_parametrically(*of, outlines, found, expanded) for of in outlines.solids)
-    if not meshes or any(count_open_sides(_drop_collapsed(each.mesh).triangles) for each in meshes):
-        raise KernelError(
-            "triangulate", f"no closed mesh within {deviation:g} of the faces: try another deviation", topods
-        )
-    return meshes
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -359,17 +328,6 @@ def _collect(faces: IntArray, turned: BoolArray, expanded: _ExpandedTriangles) -
     used = np.zeros(len(expanded.points), bool)
     used[triangles] = True
     return SolidMesh(expanded.points[used], (np.cumsum(used) - 1)[triangles], face)
-
-
-def _collect_parametrically(
-    faces: IntArray, turned: BoolArray, outlines: FaceOutlines, found: FaceTriangulation, expanded: _ExpandedTriangles
-) -> ParametricMesh:
-    """The mesh of some of the faces, each of which stands for itself, with their parameters."""
-    start = expanded.start
-    corners = [found.mesh.triangles[a:b] for a, b in zip(start[faces].tolist(), start[faces + 1].tolist(), strict=True)]
-    both_ways = zip(corners, turned.tolist(), strict=True)
-    uv = np.concatenate([found.mesh.uv[own[:, ::-1] if back else own] for own, back in both_ways])
-    return ParametricMesh(_collect(faces, turned, expanded), tuple(outlines.sources[f] for f in faces.tolist()), uv)
 
 
 def count_open_sides(triangles: IntArray) -> int:

@@ -32,8 +32,8 @@ from tpmscad.kernel.occt.bounding_boxes import box_diagonal
 from tpmscad.kernel.occt.construction import make_compound
 from tpmscad.kernel.occt.exploration import faces_of, solids_of, unwrap
 from tpmscad.kernel.slicing.face_curves import FaceCurves, cut_faces, join_curves
-from tpmscad.kernel.slicing.height_ranges import bound_heights
 from tpmscad.kernel.slicing.level_crossings import NODE_REL_TOL, Chords, LevelSets, OutlinedFaces
+from tpmscad.kernel.slicing.level_refinement import bound_heights
 from tpmscad.parallel import split_batches, task_runner
 
 MESH_DEVIATION_FACTOR, LEAST_MESH_DEVIATION = 2.0, 1e-5
@@ -244,7 +244,7 @@ def triangulate_for_slices(source: BrepSolids | Sequence[Any], chord_error: floa
         raise KernelError("slice", f"a solid is open along {int((uses % 2).sum())} of its edges: close it first")
     chords, of, chord_use, chord_place = _list_chords(outlines, found)
     start = np.searchsorted(of, np.arange(len(outlines.sources) + 1))
-    ranges = bound_heights(found, outlines.curves, chords, of, size)
+    ranges = bound_heights(found.mesh, found.surfaces, size)
     return SlicedFaces(
         outlines, found, solid, face, turned, ranges, chords, start, chord_use, chord_place, size, chord_error
     )

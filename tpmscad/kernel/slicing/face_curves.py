@@ -73,6 +73,12 @@ def cut_faces(faces: OutlinedFaces, sets: LevelSets, chord_error: float) -> Face
 
 def join_curves(parts: Sequence[FaceCurves], level_from: Sequence[int]) -> FaceCurves:
     """The curves of several batches of faces, whose levels are numbered from a first one on."""
+    nothing, numbers = np.zeros(0), np.zeros(0, np.int64)
+    pairs, flags = np.zeros((0, 2)), np.zeros(0, bool)
+    none = FaceCurves(
+        pairs, np.zeros(1, np.int64), numbers, flags, pairs.astype(int), nothing, nothing, nothing, numbers
+    )
+    parts, level_from = [none, *parts], [0, *level_from]
     sizes = np.concatenate([np.diff(part.starts) for part in parts])
     columns = ("closed", "ends", "area", "rise", "length", "unresolved")
     return FaceCurves(
