@@ -53,6 +53,11 @@ def test_volumes_of_few_layers_are_those_of_the_solid() -> None:
     assert ball[0].volume == pytest.approx(np.pi * 4 * (15 - 2) / 3, rel=1e-6)
 
 
+def test_volumes_are_exact_where_the_area_jumps_within_a_layer() -> None:
+    steps = cut(bd.Pos(0, 0, 0.5) * bd.Box(4, 4, 1) + bd.Pos(0, 0, 1.5) * bd.Box(2, 2, 1), 0.3, 0.01)
+    np.testing.assert_allclose([layer.volume for layer in steps], [4.8] * 3 + [2.4] + [1.2] * 2 + [0.8], rtol=1e-9)
+
+
 @pytest.mark.slow
 def test_batches_of_levels_cut_by_an_executor_are_those_of_one_process() -> None:
     model = tpmscad.lattice("schwarz_p", cell=4, thickness=0.5, tol=0.05)

@@ -45,7 +45,7 @@ from tpmscad.solids.skins.offset_skin import erode_body
 from tpmscad.solids.tiled_body import TILE_CORNERS, TiledBody, read_tiled_body
 from tpmscad.stage_timer import StageTimer
 from tpmscad.studies.lattice_triangles import triangulate_filling, triangulate_parts
-from tpmscad.studies.layer_slices import Slices, choose_chord_error, collect_layers, divide_into_layers
+from tpmscad.studies.layer_slices import Slices, choose_chord_error, collect_layers, divide_at_jumps, divide_into_layers
 from tpmscad.studies.triangle_layers import cut_into_layers
 from tpmscad.trimming.network_boolean import combine_networks
 from tpmscad.trimming.operands.polyhedra import box
@@ -125,10 +125,17 @@ def infill_layers(options: InfillLayersOptions) -> Slices:
         lattice = CellSections(request, _find_gap(0.5 * (edges[:-1] + edges[1:]), request.cell[2]), error)
         regions = tuple((operation, own) for (operation, _), own in zip(passive.steps, others, strict=True))
         filled = LayeredInfill(lattice, turn[:2, :2], outer, inner, bool(openings), regions, error, options.executor)
-        sections = filled.fill(0.5 * (edges[:-1] + edges[1:]))
-        heights, excess = np.diff(edges), lattice.mean_shares(edges) - [each.share for each in sections]
-        volumes = heights * ([each.area for each in sections] + excess * [each.room for each in sections])
-        found = ((each.contours, each.area, each.length) for each in sections)
+        jumps = [faces.jumps for faces in (outer, *others, *([] if inner is None else [inner]))]
+        cuts = divide_at_jumps(edges, np.concatenate(jumps))
+        middles, own = (0.5 * (heights[:-1] + heights[1:]) for heights in (cuts, edges))
+        levels = np.union1d(middles, own)
+        sections = filled.fill(levels)
+        parts = [sections[i] for i in np.searchsorted(levels, middles).tolist()]
+        excess = lattice.mean_shares(cuts) - [each.share for each in parts]
+        volumes = np.diff(cuts) * ([each.area for each in parts] + excess * [each.room for each in parts])
+        volumes = np.add.reduceat(volumes, np.searchsorted(cuts, edges[:-1]))
+        layers = [sections[i] for i in np.searchsorted(levels, own).tolist()]
+        found = ((each.contours, each.area, each.length) for each in layers)
         return collect_layers(f"{request.surface} infill", edges, error, found, volumes)
 
 

@@ -33,6 +33,9 @@ SECTIONS_OF_ROUGH_LAYER = 3
 DEFAULT_CHORD_ERROR_FRACTION = 0.25
 """Default chord error in layer heights: the steps between layers are coarser anyway."""
 
+JUMP_REL_TOL = 1e-8
+"""In heights of the part: horizontal faces that are nearer to each other, or to a plane between layers, lie in it."""
+
 HEIGHT_DIGITS = 7
 """Of the lowest and the highest point: the kernel's boxes of STEP files are exact to about 1e-7 mm."""
 
@@ -134,7 +137,8 @@ def slice_shape(
         shape = shape.shape
     faces = triangulate_for_slices(shape if isinstance(shape, BrepSolids) else [shape], error)
     found = faces.cut(0.5 * (edges[:-1] + edges[1:]), executor)
-    volumes = _integrate_layers(edges, found.areas, lambda levels: faces.measure_areas(levels, executor))
+    cuts = divide_at_jumps(edges, faces.jumps)
+    volumes = _integrate_layers(edges, cuts, found.areas, lambda levels: faces.measure_areas(levels, executor))
     return collect_layers(name, edges, error, found, volumes, found.unresolved)
 
 
@@ -149,6 +153,14 @@ def divide_into_layers(height: float, bounds: Sequence[float]) -> Array:
             "are in mm"
         )
     return np.append(bottom + height * np.arange(count), top)
+
+
+def divide_at_jumps(edges: Array, jumps: Array) -> Array:
+    """Heights between layers (n + 1,) and those inside of layers at which areas jump (m,), ascending."""
+    tol = JUMP_REL_TOL * float(edges[-1] - edges[0])
+    inside = np.unique(np.rint(jumps / tol)) * tol
+    at = np.clip(np.searchsorted(edges, inside), 1, len(edges) - 1)
+    return np.union1d(edges, inside[(inside > edges[at - 1] + tol) & (inside < edges[at] - tol)])
 
 
 def choose_chord_error(height: float, chord_error: float | None) -> float:
@@ -173,26 +185,29 @@ def collect_layers(
     return Slices(name, layers, chord_error, unresolved)
 
 
-def _integrate_layers(edges: Array, areas: Array, measure_areas: Callable[[Array], Array]) -> Array:
+def _integrate_layers(edges: Array, cuts: Array, areas: Array, measure_areas: Callable[[Array], Array]) -> Array:
     """Volumes (n,) between consecutive heights (n + 1,) from the areas in the middles (n,), and others that are measured.
 
     Where the area is smooth, the midpoint rule with the second difference of the areas is of fourth order. Where planes touch a
-    face or an edge the area has a kink, which the fourth difference shows: such a layer is divided.
+    face or an edge the area has a kink, which the fourth difference shows: such a layer is divided. Where it jumps, at heights
+    among the `cuts`, both parts are.
     Source of 17/5760: the next term of the midpoint rule in central differences.
     """
-    heights = np.diff(edges)
+    heights, middles = np.diff(edges), 0.5 * (cuts[:-1] + cuts[1:])
+    owner, parts = np.searchsorted(edges, middles) - 1, np.diff(cuts)
     second, rough = np.full(len(areas), np.inf), np.full(len(areas), np.inf)
     second[1:-2] = np.diff(areas[:-1], 2)  # the last layer may be thinner
     rough[2:-3] = np.abs(np.diff(areas[:-1], 4)) * heights[2:-3] * 17.0 / 5760.0
+    rough[np.bincount(owner) > 1] = np.inf
     order = np.argsort(rough, kind="stable")
     smooth = np.zeros(len(areas), bool)
     smooth[order[np.cumsum(rough[order]) <= VOLUME_RTOL * float(heights @ areas)]] = True
     volumes = heights * (areas + np.where(smooth, second, 0.0) / 24.0)
-    if not smooth.all():
-        nodes, weights = np.polynomial.legendre.leggauss(SECTIONS_OF_ROUGH_LAYER)
-        beside = np.abs(nodes) > 1e-12
-        levels = (0.5 * (edges[:-1] + edges[1:]))[~smooth, None] + 0.5 * heights[~smooth, None] * nodes[beside]
-        sections = measure_areas(levels.ravel()).reshape(levels.shape)
-        mean = 0.5 * (sections @ weights[beside] + areas[~smooth] * weights[~beside].sum())
-        volumes[~smooth] = heights[~smooth] * mean
+    due = np.flatnonzero(~smooth[owner])
+    nodes, weights = np.polynomial.legendre.leggauss(SECTIONS_OF_ROUGH_LAYER)
+    levels = middles[due, None] + 0.5 * parts[due, None] * nodes
+    known = (np.bincount(owner) == 1)[owner[due], None] & (np.abs(nodes) < 1e-12)  # the middles of whole layers
+    sections = np.where(known, areas[owner[due], None], 0.0)
+    sections[~known] = measure_areas(levels[~known])
+    volumes[~smooth] = np.bincount(owner[due], 0.5 * parts[due] * (sections @ weights), len(areas))[~smooth]
     return np.asarray(volumes)

@@ -33,7 +33,7 @@ from tpmscad.kernel.occt.construction import make_compound
 from tpmscad.kernel.occt.exploration import faces_of, solids_of, unwrap
 from tpmscad.kernel.slicing.face_curves import FaceCurves, cut_faces, join_curves
 from tpmscad.kernel.slicing.level_crossings import NODE_REL_TOL, Chords, LevelSets, OutlinedFaces
-from tpmscad.kernel.slicing.level_refinement import bound_heights
+from tpmscad.kernel.slicing.level_refinement import HEIGHT_MARGIN, bound_heights
 from tpmscad.parallel import split_batches, task_runner
 
 MESH_DEVIATION_FACTOR, LEAST_MESH_DEVIATION = 2.0, 1e-5
@@ -99,6 +99,14 @@ class SlicedFaces:
     def measure_areas(self, levels: Array, executor: Executor | None = None) -> Array:
         """Areas within the exact contours in planes at ascending heights (l,): (l,)."""
         return self._add_areas(*self._cut_copies(levels, executor), len(levels))
+
+    @property
+    def jumps(self) -> Array:
+        """Heights (n,) of horizontal faces, at which areas may jump, in any order."""
+        thickness = np.ptp(self.ranges, axis=1) - 2.0 * HEIGHT_MARGIN * self.size
+        source = self.outlines.of_face[self.face]
+        heights = self.ranges.mean(axis=1)[source] + self._moved[:, 2]
+        return np.asarray(heights[(thickness < NODE_REL_TOL * self.size)[source]])
 
     @property
     def _moved(self) -> Array:
