@@ -218,7 +218,7 @@ def test_ends_of_curves_that_no_edge_tells_are_joined_where_they_meet(monkeypatc
 
     def lose_some(self: SlicedFaces, curves: Any, copies: Any, which: int, n_levels: int) -> np.ndarray:
         name = name_ends(self, curves, copies, which, n_levels)
-        name[np.flatnonzero((copies.level == 3) & ~curves.closed[copies.curve])[3 * which : 3 * which + 5]] = -1
+        name[np.flatnonzero((copies.level == 3) & ~curves.closed[copies.curve])[3 * which : 3 * which + 5]] = -1 - which
         return name
 
     monkeypatch.setattr(SlicedFaces, "_name_ends", lose_some)

@@ -13,7 +13,7 @@ import numpy as np
 from tpmscad._compiled_loops import njit_cached
 from tpmscad._typing import Array, BoolArray, IntArray
 from tpmscad.brep.sections.layer_contours import LayerContours
-from tpmscad.brep.sections.polygon_regions import mark_kept
+from tpmscad.brep.sections.polygon_regions import choose_points
 from tpmscad.errors import TrimmingError
 
 
@@ -90,7 +90,7 @@ def _cut_triangles(points: Array, triangles: IntArray, levels: Array, error: flo
                 area += 0.5 * (path[k, 0] * path[k + 1, 1] - path[k + 1, 0] * path[k, 1])
                 perimeters[at] += np.hypot(path[k + 1, 0] - path[k, 0], path[k + 1, 1] - path[k, 1])
             areas[at] += area
-            kept = _thin_contour(path[: length + 1], error)
+            kept = choose_points(path[: length + 1], error)
             if kept.sum() < 3:
                 continue
             for k in range(length):
@@ -170,22 +170,3 @@ def _hash(key: int, size: int) -> Any:
     word = np.uint64(key)
     word = (word ^ (word >> np.uint64(33))) * np.uint64(0xFF51AFD7ED558CCD)
     return np.int64((word ^ (word >> np.uint64(33))) % np.uint64(size))
-
-
-@njit_cached
-def _thin_contour(path: Array, error: float) -> Any:
-    """Which points (n,) of a closed contour (n + 1, 2) stay, as in `thin_polygon`."""
-    n = len(path) - 1
-    kept = np.zeros(n + 1, np.bool_)
-    kept[0] = kept[n] = True
-    if n < 3:
-        return kept[:n]
-    far, most = 0, 0.0
-    for k in range(n):
-        away = (path[k, 0] - path[0, 0]) ** 2 + (path[k, 1] - path[0, 1]) ** 2
-        if away > most:
-            far, most = k, away
-    kept[far] = True
-    mark_kept(path, 0, far, error, kept)
-    mark_kept(path, far, n, error, kept)
-    return kept[:n]

@@ -8,7 +8,7 @@ are closed and do not intersect themselves.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 
@@ -77,11 +77,26 @@ def mark_kept(
 
 def thin_polygon(polygon: Array, error: float) -> Array:
     """A closed polygon (n, 2) with fewer points, as `thin_curve`; the first point and the one farthest from it stay."""
-    far = int(np.argmax(((polygon - polygon[0]) ** 2).sum(axis=1)))
-    if far == 0:
-        return polygon
-    halves = polygon[: far + 1], np.concatenate([polygon[far:], polygon[:1]])
-    return np.concatenate([thin_curve(half, error)[:-1] for half in halves])
+    return polygon[choose_points(np.concatenate([polygon, polygon[:1]]), error)]
+
+
+@njit_cached
+def choose_points(path: Array, error: float) -> Any:  # pragma: no cover - compiled
+    """Which points (n,) of a closed contour (n + 1, 2) stay, as in `thin_polygon`."""
+    n = len(path) - 1
+    kept = np.zeros(n + 1, np.bool_)
+    kept[0] = kept[n] = True
+    if n < 3:
+        return kept[:n]
+    far, most = 0, 0.0
+    for k in range(n):
+        away = (path[k, 0] - path[0, 0]) ** 2 + (path[k, 1] - path[0, 1]) ** 2
+        if away > most:
+            far, most = k, away
+    kept[far] = True
+    mark_kept(path, 0, far, error, kept)
+    mark_kept(path, far, n, error, kept)
+    return kept[:n]
 
 
 def signed_areas(region: Sequence[Array]) -> float:

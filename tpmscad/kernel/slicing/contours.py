@@ -178,7 +178,7 @@ class SlicedFaces:
         following = np.where(closed, np.arange(len(copies)), -1)
         begin, end = curves.points[first] + moved, curves.points[last - 1] + moved
         tail, head = (self._name_ends(curves, copies, which, n_levels) for which in (0, 1))
-        arriving, leaving = _match(np.flatnonzero(~closed), head, tail)
+        _, arriving, leaving = np.intersect1d(head, tail, return_indices=True)
         gaps = np.linalg.norm(end[arriving] - begin[leaving], axis=1)
         if (gaps > MAX_REL_GAP * self.size).any():
             raise KernelError("slice", f"curves of neighbouring faces end {gaps.max():.2g} apart")
@@ -203,14 +203,17 @@ class SlicedFaces:
         )
 
     def _name_ends(self, curves: FaceCurves, copies: _CopiedCurves, which: int, n_levels: int) -> IntArray:
-        """A number for the first or last end of each copy that is the same for both faces of the edge there, or -1: (p,)."""
+        """A number for the first or last end of each copy that is the same for both faces of the edge there: (p,).
+
+        It is negative where the curve ends on no edge, and another one for the other end.
+        """
         chord = curves.ends[copies.curve, which]
         use = self.outlines.use_start[self.face[copies.side]] + self.chord_use[chord]
         edge, place = self.outlines.uses[use], self.chord_place[chord]
         count = self.found.division.chords
         place = np.where(self.outlines.turned[use], count[edge] - 1 - place, place)
         of_edge = self.solid[copies.side] * int(count.sum()) + (np.cumsum(count) - count)[edge]
-        return np.where(chord < 0, -1, (of_edge + place) * n_levels + copies.level)
+        return np.where(chord < 0, -1 - which, (of_edge + place) * n_levels + copies.level)
 
     def _close_others(self, following: IntArray, level: IntArray, begin: Array, end: Array) -> None:
         """Let curves that end on no chord of another one be followed by the nearest one that begins so, within the chord error.
@@ -273,18 +276,6 @@ def _list_chords(outlines: FaceOutlines, found: FaceTriangulation) -> tuple[Chor
     curve = np.searchsorted(outlines.own_edges, edges)
     chords = Chords(np.concatenate(nodes), np.concatenate(parameters), curve, np.arange(len(curve)))
     return chords, of, uses, np.concatenate(places)
-
-
-def _match(open_: IntArray, head: IntArray, tail: IntArray) -> tuple[IntArray, IntArray]:
-    """Pairs of the items `open_` (p,) of which the end of the first has the number of the beginning of the second."""
-    arriving, leaving = (open_[np.argsort(at[open_], kind="stable")] for at in (head, tail))
-    if np.array_equal(head[arriving], tail[leaving]) and (len(open_) == 0 or head[arriving[0]] >= 0):
-        return arriving, leaving
-    both = np.intersect1d(head[arriving], tail[leaving])
-    ends, begins = (at[of] for at, of in ((head, arriving), (tail, leaving)))
-    n_ends, n_begins = (np.searchsorted(of, both, "right") - np.searchsorted(of, both) for of in (ends, begins))
-    both = both[(n_ends == n_begins) & (both >= 0)]
-    return arriving[np.isin(ends, both)], leaving[np.isin(begins, both)]
 
 
 def _drop_repeated(points: Array, starts: IntArray) -> tuple[Array, IntArray, BoolArray]:
