@@ -102,6 +102,7 @@ def main() -> None:
     parser.add_argument("--skin", type=float)
     parser.add_argument("--open-faces")
     given = parser.parse_args()
+    skin = {name: value for name, value in vars(given).items() if name in ("skin", "open_faces") and value is not None}
     bodies = {
         "box": lambda: bd.Pos(15, 15, 10) * bd.Box(30, 30, 20),
         "stem": make_stem,
@@ -117,8 +118,7 @@ def main() -> None:
             thickness=grade_thickness(body, given.thickness) if given.graded else given.thickness,
             height=given.height,
             chord_error=given.chord_error,
-            skin=given.skin,
-            open_faces=given.open_faces,
+            **skin,
         )
         wall, cpu = time.perf_counter() - begun, cpu_seconds() - used
         memory = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 2**20

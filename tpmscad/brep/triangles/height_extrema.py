@@ -19,8 +19,8 @@ DIVISION_STEPS = 12
 def find_extrema(line: Line, n: int, steps: int) -> tuple[Array, Array, BoolArray]:
     """Shares (n,) of lines at which the height has an extremum, the points there (n, 3), and whether there is one (n,).
 
-    Steps of the regula falsi on the slope, with half the slope of an end that stays (after the algorithm of Illinois); the height
-    is exact to the square of the error of the place.
+    Steps of the regula falsi on the slope, with half the slope of an end that stays again (the Illinois algorithm); the height is
+    exact to the square of the error of the place.
     """
     everyone = np.arange(n)
     t, point = np.full(n, 0.5), np.zeros((n, 3))
@@ -28,13 +28,16 @@ def find_extrema(line: Line, n: int, steps: int) -> tuple[Array, Array, BoolArra
     turning = low * high < 0.0
     some = np.flatnonzero(turning)
     a, b, slope_a, slope_b = np.zeros(len(some)), np.ones(len(some)), low[some], high[some]
+    before = np.full(len(some), np.nan)
     for _ in range(steps if len(some) else 0):
         at = (a * slope_b - b * slope_a) / (slope_b - slope_a)
         point[some], slope = line(at, some)
         t[some] = at
         left = slope * slope_a > 0.0
-        a, slope_a = np.where(left, at, a), np.where(left, slope, 0.5 * slope_a)
-        b, slope_b = np.where(left, b, at), np.where(left, 0.5 * slope_b, slope)
+        weight = np.where(left == before, 0.5, 1.0)
+        a, slope_a = np.where(left, at, a), np.where(left, slope, weight * slope_a)
+        b, slope_b = np.where(left, b, at), np.where(left, weight * slope_b, slope)
+        before = left.astype(float)
     return t, point, turning
 
 
