@@ -173,8 +173,19 @@ class CellSections:
         return np.array(self.request.cell)
 
     @cached_property
-    def _tiles(self) -> dict[int, SlicedFaces]:
+    def _tiles(self) -> dict[int, tuple[Array, SlicedFaces]]:
         return {}
+
+    def _triangulate_cell(self, corner: int) -> tuple[Array, SlicedFaces]:
+        """The lowest corner (2,) of a cell, and its faces; cells begin at several places."""
+        if corner not in self._tiles:
+            low = np.append(TILE_CORNERS[corner, :2] * self.cell[:2], self.bottom)
+            cover = fit_patches_over_box(self.request, low, low + self.cell, lambda fraction: None)
+            tol = find_trim_tolerance(max(self.request.cell))
+            cell = box(low, low + self.cell)
+            solids = build_solids(combine_networks(cell, cover.patches, "intersection", tol, is_cover=True).brep)
+            self._tiles[corner] = low[:2], triangulate_for_slices(solids, SLICING_SHARE * self.error)
+        return self._tiles[corner]
 
     def at(self, heights: Array) -> list[CellSection]:
         """The sections at heights (n,), cut once for all that are whole cells apart."""
@@ -200,7 +211,7 @@ class CellSections:
         """The mean part of a cell that is solid between consecutive heights (n + 1,): (n,)."""
         period = self.cell[2]
         levels = self.bottom + period * (np.arange(SECTIONS_OF_CELL) + 0.5) / SECTIONS_OF_CELL
-        shares = np.array([section.area for section in self.at(levels)]) / np.prod(self.cell[:2])
+        shares = self._triangulate_cell(0)[1].measure_areas(levels) / np.prod(self.cell[:2])
         cumulated = np.append(0.0, np.cumsum(shares)) / SECTIONS_OF_CELL
         whole, rest = np.divmod((edges - self.bottom) / period, 1.0)
         below = whole * cumulated[-1] + np.interp(rest, np.linspace(0.0, 1.0, SECTIONS_OF_CELL + 1), cumulated)
@@ -208,18 +219,11 @@ class CellSections:
 
     def _cut_cell(self, corner: int, rest: Array) -> list[CellSection | TrimmingError]:
         """The sections at ascending heights (n,) above the lower side of a cell; the failure where one is unclear."""
-        low = np.append(TILE_CORNERS[corner, :2] * self.cell[:2], self.bottom)
-        if corner not in self._tiles:
-            cover = fit_patches_over_box(self.request, low, low + self.cell, lambda fraction: None)
-            tol = find_trim_tolerance(max(self.request.cell))
-            cell = box(low, low + self.cell)
-            solids = build_solids(combine_networks(cell, cover.patches, "intersection", tol, is_cover=True).brep)
-            self._tiles[corner] = triangulate_for_slices([solids.shape], SLICING_SHARE * self.error)
-        cut = self._tiles[corner].cut(self.bottom + rest)
+        low, faces = self._triangulate_cell(corner)
         sections: list[CellSection | TrimmingError] = []
-        for contours, area, _ in cut:
+        for contours, area, _ in faces.cut(self.bottom + rest):
             try:
-                exact = find_periodic_section(contours, area, low[:2], self.cell[:2])
+                exact = find_periodic_section(contours, area, low, self.cell[:2])
             except TrimmingError as error:
                 sections.append(error)
                 continue

@@ -228,8 +228,8 @@ class SlicedFaces:
             ends, begins = arriving[level[arriving] == at], leaving[level[leaving] == at]
             gaps = np.linalg.norm(end[ends, None] - begin[begins], axis=2)
             row, column = linear_sum_assignment(gaps)
-            if len(ends) != len(begins) or gaps[row, column].max() > self.chord_error:
-                raise KernelError("slice", f"curves of neighbouring faces end {gaps.min(axis=1).max():.2g} apart")
+            if (gaps[row, column] > self.chord_error).any():
+                raise KernelError("slice", f"curves of neighbouring faces end {gaps[row, column].max():.2g} apart")
             following[ends[row]] = begins[column]
 
 
