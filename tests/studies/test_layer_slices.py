@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import pickle
 import zipfile
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
@@ -18,6 +19,8 @@ import tpmscad
 from tests.cli.test_cli import run
 from tpmscad.kernel.export.layer_files import Layer
 from tpmscad.kernel.measure.shape_extents import shape_bounds
+from tpmscad.kernel.occt.geometry_evaluators import PlaneEvaluator, face_evaluator
+from tpmscad.kernel.slicing import contours
 from tpmscad.kernel.slicing.contours import SlicedFaces
 from tpmscad.studies.layer_slices import Slices, slice_shape
 
@@ -70,6 +73,25 @@ def test_batches_of_levels_cut_by_an_executor_are_those_of_one_process() -> None
         assert all(np.array_equal(p, q) for p, q in zip(a.contours, b.contours, strict=True))
         assert len(a.contours) >= 1
     assert alone.volume == pytest.approx(model.volume, rel=1e-5)
+
+
+class PicklingExecutor(ThreadPoolExecutor):
+    """An executor that sends its tasks as processes would."""
+
+    def submit(self, function: Any, /, *arguments: Any, **named: Any) -> Any:
+        return super().submit(function, *pickle.loads(pickle.dumps(arguments)), **named)
+
+
+def test_faces_that_no_other_process_can_evaluate_are_cut_in_this_one(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A plane comes first, and could be sent; the kernel alone evaluates a surface of extrusion."""
+    monkeypatch.setattr(contours, "FACES_PER_TASK", 1)
+    profile = bd.Spline((0, 0), (1, 1.5), (3, 1), (4, 0)) + bd.Line((4, 0), (0, 0))
+    part = bd.Pos(0, -3, 0) * bd.Box(1, 1, 2) + bd.extrude(bd.make_face(profile), 2)
+    low, high = shape_bounds(part)
+    assert isinstance(face_evaluator(part.faces()[0].wrapped), PlaneEvaluator)
+    with PicklingExecutor(1) as executor:
+        found = slice_shape(part, "part", 0.5, 0.01, (low[2], high[2]), executor)
+    assert found.volume == pytest.approx(part.volume, rel=1e-5)
 
 
 def test_layers_near_the_ridges_of_a_lying_torus_and_hole_are_not_missed() -> None:

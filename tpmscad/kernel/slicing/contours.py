@@ -147,7 +147,7 @@ class SlicedFaces:
             sets = LevelSets(heights[own[0] : own[-1]], own - own[0], self.size)
             tasks.append((self._join_faces(klass[own[:-1]]), sets, self.chord_error))
             level_from.append(int(own[0]))
-        with task_runner(executor, tasks[0] if tasks else None) as run_tasks:
+        with task_runner(executor, (self.found.surfaces, self.outlines.curves)) as run_tasks:
             return join_curves(run_tasks(cut_faces, tasks), level_from)
 
     def _join_faces(self, klass: IntArray) -> OutlinedFaces:
