@@ -30,8 +30,8 @@ from scipy.sparse.linalg import LinearOperator, cg
 from skfem.helpers import dot, grad
 
 import tpmscad
+from tests.meshing.mesh_facets import interior_facets
 from tpmscad._typing import Array
-from tpmscad.meshing.facet_search import interior_facets
 from tpmscad.meshing.library_meshes import skfem_order
 from tpmscad.meshing.openfoam_case import PASCAL_PER_UNIT, WATER_VISCOSITY
 from tpmscad.meshing.volume_mesh import VolumeMesh

@@ -56,6 +56,24 @@ def draw_infill(path: Path) -> None:
     tpmscad.infill(body, "gyroid", cell=8, thickness=0.8, tol=0.1, progress=False).render(path, size=SIZE)
 
 
+def draw_cores(path: Path) -> None:
+    """The four cores within the skin of a part, cut open, side by side."""
+    from PIL import Image
+
+    plate = bd.extrude(bd.fillet(bd.Rectangle(24, 18).vertices(), 4), 6) - bd.Pos(-6, 0, 3) * bd.Cylinder(3, 6)
+    drawn = []
+    with tempfile.TemporaryDirectory() as folder:
+        for number, kind in enumerate(("honeycomb", "square", "triangular", "re-entrant")):
+            file = Path(folder) / f"{number}.png"
+            model = tpmscad.infill(plate, kind, cell=3.2, thickness=0.3, skin=0.6, tol=0.05, progress=False)
+            model.render(file, size=(SIZE[0] // 2, SIZE[1] // 2), section="z=3", view=(1, -1.2, 2.5))
+            drawn.append(Image.open(file).convert("RGB"))
+    joined = Image.new("RGB", SIZE)
+    for number, picture in enumerate(drawn):
+        joined.paste(picture, (number % 2 * SIZE[0] // 2, number // 2 * SIZE[1] // 2))
+    joined.save(path)
+
+
 def draw_cells_and_layers(path: Path) -> None:
     """The parts of a filled cylinder in a file of whole cells and cut layers, a colour each."""
     with tempfile.TemporaryDirectory() as folder:
@@ -106,6 +124,7 @@ PICTURES: dict[str, Callable[[Path], None]] = {
     "density": draw_density,
     "graded": draw_graded,
     "infill": draw_infill,
+    "cores": draw_cores,
     "cells_and_layers": draw_cells_and_layers,
     "thickness": draw_thickness,
     "comparison": draw_comparison,

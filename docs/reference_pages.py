@@ -67,6 +67,7 @@ JOBS: dict[str, tuple[str, ...]] = {
                 "wall",
                 "strut_lattice",
                 "plate_lattice",
+                "core",
                 "struts",
                 "bspline_unit",
                 "expression",
@@ -101,7 +102,7 @@ JOBS: dict[str, tuple[str, ...]] = {
         for name in ("cylinder", "sphere", "between", "trivariate", "grading", "stretching", "composition", "as_map")
     ),
     "Files": ("export_step", "export_infill", "export_instances", "export_slabs", "check_step", "Model.export"),
-    "Meshes": ("Model.mesh", "Model.hexahedra", "Model.export_splines", "infill_triangles"),
+    "Meshes": ("Model.mesh", "Model.hexahedra", "infill_triangles"),
     "Simulate": ("homogenize", "permeability", "estimate_flow"),
     "Measure and check before printing": (
         "measure",

@@ -42,9 +42,10 @@ def attach_stub(package: str, file: str) -> tuple[Callable[[str], Any], Callable
     return __getattr__, lambda: names, names
 
 
-def import_extra(module: str, what: str, extra: str) -> Any:
-    """A package that only an extra of tpmscad installs; InvalidRequest that names the extra if it is missing."""
+def import_extra(module: str, what: str, extra: str, package: str | None = None) -> Any:
+    """A module that only an extra of tpmscad installs; InvalidRequest that names its package and the extra if it is missing."""
     try:
         return import_module(module)
     except (ImportError, OSError) as error:  # OSError: gmsh without the libraries of the system that it links
-        raise InvalidRequest(f'{what} need {module}: pip install "tpmscad[{extra}]" ({error})') from error
+        needed = f"for {what} tpmscad needs {package or module}: pip install 'tpmscad[{extra}]' ({error})"
+        raise InvalidRequest(needed) from error

@@ -46,13 +46,11 @@ def format_html_table(caption: str, rows: Iterable[Sequence[Any]], head: Sequenc
     return f"{above}<table>{titles}{body}</table>"
 
 
-def split_columns(text: str) -> list[tuple[str, str]]:
-    """The lines "title  value" of a text as rows of a table; a line without a title has none."""
-    rows = []
-    for line in text.splitlines():
-        title, *value = _COLUMNS.split(line.strip(), maxsplit=1)
-        rows.append((title, value[0]) if value else ("", title))
-    return rows
+def tabulate_summary(text: str) -> str:
+    """A table with the first line of a text as its caption and a row for each line "title  value"; a line may have no title."""
+    caption, *lines = text.splitlines()
+    columns = (_COLUMNS.split(line.strip(), maxsplit=1) for line in lines)
+    return format_html_table(caption, [each if len(each) > 1 else ("", *each) for each in columns])
 
 
 def _show_cell(value: Any) -> str:

@@ -51,6 +51,7 @@ KINDS = {
     "struts": fields.struts([[0, 0, 0], [2, 1, 0], [-1, 2, 1], [0, 1, 3]], [[0, 1], [0, 2], [2, 3]], 0.5),
     "struts of two diameters": fields.struts([[0, 0, 0], [2, 1, 0], [-1, 2, 1]], [[0, 1], [0, 2]], [0.5, 0.9]),
     "strut lattice": fields.strut_lattice("re-entrant", (2.0, 1.5, 3.0), 0.3, node_radius=0.25),
+    "core": fields.core("re-entrant", 1.5, 0.2, (1, 2, 2)),
     "image": fields.image_region(DRAWN[:, :, 0], (-2, -2), (2.5, 2)),
     "image along x": fields.image_region(DRAWN[:, :, 1], (-2, -2), (2.5, 2), axis="x"),
     "image stack": fields.image_region(DRAWN, (-2, -2, -1), (2.5, 2, 2)),

@@ -7,12 +7,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from tests.meshing.mesh_facets import boundary_facets
 from tests.meshing.test_volume_mesh import EXTENT, block
 from tpmscad.meshing import edge_collapse, mesh_improvement
 from tpmscad.meshing.edge_collapse import collapse_shortest_edge
 from tpmscad.meshing.editable_mesh import Change, EditableMesh
 from tpmscad.meshing.element_shapes import SHAPES
-from tpmscad.meshing.facet_search import boundary_facets
 from tpmscad.meshing.volume_mesh import VolumeMesh
 
 

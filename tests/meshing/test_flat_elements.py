@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from tests.meshing.mesh_facets import boundary_facets
 from tests.meshing.test_edge_collapse import check_same_body
 from tests.meshing.test_mesh_improvement import jitter
 from tests.meshing.test_volume_mesh import EXTENT, block
@@ -15,7 +16,6 @@ from tpmscad.meshing import mesh_improvement, swaps
 from tpmscad.meshing.edge_splits import _list_places, _make_change, split_edge
 from tpmscad.meshing.editable_mesh import Change, EditableMesh, FacesOfFacets
 from tpmscad.meshing.element_shapes import TETRA_EDGES, determinants
-from tpmscad.meshing.facet_search import boundary_facets
 from tpmscad.meshing.mesh_improvement import improve_poor_elements
 from tpmscad.meshing.tetrahedra import untangle
 from tpmscad.meshing.volume_mesh import VolumeMesh

@@ -7,13 +7,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from tests.meshing.mesh_facets import boundary_facets
 from tests.meshing.test_edge_collapse import check_same_body, squeeze, straighten
 from tests.meshing.test_volume_mesh import EXTENT, block
 from tpmscad._typing import Array
 from tpmscad.meshing import edge_collapse, editable_mesh, mesh_improvement
 from tpmscad.meshing.edge_collapse import find_images
 from tpmscad.meshing.editable_mesh import Change, EditableMesh, FacesOfFacets
-from tpmscad.meshing.facet_search import boundary_facets
 from tpmscad.meshing.mesh_improvement import improve_poor_elements
 from tpmscad.meshing.node_moves import move_node
 from tpmscad.meshing.swaps import _divisions, _remove_face, swap_around

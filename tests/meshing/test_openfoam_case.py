@@ -12,9 +12,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from tests.meshing.mesh_facets import boundary_facets, interior_facets
 from tests.meshing.test_volume_mesh import EXTENT, block
 from tpmscad.errors import InvalidRequest
-from tpmscad.meshing.facet_search import boundary_facets, interior_facets, tabulate_faces
+from tpmscad.meshing.facet_search import tabulate_faces
 from tpmscad.meshing.mesh_arrays import sort_nodes
 from tpmscad.meshing.poly_meshes import divide_regions, name_for_foam, vector_areas
 from tpmscad.meshing.volume_mesh import VolumeMesh

@@ -7,10 +7,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from tests.meshing.mesh_facets import boundary_facets
 from tests.meshing.test_edge_collapse import areas
 from tests.meshing.test_volume_mesh import EXTENT, block
 from tpmscad.errors import InvalidRequest
-from tpmscad.meshing.facet_search import boundary_facets
 from tpmscad.meshing.volume_mesh import VolumeMesh
 
 

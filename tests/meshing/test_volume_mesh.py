@@ -11,10 +11,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from tests.meshing.mesh_facets import boundary_facets
 from tpmscad._typing import Array
 from tpmscad.errors import InvalidRequest
 from tpmscad.meshing.element_shapes import SHAPES, jacobian_coefficients
-from tpmscad.meshing.facet_search import boundary_facets, owners_of_facets
+from tpmscad.meshing.facet_search import owners_of_facets
 from tpmscad.meshing.inp_files import format_name
 from tpmscad.meshing.mesh_arrays import sort_nodes
 from tpmscad.meshing.tetrahedra import pair_sides, untangle

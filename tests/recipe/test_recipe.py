@@ -226,6 +226,12 @@ SAME = {
             fields.strut_lattice("bcc", cell=3, cells=(1, 2, 1), diameter=0.4),
         )
     ],
+    "core": [
+        (
+            "structure = 'honeycomb'\ncell = 3\nthickness = 0.4\naxis = 'x'",
+            fields.core("honeycomb", 3, 0.4, "x"),
+        )
+    ],
     "plate_lattice": [
         (
             "structure = 'fcc'\ncell = 3\ncells = [1, 2, 1]\nthickness = 0.4",

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import pickle
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -14,7 +13,7 @@ from tpmscad import InvalidRequest, maps
 pytestmark = pytest.mark.kernel
 
 
-def test_a_natural_lattice_has_hexahedra_and_a_file_of_splines(tmp_path: Path) -> None:
+def test_a_natural_lattice_has_hexahedra() -> None:
     model = tpmscad.lattice("gyroid", cell=10, thickness=1, boundary="natural", tol=0.05)
     volumes = model.make_spline_volumes()
     assert volumes.integrate_volume() == pytest.approx(model.volume, rel=1e-11)
@@ -22,8 +21,6 @@ def test_a_natural_lattice_has_hexahedra_and_a_file_of_splines(tmp_path: Path) -
     assert mesh.n_cells == 96
     assert mesh.volume == pytest.approx(model.volume, rel=2e-3)
     assert mesh.quality.smallest_scaled_jacobian > 0.75
-    model.export_splines(tmp_path / "gyroid.xml")
-    assert (tmp_path / "gyroid.xml").read_text().count("<Geometry ") == 24
     again = pickle.loads(pickle.dumps(model)).hexahedra(refine=(1, 0))
     np.testing.assert_array_equal(again.points, mesh.points)
 
@@ -66,8 +63,6 @@ def test_solids_that_are_no_whole_walls_say_what_to_use_instead() -> None:
     cut = tpmscad.lattice("schwarz_p", cell=10, thickness=1, tol=0.05)
     with pytest.raises(InvalidRequest, match=r'boundary="natural".*model\.mesh'):
         cut.hexahedra()
-    with pytest.raises(InvalidRequest, match=r"model\.mesh"):
-        cut.export_splines("cut.xml")
     for wrong in (-1, (1, 2, 3), 0.5, "1"):
         with pytest.raises(InvalidRequest, match="refine"):
             cut.hexahedra(refine=wrong)

@@ -12,11 +12,11 @@ import pytest
 
 import tpmscad
 from tests.cli.test_cli import run
+from tests.meshing.mesh_facets import interior_facets
 from tpmscad.errors import InvalidRequest
 from tpmscad.kernel.export.shape_file import name_solids, write_solids
 from tpmscad.kernel.occt.construction import make_compound
 from tpmscad.kernel.step.face_labels import NamedSolid
-from tpmscad.meshing.facet_search import interior_facets
 from tpmscad.meshing.volume_mesh import VolumeMesh
 from tpmscad.requests.study_options import MeshOptions
 from tpmscad.studies._mesh_step import mesh_step

@@ -12,7 +12,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from tpmscad._typing import Array
+from tpmscad._typing import Array, triple
 from tpmscad.blending.composition.defects import count_defects
 from tpmscad.errors import InvalidRequest
 from tpmscad.fields.data.sample_grid import BoxBounds, FieldFunction, SampleGrid, sample_field
@@ -47,7 +47,7 @@ def resolve_domain(regions: Sequence[FieldFunction], domain: BoxBounds | None) -
             )
     corners = np.array(boxes)
     low, high = corners[:, 0].min(axis=0), corners[:, 1].max(axis=0)
-    return _as_triple(low), _as_triple(high)
+    return triple(low.tolist()), triple(high.tolist())
 
 
 def find_region_bounds(region: FieldFunction) -> Array:
@@ -100,7 +100,7 @@ def _find_needed_spacing(structure: Field, index: int, domain: BoxBounds, extent
 
     def measure(spacing: Array) -> tuple[int, int, float]:
         x, y, z = (max(MIN_TRIAL_SAMPLES, int(n)) for n in np.ceil(size / spacing) + 1)
-        grid = SampleGrid(_as_triple(low), _as_triple(low + size), (x, y, z))
+        grid = SampleGrid(triple(low.tolist()), triple((low + size).tolist()), (x, y, z))
         values = sample_field(structure, grid, f"structure {index}")
         census = count_defects(values)
         return census.n0, census.n2, float(np.mean(values <= 0))
@@ -114,8 +114,3 @@ def _find_needed_spacing(structure: Field, index: int, domain: BoxBounds, extent
     raise InvalidRequest(
         f"structure {index} has parts too thin for {finest}: its components still change there; give a resolution, or thicken it"
     )
-
-
-def _as_triple(values: Array) -> tuple[float, float, float]:
-    x, y, z = values.tolist()
-    return x, y, z

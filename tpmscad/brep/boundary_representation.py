@@ -251,6 +251,43 @@ def reverse_faces(brep: Brep) -> Brep:
     return replace(brep, faces=replace(brep.faces, sense=-brep.faces.sense))
 
 
+def copy_brep(brep: Brep, translations: Array) -> Brep:
+    """Copies of a boundary representation at translations (n, 3), each on its own edges and vertices; carriers are shared."""
+    n, e, u, f = len(translations), brep.edges, brep.uses, brep.faces
+
+    def place(motion: Motion) -> Motion:
+        moved = motion.translation + translations[:, None]
+        return Motion(np.tile(motion.rotation, (n, 1, 1)), moved.reshape(-1, 3))
+
+    def number(indices: IntArray, step: int) -> IntArray:
+        return (indices + step * np.arange(n)[:, None]).ravel()
+
+    def follow(starts: IntArray) -> IntArray:
+        return np.append(number(starts[:-1], int(starts[-1])), n * starts[-1])
+
+    return replace(
+        brep,
+        vertices=(brep.vertices + translations[:, None]).reshape(-1, 3),
+        edges=Edges(
+            np.tile(e.curve, n),
+            place(e.motion),
+            np.tile(e.span, (n, 1)),
+            number(e.start, len(brep.vertices)),
+            number(e.end, len(brep.vertices)),
+            np.tile(e.deviation, n),
+        ),
+        uses=EdgeUses(number(u.edge, len(e)), np.tile(u.sense, n), np.tile(u.pcurve, n)),
+        faces=Faces(
+            np.tile(f.carrier, n),
+            place(f.motion),
+            np.tile(f.sense, n),
+            np.tile(f.tag, n),
+            follow(f.loop_start),
+            follow(f.use_start),
+        ),
+    )
+
+
 def join_breps(breps: Sequence[Brep]) -> Brep:
     """The faces of several boundary representations as one, each on its own edges and vertices; none of none."""
     none = np.zeros(0, np.int64)

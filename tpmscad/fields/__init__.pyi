@@ -17,6 +17,7 @@ from tpmscad.fields.kinds.coordinate_transforms import rotate as rotate
 from tpmscad.fields.kinds.coordinate_transforms import scale as scale
 from tpmscad.fields.kinds.coordinate_transforms import translate as translate
 from tpmscad.fields.kinds.coordinate_transforms import warp as warp
+from tpmscad.fields.kinds.cores import core as core
 from tpmscad.fields.kinds.expressions import expression as expression
 from tpmscad.fields.kinds.image_regions import image_region as image_region
 from tpmscad.fields.kinds.implicit_bspline import bspline_unit as bspline_unit

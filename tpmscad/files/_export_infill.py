@@ -10,14 +10,14 @@ from __future__ import annotations
 import tempfile
 from collections.abc import Sequence
 from concurrent.futures import Executor
-from dataclasses import KW_ONLY, dataclass
+from dataclasses import KW_ONLY, dataclass, replace
 from functools import partial
 from pathlib import Path
 from typing import Annotated, Any
 
 import numpy as np
 
-from tpmscad._typing import Array
+from tpmscad._typing import Array, triple
 from tpmscad.api.argument_kinds import choice_of
 from tpmscad.api.public_calls import validate_options
 from tpmscad.api.shared_arguments import Schema
@@ -44,11 +44,11 @@ from tpmscad.kernel.occt.convert import as_solid, transform_shape
 from tpmscad.kernel.step.entity_table import EntityTable
 from tpmscad.kernel.step.joined_files import PlacedProduct, write_cells, write_group, write_joined_step
 from tpmscad.kernel.step.part21 import STEP_SUFFIXES, find_schema
-from tpmscad.kernel.step.product_entities import MassProperties, write_assembly, write_validation_properties
+from tpmscad.kernel.step.product_entities import write_assembly, write_validation_properties
 from tpmscad.kernel.step.step_reader import read_step
 from tpmscad.parallel import run_as_completed
 from tpmscad.requests.lattice_options import InfillOptions
-from tpmscad.result_display import fit_lines, format_html_table, split_columns
+from tpmscad.result_display import fit_lines, tabulate_summary
 from tpmscad.results.certificate import Certificate
 from tpmscad.results.loose_pieces import KEEP
 from tpmscad.rigid_motion import Motion
@@ -136,15 +136,11 @@ class InfillFile:
             ]
         )
 
-    def __str__(self) -> str:
+    def __repr__(self) -> str:
         return fit_lines([self.summary()], ".to_dict()")
 
-    def __repr__(self) -> str:
-        return str(self)
-
     def _repr_html_(self) -> str:
-        first, *lines = self.summary().splitlines()
-        return format_html_table(first, split_columns("\n".join(lines)))
+        return tabulate_summary(self.summary())
 
 
 @dataclass(frozen=True)
@@ -302,8 +298,7 @@ def _join(
         if part is not None:
             shift = np.zeros(3)
             shift[layers.axis] = (first - layers.layers[original][0]) * cell[layers.axis]
-            x, y, z = shift.tolist()
-            copies.append((part, f"cut layer {len(copies) + 1}", (x, y, z)))
+            copies.append((part, f"cut layer {len(copies) + 1}", triple(shift.tolist())))
     if skin_part is not None:
         copies.append((skin_part, "skin", (0.0, 0.0, 0.0)))
 
@@ -317,9 +312,8 @@ def _join(
             product = write_assembly(
                 section, setting, f"{name} turned", [whole.product], [name], turn[None], np.zeros((1, 3))
             )
-            mass = whole.mass
-            x, y, z = (turn @ np.array(mass.centroid)).tolist()
-            write_validation_properties(section, setting, product, MassProperties(mass.volume, mass.area, (x, y, z)))
+            centroid = triple((turn @ np.array(whole.mass.centroid)).tolist())
+            write_validation_properties(section, setting, product, replace(whole.mass, centroid=centroid))
 
     n_cells = len(layers.whole)
     counts = [(cell_part, n_cells)] if cell_part is not None else []

@@ -23,7 +23,7 @@ from tpmscad.kernel.step.part21 import STEP_SUFFIXES, find_schema
 from tpmscad.kernel.step.product_entities import arrange_cells
 from tpmscad.requests.lattice_options import LatticeOptions
 from tpmscad.requests.lattice_request import resolve_lattice_request
-from tpmscad.result_display import fit_lines, format_html_table, split_columns
+from tpmscad.result_display import fit_lines, tabulate_summary
 from tpmscad.results.certificate import Certificate
 from tpmscad.results.loose_pieces import KEEP
 from tpmscad.solids._lattice import make_lattice
@@ -83,15 +83,11 @@ class InstancedFile:
             f"{self.size / 1e6:.2f} MB; of the cell:\n{self.certificate.summary(verbose=verbose)}"
         )
 
-    def __str__(self) -> str:
+    def __repr__(self) -> str:
         return fit_lines([self.summary()], ".summary()")
 
-    def __repr__(self) -> str:
-        return str(self)
-
     def _repr_html_(self) -> str:
-        first, *lines = self.summary().splitlines()
-        return format_html_table(first, split_columns("\n".join(lines)))
+        return tabulate_summary(self.summary())
 
 
 @dataclass(frozen=True)

@@ -8,11 +8,10 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, fields
 from pathlib import Path
-from typing import Any, Protocol
+from typing import TYPE_CHECKING
 
 import numpy as np
 
-from tpmscad._typing import BoxCorners
 from tpmscad.atomic_file import validate_output_path
 from tpmscad.errors import InvalidRequest, KernelError
 from tpmscad.kernel.boolean.boolean_operations import OcctSolids
@@ -24,10 +23,12 @@ from tpmscad.kernel.export.solid_mesh import measure_meshes
 from tpmscad.kernel.export.stl_file import write_stl
 from tpmscad.kernel.export.threemf_file import write_3mf
 from tpmscad.kernel.occt.construction import make_compound
-from tpmscad.kernel.step.face_labels import NamedSolid
 from tpmscad.requests.study_options import ExportOptions
-from tpmscad.results.certificate import Certificate
 from tpmscad.results.result_summary import measure_diagonal
+
+if TYPE_CHECKING:
+    from tpmscad.results.domain_results import FluidDomains
+    from tpmscad.results.model import Model
 
 STEP_SUFFIXES = (".step", ".stp")
 MESH_SUFFIXES = (".stl", ".3mf", ".glb")
@@ -44,17 +45,12 @@ DEFAULT_ANGLE_DEG = 20.0
 """Default turn of the normal between neighbouring facets."""
 
 
-def find_suffix(path: str | Path, only: Sequence[str] = SUFFIXES) -> str:
-    """The suffix of a path in lower case; InvalidRequest if it is not one of those known."""
-    suffix = Path(path).suffix.lower()
-    if suffix not in only:
-        raise InvalidRequest(f"{Path(path).name} ends in {suffix!r}: give it a name ending in {', '.join(only)}")
-    return suffix
-
-
 def check_export(options: ExportOptions) -> str:
-    """The suffix of the file; InvalidRequest for options that its format does not have, or that are not positive."""
-    suffix = find_suffix(options.path)
+    """The suffix of the file; InvalidRequest if it is unknown, or if an option does not fit the format or is not positive."""
+    path = Path(options.path)
+    suffix = path.suffix.lower()
+    if suffix not in SUFFIXES:
+        raise InvalidRequest(f"{path.name} ends in {suffix!r}: give it a name ending in {', '.join(SUFFIXES)}")
     if suffix not in MESH_SUFFIXES and (options.deviation is not None or options.angle is not None):
         raise InvalidRequest(
             f"a {suffix} file is exact: leave deviation and angle out, or write {', '.join(MESH_SUFFIXES)}"
@@ -97,47 +93,18 @@ class ExportedFile:
         return f"{self.path.name}: {self.summary() or 'exact'}"
 
 
-class SolidResult(Protocol):
-    """What a result offers to be written to a file: a model, or the domains of an exchanger."""
-
-    @property
-    def name(self) -> str:
-        """Name of the whole."""
-
-    @property
-    def volume(self) -> float:
-        """Volume of all solids."""
-
-    @property
-    def bounding_box(self) -> BoxCorners:
-        """Corners of the box around the solids."""
-
-    @property
-    def certificate(self) -> Certificate:
-        """The certificate, whose tolerance meshes keep to by default."""
-
-    @property
-    def wrapped(self) -> Any:
-        """The TopoDS shape of all solids."""
-
-    def named_solids(self) -> tuple[NamedSolid, ...]:
-        """The solids with their names and the labels of their faces."""
-
-
 def write_mesh_or_brep_file(
-    result: SolidResult, options: ExportOptions, built: Sequence[BrepSolids | OcctSolids]
+    result: Model | FluidDomains, options: ExportOptions, built: Sequence[BrepSolids | OcctSolids]
 ) -> ExportedFile:
     """Write a result as a mesh (STL, 3MF, GLB) or as OCCT's own BREP, by the suffix of the path.
 
     built: what the solids are made of, for faces that repeat. KernelError if a mesh does not keep the deviation.
     """
-    path, deviation = options.path, options.deviation
-    suffix = find_suffix(path, (*MESH_SUFFIXES, BREP_SUFFIX))
+    target, deviation = validate_output_path(options.path, SUFFIXES), options.deviation
+    suffix = target.suffix.lower()
     if suffix == BREP_SUFFIX:
-        target = validate_output_path(path, (BREP_SUFFIX,))
         write_brep_file(result.wrapped, target, result.volume)
         return ExportedFile(target)
-    target = validate_output_path(path, MESH_SUFFIXES)
     if deviation is None:
         deviation = max(result.certificate.tol, DEVIATION_FRACTION * measure_diagonal(result.bounding_box))
     angle = DEFAULT_ANGLE_DEG if options.angle is None else options.angle

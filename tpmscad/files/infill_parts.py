@@ -25,6 +25,7 @@ from tpmscad.kernel.boolean.cell_regions import (
     cut_region,
     describe_region,
 )
+from tpmscad.kernel.export.shape_file import sum_moments
 from tpmscad.kernel.export.solid_mesh import mesh_solids
 from tpmscad.kernel.measure.mass_properties import face_moments
 from tpmscad.kernel.occt.bounding_boxes import enclosing_box
@@ -33,7 +34,6 @@ from tpmscad.kernel.occt.convert import shape_from_bytes, shape_to_bytes
 from tpmscad.kernel.occt.exploration import faces_of, solids_of, vertices_of
 from tpmscad.kernel.step.face_labels import NamedSolid
 from tpmscad.kernel.step.joined_files import PartFile, find_part
-from tpmscad.kernel.step.product_entities import MassProperties
 from tpmscad.requests.lattice_request import LatticeRequest
 from tpmscad.results.certificate import Certificate
 from tpmscad.results.joined_models import join_models
@@ -179,7 +179,7 @@ def make_part(task: PartTask) -> MadePart | None:
 
 def write_models(models: Sequence[Model], path: Path, schema: str, name: str) -> MadePart:
     """Write models as one product of one file."""
-    mass = _mass_of([face for model in models for face in faces_of(model.built.shape)])
+    mass = sum_moments(face_moments([face for model in models for face in faces_of(model.built.shape)]))
     named = {f"{name}, solid {number}": model for number, model in enumerate(models, 1)}
     whole = models[0] if len(models) == 1 else join_models(name, named, {}, "the solids of a layer")
     whole.export_step(path, schema=schema)
@@ -195,14 +195,7 @@ def write_models(models: Sequence[Model], path: Path, schema: str, name: str) ->
 def write_shapes(solids: Sequence[Any], path: Path, schema: str, name: str, label: str) -> MadePart:
     """Write kernel solids as one product of one file, all faces with one label."""
     faces = [faces_of(solid) for solid in solids]
-    mass = _mass_of([face for of in faces for face in of])
+    mass = sum_moments(face_moments([face for of in faces for face in of]))
     named = [NamedSolid(name, solid, (label,) * len(of)) for solid, of in zip(solids, faces, strict=True)]
     write_checked_solids(named, path, schema=schema, name=name, volume=mass.volume)
     return MadePart(find_part(path, mass), (), len(solids), sum(map(len, faces)))
-
-
-def _mass_of(faces: Sequence[Any]) -> MassProperties:
-    """Mass properties of closed boundaries."""
-    area, volume, *first = face_moments(faces).sum(axis=0).tolist()
-    x, y, z = (moment / volume for moment in first)
-    return MassProperties(volume, area, (x, y, z))

@@ -14,7 +14,7 @@ from tpmscad.errors import InvalidRequest
 from tpmscad.fields.data.mesh_shells import list_open_edges
 from tpmscad.fields.data.triangle_mesh import close_mesh, read_triangles
 from tpmscad.kernel.measure.shape_report import note_missing_unit
-from tpmscad.result_display import fit_lines, format_html_table, split_columns
+from tpmscad.result_display import fit_lines, tabulate_summary
 from tpmscad.results.result_summary import count_pieces, format_size, round_corners
 
 SUFFIXES_WITH_UNIT = (".3mf",)
@@ -90,15 +90,11 @@ class MeshReport:
             ]
         )
 
-    def __str__(self) -> str:
+    def __repr__(self) -> str:
         return fit_lines([self.summary()], ".summary()")
 
-    def __repr__(self) -> str:
-        return str(self)
-
     def _repr_html_(self) -> str:
-        caption, *lines = self.summary().splitlines()
-        return format_html_table(caption, split_columns("\n".join(lines)))
+        return tabulate_summary(self.summary())
 
 
 def report_mesh(path: Path) -> MeshReport:

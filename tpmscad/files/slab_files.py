@@ -1,8 +1,8 @@
 """The work on one slab, as tasks that an executor runs, and the manifest of what they have written.
 
 A task's arguments and results are small: originals travel in files, in a folder that all processes see. The manifest is a JSON
-file, written anew after every slab, so that an interrupted run loses no work: a later run with the same request keeps the files
-whose hash the manifest knows.
+file, written anew after every slab, so that an interrupted run loses no work: a later run with the same request and the same
+originals keeps the files whose hash the manifest knows.
 """
 
 from __future__ import annotations
@@ -12,7 +12,7 @@ import json
 import pickle
 import time
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass, field, replace
+from dataclasses import asdict, dataclass, replace
 from functools import lru_cache
 from pathlib import Path
 from typing import Any
@@ -21,6 +21,7 @@ import numpy as np
 
 from tpmscad.atomic_file import atomic_write
 from tpmscad.brep.boundary_representation import Brep, translate_brep
+from tpmscad.errors import NotMet
 from tpmscad.files.checked_write import write_checked_brep
 from tpmscad.kernel.build.solids import build_solids
 from tpmscad.requests.lattice_request import LatticeRequest
@@ -64,19 +65,20 @@ class SlabFile:
 
 
 def make_originals(request: LatticeRequest, cells: Sequence[Cells], folder: Path) -> tuple[SlabOriginal, ...]:
-    """An original for each number of cells; none after the first whose certificate is not met.
+    """An original for each number of cells; NotMet if one misses the request.
 
     Pieces that are loose in a slab are kept, because they may be a part of the next one.
     """
     made: list[SlabOriginal] = []
     for number, count in enumerate(cells):
         model = make_lattice(replace(request, cells=count), KEEP, StageTimer(False))
+        if not model.certificate.met:
+            missed = "; ".join(model.certificate.shortfalls)
+            raise NotMet(f"nothing was written, a slab misses the request: {missed}", model.certificate)
         path = folder / f"original-{number}.pickle"
         path.write_bytes(pickle.dumps(model.patches))
         name = f"{request.surface} {request.kind}"
         made.append(SlabOriginal(path, count, name, hash_file(path), model.certificate, model.built.n_solids))
-        if not model.certificate.met:
-            break
     return tuple(made)
 
 
@@ -117,47 +119,31 @@ def hash_file(path: Path) -> str:
 
 @dataclass(slots=True)
 class Manifest:
-    """The state of a run: the request as plain values, hashes of the originals, their certificates, and rows by file name."""
+    """The state of a run: the request as plain values, hashes of the originals among them, and rows by file name."""
 
     path: Path
     request: dict[str, Any]
-    originals: list[str] = field(default_factory=list)
-    certificates: list[dict[str, Any]] = field(default_factory=list)
-    rows: dict[str, SlabFile] = field(default_factory=dict)
+    certificates: list[dict[str, Any]]
+    rows: dict[str, SlabFile]
 
     @classmethod
-    def open(cls, path: Path, request: dict[str, Any]) -> Manifest:
-        """The manifest of an earlier run of the request, with the rows of files that are there and whole; else an empty one."""
+    def open(cls, path: Path, request: dict[str, Any], certificates: list[dict[str, Any]]) -> Manifest:
+        """The manifest with the rows of an earlier run of the request whose files are there and whole; else without any."""
         request = json.loads(json.dumps(request))
         try:
             known = json.loads(path.read_text(encoding="ascii"))
         except (OSError, ValueError):
             known = None
-        if not isinstance(known, dict) or known.get("request") != request:
-            return cls(path, request)
-        rows = [
-            SlabFile(**row | {"origin": tuple(row["origin"]), "cells": tuple(row["cells"])}) for row in known["slabs"]
-        ]
-        whole = {row.file: row for row in rows if _is_whole(path.parent / row.file, row)}
-        return cls(path, request, known["originals"], known["certificates"], whole)
-
-    def begin(self, originals: Sequence[SlabOriginal]) -> None:
-        """Take note of the originals; files that were copied from others are written again."""
-        hashes = [original.sha256 for original in originals]
-        if hashes != self.originals:
-            self.rows.clear()
-        self.originals = hashes
-        self.certificates = [original.certificate.to_dict() for original in originals]
+        rows = known["slabs"] if isinstance(known, dict) and known.get("request") == request else []
+        slabs = [SlabFile(**row | {"origin": tuple(row["origin"]), "cells": tuple(row["cells"])}) for row in rows]
+        whole = {slab.file: slab for slab in slabs if _is_whole(path.parent / slab.file, slab)}
+        return cls(path, request, certificates, whole)
 
     def add(self, row: SlabFile) -> None:
         """Note a finished file."""
         self.rows[row.file] = row
-        content = {
-            "request": self.request,
-            "originals": self.originals,
-            "certificates": self.certificates,
-            "slabs": [asdict(row) for row in self.rows.values()],
-        }
+        slabs = [asdict(row) for row in self.rows.values()]
+        content = {"request": self.request, "certificates": self.certificates, "slabs": slabs}
         with atomic_write(self.path) as aside:
             aside.write_text(json.dumps(content, indent=1, allow_nan=False) + "\n", encoding="ascii")
 

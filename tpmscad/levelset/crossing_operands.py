@@ -14,7 +14,7 @@ import numpy as np
 
 from tpmscad._typing import Array
 from tpmscad.errors import CrossingSurfaces, LevelSetError
-from tpmscad.fields.analysis.exact_leaves import find_exact, find_struts
+from tpmscad.fields.analysis.exact_leaves import NetworkLeaf, find_exact
 from tpmscad.fields.analysis.local_leaves import find_meeting_leaves, has_slope_bounds, keeps_sign
 from tpmscad.fields.analysis.outermost_extremes import expose_extremes, list_leaves, list_operands
 from tpmscad.fields.field import Field, MinMaxField
@@ -95,12 +95,13 @@ def _leave_out(field: Field, samples: _LeafSamples) -> Field | bool:
 def has_meeting_quadrics(field: Field, lo: Array, hi: Array, tol: float) -> bool:
     """Whether a quadric is known to come as near as `tol` to another leaf where both bound the solid in the box.
 
-    By bounds on slopes, without samples; False if a leaf has none. True if there are struts, whose cylinders meet.
+    By bounds on slopes, without samples; False if a leaf has none. True if there are struts or cores, whose own faces meet.
     """
     tree = expose_extremes(field)
-    if any(find_struts(leaf) is not None for leaf in list_leaves(tree)):
+    found = [find_exact(leaf) for leaf in list_leaves(tree)]
+    if any(isinstance(leaf, NetworkLeaf) for leaf in found):
         return True
-    exact = [find_exact(leaf) is not None for leaf in list_leaves(tree)]
+    exact = [leaf is not None for leaf in found]
     return any(exact) and has_slope_bounds(tree, lo, hi) and find_meeting_leaves(tree, lo, hi, tol, exact) is not None
 
 

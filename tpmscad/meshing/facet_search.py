@@ -1,4 +1,4 @@
-"""Facets of a mesh as faces of its elements: those of the boundary, those at given corners, and the elements they belong to."""
+"""Facets of a mesh as faces of its elements: those at given corners, and the elements that they belong to."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from tpmscad._typing import BoolArray, IntArray
+from tpmscad._typing import IntArray
 from tpmscad.errors import InvalidRequest
 from tpmscad.meshing.element_shapes import SHAPES
 
@@ -38,16 +38,6 @@ def tabulate_faces(cells: Mapping[str, IntArray]) -> dict[str, FaceTable]:
     return {kind: FaceTable(np.concatenate(nodes[kind]), np.concatenate(owners[kind])) for kind in nodes}
 
 
-def boundary_facets(cells: Mapping[str, IntArray]) -> dict[str, IntArray]:
-    """Faces of elements that one element alone has, with outward normals, by kind."""
-    result = {}
-    for kind, table in tabulate_faces(cells).items():
-        corners = np.sort(table.nodes[:, : SHAPES[kind].corners], axis=1)
-        _, first, count = np.unique(corners, axis=0, return_index=True, return_counts=True)
-        result[kind] = table.nodes[np.sort(first[count == 1])]
-    return result
-
-
 def find_facets(cells: Mapping[str, IntArray], kind: str, corners: IntArray) -> IntArray:
     """Nodes (m, k) of the faces of elements with the given corners (m, c) in any order, oriented outwards of the first element.
 
@@ -74,26 +64,19 @@ def owners_of_facets(cells: Mapping[str, IntArray], facets: Mapping[str, IntArra
     return np.concatenate(result)
 
 
-def interior_facets(cells: Mapping[str, IntArray], facets: Mapping[str, IntArray]) -> BoolArray:
-    """Whether each facet (n,) has an element on either side."""
-    tables = tabulate_faces(cells)
-    found = [np.zeros(0, bool)]
-    for kind, nodes in facets.items():
-        n_corners = SHAPES[kind].corners
-        keys = np.sort(np.concatenate([tables[kind].nodes[:, :n_corners], nodes[:, :n_corners]]), axis=1)
-        _, of, count = np.unique(keys, axis=0, return_inverse=True, return_counts=True)
-        found.append(count[of.ravel()[-len(nodes) :]] == 3)
-    return np.concatenate(found)
+def find_rows(table: IntArray, wanted: IntArray) -> IntArray:
+    """The first row (n,) of a table that equals each wanted row, -1 where none does."""
+    _, first, of = np.unique(np.concatenate([table, wanted]), axis=0, return_index=True, return_inverse=True)
+    row = first[of.ravel()[len(table) :]]
+    return np.where(row < len(table), row, -1)
 
 
 def _match(table: IntArray, wanted: IntArray) -> IntArray:
-    """The first row (n,) of a table that equals each wanted row."""
-    _, first, of = np.unique(np.concatenate([table, wanted]), axis=0, return_index=True, return_inverse=True)
-    row = first[of.ravel()[len(table) :]]
-    missing = int((row >= len(table)).sum())
-    if missing:
+    """The first row (n,) of a table that equals each wanted row; InvalidRequest if there is none."""
+    row = find_rows(table, wanted)
+    if missing := int((row < 0).sum()):
         raise InvalidRequest(f"{missing} facets are faces of no element, or have the opposite orientation")
-    return np.asarray(row)
+    return row
 
 
 def _cycle_to_least(corners: IntArray) -> IntArray:

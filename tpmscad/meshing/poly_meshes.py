@@ -20,7 +20,7 @@ import numpy as np
 from tpmscad._typing import Array, IntArray
 from tpmscad.errors import InvalidRequest
 from tpmscad.meshing.element_shapes import SHAPES
-from tpmscad.meshing.facet_search import tabulate_faces
+from tpmscad.meshing.facet_search import find_rows, tabulate_faces
 from tpmscad.meshing.mesh_arrays import MeshArrays
 
 BETWEEN = " | "
@@ -166,11 +166,8 @@ def _pair_faces(mesh: MeshArrays, faces: IntArray) -> dict[str, tuple[IntArray, 
         image[pairs[:, 0]] = pairs[:, 1]
         near = np.flatnonzero((image[faces] >= 0).all(axis=1))
         moved = image[faces[near]]
-        _, first, which = np.unique(
-            np.sort(np.concatenate([faces, moved]), axis=1), axis=0, return_index=True, return_inverse=True
-        )
-        far = first[which.ravel()[len(faces) :]]
-        is_face = far < len(faces)
+        far = find_rows(np.sort(faces, axis=1), np.sort(moved, axis=1))
+        is_face = far >= 0
         if is_face.any():
             reversed_corners = np.roll(moved[:, ::-1], 1, axis=1)
             found[translation] = near[is_face], far[is_face], reversed_corners[is_face]
@@ -184,8 +181,7 @@ def _find_regions_beyond(mesh: MeshArrays, region: str, faces: IntArray) -> IntA
     for number, (name, cells) in enumerate(mesh.cell_groups.items()):
         if name != region:
             theirs = tabulate_faces({kind: nodes[cells]})[SHAPES[kind].face_kind].nodes[:, : faces.shape[1]]
-            _, of = np.unique(np.sort(np.concatenate([theirs, faces]), axis=1), axis=0, return_inverse=True)
-            found[np.isin(of.ravel()[len(theirs) :], of.ravel()[: len(theirs)])] = number
+            found[find_rows(np.sort(theirs, axis=1), np.sort(faces, axis=1)) >= 0] = number
     return found
 
 
@@ -208,12 +204,11 @@ def vector_areas(corners: Array) -> Array:
 def _find_groups(mesh: MeshArrays, faces: IntArray) -> IntArray:
     """The number (m,) of the first group of facets that holds each face; the number of groups if none does."""
     ((kind, facets),) = mesh.facets.items()
-    keys = np.sort(np.concatenate([facets[:, : SHAPES[kind].corners], faces]), axis=1)
-    _, of = np.unique(keys, axis=0, return_inverse=True)
-    group_of = np.full(of.max() + 1, len(mesh.facet_groups), np.int64)
+    row = find_rows(np.sort(facets[:, : SHAPES[kind].corners], axis=1), np.sort(faces, axis=1))
+    group_of = np.full(len(facets) + 1, len(mesh.facet_groups), np.int64)  # the last is that of faces in no group
     for number, rows in reversed(list(enumerate(mesh.facet_groups.values()))):
-        group_of[of.ravel()[rows]] = number
-    return group_of[of.ravel()[len(facets) :]]
+        group_of[rows] = number
+    return group_of[row]
 
 
 def write_poly_mesh(part: PolyMesh, folder: Path, zones: Mapping[str, IntArray]) -> None:

@@ -26,7 +26,7 @@ from tpmscad.kernel.measure.shape_report import ShapeReport, check_shape
 from tpmscad.kernel.measure.solid_topology import measure_topology
 from tpmscad.kernel.measure.validity import is_brep_valid
 from tpmscad.kernel.occt.construction import make_compound
-from tpmscad.result_display import fit_lines, format_html_table, split_columns
+from tpmscad.result_display import fit_lines, tabulate_summary
 
 CHIP_VOLUME_FRACTION = 1e-2
 """Fraction of the largest piece's volume below which the notes call a piece a chip."""
@@ -204,8 +204,7 @@ class Certificate:
         return fit_lines([self.summary()], ".summary()")
 
     def _repr_html_(self) -> str:
-        first, *lines = self.summary().splitlines()
-        return format_html_table(first, split_columns("\n".join(lines)))
+        return tabulate_summary(self.summary())
 
     def __repr__(self) -> str:
         verdict = "met" if self.met else f"NOT met ({len(self.shortfalls)} shortfalls)"

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 from tpmscad._typing import Array, BoxCorners
 from tpmscad.api.arguments import select_arguments
 from tpmscad.api.public_calls import validate_call, validate_method_options
-from tpmscad.api.shared_kinds import COUNT, FLAG, PATH, REFINEMENT
+from tpmscad.api.shared_kinds import COUNT, FLAG, REFINEMENT
 from tpmscad.brep.boundary_representation import Brep
 from tpmscad.brep.extents import true_bounds
 from tpmscad.brep.solid_names import name_pieces
@@ -320,33 +320,6 @@ class Model:
 
         along, through = refine if isinstance(refine, tuple) else (refine, refine)
         return mesh_by_splines(self.make_spline_volumes, self.name, order, (along, through), serendipity)
-
-    @validate_call()
-    def export_splines(
-        self,
-        path: Annotated[
-            str | Path,
-            PATH,
-            "An ``.xml`` file of G+Smo, which splinepy reads too: a right-handed body for each patch of the wall, "
-            'with exact poles, the interfaces of the bodies, and their outer sides in the groups "surface +", '
-            '"surface -" and "gap" or "cap".',
-        ],
-    ) -> None:
-        """Write the lattice's wall as trivariate splines for isogeometric analysis, with their interfaces.
-
-        Raises
-        ------
-        InvalidRequest
-            If the solid is not made of whole walls, a wall folds, or the suffix is another one.
-
-        Examples
-        --------
-        >>> model = tpmscad.lattice("gyroid", cell=10, thickness=1, boundary="natural")  # doctest: +SKIP
-        >>> model.export_splines("gyroid.xml")  # doctest: +SKIP
-        """
-        from tpmscad.studies.hexahedral_meshing import write_splines
-
-        write_splines(self.make_spline_volumes, self.name, path)
 
     @validate_method_options(MeshOptions, "mesh(0.5)")
     def mesh(self, options: MeshOptions) -> VolumeMesh:

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from tpmscad._typing import Array, BoxCorners, IntArray
+from tpmscad._typing import Array, BoxCorners, IntArray, triple
 from tpmscad.api.public_calls import validate_method_options
 from tpmscad.atomic_file import atomic_write, validate_output_path
 from tpmscad.brep.triangles.closed_mesh import SolidMesh
@@ -77,8 +77,7 @@ class TriangulatedInfill:
     @property
     def center_of_mass(self) -> tuple[float, float, float]:
         """Centre of mass of the solid enclosed, mm."""
-        x, y, z = self.mesh.center_of_mass.tolist()
-        return x, y, z
+        return triple(self.mesh.center_of_mass.tolist())
 
     @property
     def bounding_box(self) -> BoxCorners:

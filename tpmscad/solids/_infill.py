@@ -22,6 +22,7 @@ from tpmscad.requests.lattice_request import (
     resolve_lattice_request,
     rotation_matrix,
 )
+from tpmscad.requests.named_core import resolve_core_name
 from tpmscad.results.joined_models import join_models
 from tpmscad.results.model import Model
 from tpmscad.solids.bodies.body_choice import Body, find_bodies, leave_open
@@ -61,7 +62,8 @@ def infill(options: InfillOptions) -> Model:
     >>> model = tpmscad.infill("bracket.step", "gyroid", cell=8, thickness=0.8, skin=1.5)  # doctest: +SKIP
     >>> model.export_step("filled.step")  # doctest: +SKIP
     """
-    stages = StageTimer(options.progress)
+    name = f"{options.surface} infill" if isinstance(options.surface, str) else "field infill"
+    options, stages = resolve_core_name(options), StageTimer(options.progress)
     tol = _find_tolerance(options)
     bodies = find_bodies(options.body, options.box, options.solid, tol, stages, is_default=options.tol is None)
     if len(bodies) == 1:
@@ -73,7 +75,6 @@ def infill(options: InfillOptions) -> Model:
     if options.keep is not None or options.clear is not None:
         raise InvalidRequest("keep and clear are for one solid: choose one by its number, or fill them one at a time")
     models = {body.cad.title: _fill(options, body, tol, stages) for body in bodies}
-    name = f"{options.surface} infill" if isinstance(options.surface, str) else "field infill"
     return join_models(name, models, stages.seconds, "the bodies")
 
 

@@ -39,7 +39,8 @@ touches a side."""
 class TiledBody:
     """A body, the faces of it that are open, and what fills it: a lattice, or the closed matter of a field, as kernel solids.
 
-    turn (3, 3) takes the axes of a lattice to the body's. passive: what is kept and what is cleared of the filled body.
+    turn (3, 3) takes the axes of a lattice to the body's. passive: what is kept and what is cleared of the filled body. name: of
+    the filled body.
     """
 
     body: CadBody | TriangleMesh
@@ -47,17 +48,13 @@ class TiledBody:
     filling: LatticeRequest | BrepSolids
     turn: Array
     passive: PassiveRegions
+    name: str
 
     @property
     def request(self) -> LatticeRequest:
         """The lattice, where there is one."""
         assert isinstance(self.filling, LatticeRequest)
         return self.filling
-
-    @property
-    def name(self) -> str:
-        """The name of the filled body."""
-        return f"{self.filling.surface if isinstance(self.filling, LatticeRequest) else 'field'} infill"
 
 
 def read_tiled_body(
@@ -75,9 +72,10 @@ def read_tiled_body(
         reject_lattice_options(options)
         if options.tol is None:
             raise InvalidRequest("the solid of a field needs tol=, its greatest deviation from the field")
-        filling, tol, turn = None, options.tol, np.eye(3)
+        filling, tol, turn, name = None, options.tol, np.eye(3), ""
     else:
         filling, turn = resolve_lattice_request(lattice_in_body(options)), rotation_matrix(options.rotation)
+        name = f"{filling.surface} infill"
         if copies or filling.kind == "skeletal":
             filling.require_even(instead)
         filling, tol = filling.turned(turn), filling.tol
@@ -85,7 +83,8 @@ def read_tiled_body(
             with stages("read"):
                 field = resolve_field(options.body)
             if isinstance(field, MeshField):
-                return TiledBody(field.mesh, (), filling, turn, PassiveRegions.read(options.keep, options.clear))
+                passive = PassiveRegions.read(options.keep, options.clear)
+                return TiledBody(field.mesh, (), filling, turn, passive, name)
     body = find_body(options.body, options.box, options.solid, tol, stages, is_default=options.tol is None)
     if isinstance(body, FittedBody) and options.skin is not None:
         raise InvalidRequest(f"a skin without a solid needs a CAD body: leave skin out, or {instead}")
@@ -93,7 +92,7 @@ def read_tiled_body(
     opened = tuple(body.open_faces) if isinstance(body, KernelBody) else ()
     passive = PassiveRegions.read_for(body.cad, isinstance(body, KernelBody), options.keep, options.clear)
     if filling is not None:
-        return TiledBody(body.cad, opened, filling, turn, passive.cut_within(body.cad))
+        return TiledBody(body.cad, opened, filling, turn, passive.cut_within(body.cad), name)
     bounded = bound_data_in_body(as_field(options.surface), *enclosing_box(body.cad.shape))
     matter = build_field_matter(bounded, body.cad, tol, stages)
-    return TiledBody(body.cad, opened, build_solids(matter.closed), turn, passive.cut_within(body.cad))
+    return TiledBody(body.cad, opened, build_solids(matter.closed), turn, passive.cut_within(body.cad), matter.name)

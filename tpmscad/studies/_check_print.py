@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from tpmscad._typing import Array
+from tpmscad._typing import triple
 from tpmscad.api.public_calls import validate_options
 from tpmscad.brep.least_width import RESOLUTION, LeastWidth
 from tpmscad.errors import InvalidRequest
@@ -213,7 +213,7 @@ def check_print(options: CheckPrintOptions) -> PrintReport:
             max_overhang is None or not overhang.area > 0.0,
             overhang.angle,
             max_overhang,
-            _place(overhang.place) if overhang.angle > 0.0 else None,
+            triple(overhang.place.tolist()) if overhang.angle > 0.0 else None,
             area=None if max_overhang is None else overhang.area,
         ),
         PrintFinding(
@@ -221,7 +221,7 @@ def check_print(options: CheckPrintOptions) -> PrintReport:
             not cavities,
             len(cavities),
             0,
-            _place(cavities[0].place) if cavities else None,
+            triple(cavities[0].place.tolist()) if cavities else None,
             volume=float(sum(cavity.volume for cavity in cavities)),
         ),
     )
@@ -262,18 +262,12 @@ def _judge_width(check: str, found: LeastWidth | None, limit: float | None) -> P
         met,
         found.value,
         limit,
-        _place(found.places.mean(axis=0)),
+        triple(found.places.mean(axis=0).tolist()),
         bound=found.bound,
-        places=(_place(first), _place(second)),
+        places=(triple(first.tolist()), triple(second.tolist())),
     )
 
 
 def _format_place(place: Place) -> str:
     """A place in words, to four digits."""
     return "(" + ", ".join(f"{round(x, 9) + 0.0:.4g}" for x in place) + ")"
-
-
-def _place(point: Array) -> Place:
-    """A point (3,) as plain numbers."""
-    x, y, z = point.tolist()
-    return x, y, z

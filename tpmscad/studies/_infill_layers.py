@@ -39,6 +39,7 @@ from tpmscad.requests.lattice_request import (
     resolve_lattice_request,
     rotation_matrix,
 )
+from tpmscad.requests.named_core import resolve_core_name
 from tpmscad.requests.study_options import InfillLayersOptions
 from tpmscad.solids.matter.lattice_block import find_trim_tolerance, fit_patches_over_box
 from tpmscad.solids.skins.offset_skin import erode_body
@@ -95,7 +96,8 @@ def infill_layers(options: InfillLayersOptions) -> Slices:
     >>> layers.write("stem.cli")  # doctest: +SKIP
     """
     import_extra("manifold3d", *MANIFOLD_FOR_LAYERS)  # before minutes of work
-    stages, skin, instead = StageTimer(options.progress), options.skin, "slice the solid, infill(...).slices(height)"
+    options, stages = resolve_core_name(options), StageTimer(options.progress)
+    skin, instead = options.skin, "slice the solid, infill(...).slices(height)"
     turn = rotation_matrix(options.rotation)
     by_triangles = not isinstance(options.surface, str) or resolve_lattice_request(lattice_in_body(options)).is_graded
     if turn[2, 2] != 1.0 and not by_triangles:

@@ -24,7 +24,7 @@ from tpmscad.kernel.measure.shape_report import ShapeReport
 from tpmscad.kernel.measure.shape_sampling import sample_faces
 from tpmscad.kernel.occt.exploration import faces_of
 from tpmscad.kernel.printability.least_widths import measure_least_widths
-from tpmscad.result_display import format_html_table, split_columns
+from tpmscad.result_display import tabulate_summary
 from tpmscad.results.model import Model
 from tpmscad.studies._check_print import read_closed_solids, refuse_touching_solids
 
@@ -98,7 +98,7 @@ class Metrics:
         """The metrics as plain values, ready for JSON. The attributes by name."""
         return asdict(self)
 
-    def __str__(self) -> str:
+    def __repr__(self) -> str:
         diameter = "none: no wetted surface" if self.hydraulic_diameter is None else f"{self.hydraulic_diameter:.6g} mm"
         fluid = "channel" if self.is_fluid else "void"
         return "\n".join(
@@ -114,11 +114,8 @@ class Metrics:
             ]
         )
 
-    def __repr__(self) -> str:
-        return str(self)
-
     def _repr_html_(self) -> str:
-        return format_html_table(self.envelope, split_columns(str(self)))
+        return tabulate_summary(f"{self.envelope}\n{self}")
 
 
 @validate_call()

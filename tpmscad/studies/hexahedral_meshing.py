@@ -1,16 +1,13 @@
-"""Hexahedra and trivariate splines of a lattice that ends in whole patches: the checks, the mesh and the file."""
+"""Hexahedra of a lattice that ends in whole patches, through its trivariate splines: the checks and the mesh."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
-from pathlib import Path
 
 import numpy as np
 
-from tpmscad.atomic_file import validate_output_path
 from tpmscad.errors import InvalidRequest
 from tpmscad.lattices.spline_volumes import SplineVolumes
-from tpmscad.meshing.gismo_files import write_gismo
 from tpmscad.meshing.hexahedra import mesh_hexahedra
 from tpmscad.meshing.volume_mesh import VolumeMesh
 from tpmscad.splines.jacobian_bounds import bound_jacobian
@@ -67,9 +64,3 @@ def mesh_by_splines(
             f"elements of their size: refine {refine[0] + 1} times{', or take order 2' if order == 1 else ''}"
         )
     return mesh
-
-
-def write_splines(source: SplineSource, name: str, path: str | Path) -> None:
-    """Write the trivariate splines of a solid as G+Smo's XML."""
-    target = validate_output_path(path, (".xml",))
-    write_gismo(fill_with_splines(source, name), target)

@@ -131,7 +131,7 @@ class SweepResults:
             "rows": [dict(row) for row in self.rows],
         }
 
-    def __str__(self) -> str:
+    def __repr__(self) -> str:
         failures = self.failures
         kept = f", {self.reused} of them from an earlier run" if self.reused else ""
         lines = [f"{len(self.rows)} designs{kept}: {len(self.rows) - len(failures)} met; results in {self.path}"]
@@ -141,9 +141,6 @@ class SweepResults:
             if not row["met"]
         ]
         return fit_lines(lines, ".failures")
-
-    def __repr__(self) -> str:
-        return str(self)
 
     def _repr_html_(self) -> str:
         """The rows as a table without the columns that are empty in all of them."""

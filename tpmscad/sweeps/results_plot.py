@@ -59,7 +59,7 @@ def plot_columns(names: tuple[str, str, str | None], rows: Sequence[Sequence[Any
             "metrics=True, moduli and conductivity with properties=True"
         )
     if ax is None:
-        ax = import_extra("matplotlib.pyplot", "figures", "plot").subplots(layout="constrained")[1]
+        ax = import_extra("matplotlib.pyplot", "figures", "plot", "matplotlib").subplots(layout="constrained")[1]
     for number, (label, points) in enumerate(lines.items()):
         marker = MARKERS[number % len(MARKERS)]
         ax.plot(*zip(*sorted(points), strict=True), marker=marker, label=label if by else None)

@@ -82,6 +82,16 @@ def join_meshes(meshes: Sequence[SolidMesh]) -> SolidMesh:
     )
 
 
+def point_normals(points: Array, triangles: IntArray) -> Array:
+    """Unit normals (n, 3) at points, averaged by area over the triangles (m, 3); along z where there are none, or they cancel."""
+    a, b, c = (points[triangles[:, k]] for k in range(3))
+    across = np.cross(b - a, c - a)
+    total = [np.bincount(triangles.T.ravel(), np.tile(across[:, axis], 3), len(points)) for axis in range(3)]
+    normals = np.stack(total, axis=1)
+    length = np.linalg.norm(normals, axis=1, keepdims=True)
+    return np.divide(normals, length, out=np.tile([0.0, 0.0, 1.0], (len(points), 1)), where=length > 0)
+
+
 def weld_points(points: Array, tol: float) -> tuple[Array, IntArray]:
     """Points without those within `tol` of another, and the index of each old point (n,) among them."""
     label = label_linked(len(points), cKDTree(points).query_pairs(tol, output_type="ndarray"))

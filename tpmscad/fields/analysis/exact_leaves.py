@@ -1,4 +1,4 @@
-"""Fields whose solids need no fit, moved, scaled, reversed and offset as they may be: planes, spheres, cylinders and struts."""
+"""Fields whose solids need no fit, moved, scaled, reversed and offset: planes, spheres, cylinders, struts and cores."""
 
 from __future__ import annotations
 
@@ -11,6 +11,7 @@ import numpy as np
 from tpmscad._typing import Array
 from tpmscad.fields.field import ConstantField, Field, ScaledField, SumField
 from tpmscad.fields.kinds.coordinate_transforms import AffineTransformedField
+from tpmscad.fields.kinds.cores import CoreField
 from tpmscad.fields.kinds.linear_extension import LinearExtension
 from tpmscad.fields.kinds.primitive_regions import CylinderRegion, HalfSpaceRegion, SphereRegion
 from tpmscad.fields.kinds.strut_graphs import StrutsField, change_struts
@@ -89,19 +90,32 @@ class StrutLeaf(ExactLeaf):
         return replace(self, struts=moved, slope=self.slope * factor)
 
 
-Exact = QuadricLeaf | StrutLeaf
+@dataclass(frozen=True, slots=True, eq=False)
+class CoreLeaf(ExactLeaf):
+    """The walls of a core."""
+
+    core: CoreField
+
+    def offset(self, distance: float) -> Self | None:
+        """See `ExactLeaf`."""
+        thicker = self.core.thicken(2 * distance)
+        return None if thicker is None else replace(self, core=thicker)
+
+    def move(self, rotation: Array, shift: Array, factor: float) -> Self:
+        """See `ExactLeaf`."""
+        return replace(self, core=self.core.move(rotation, shift, factor), slope=self.slope * factor)
+
+
+NetworkLeaf = StrutLeaf | CoreLeaf
+"""Exact solids of many faces that meet."""
+
+Exact = QuadricLeaf | NetworkLeaf
 
 
 def find_quadric(field: Field) -> QuadricLeaf | None:
     """The plane, sphere or cylinder of a field, None if it is something else."""
     found = find_exact(field)
     return found if isinstance(found, QuadricLeaf) else None
-
-
-def find_struts(field: Field) -> StrutLeaf | None:
-    """The struts of a field, None if it is something else."""
-    found = find_exact(field)
-    return found if isinstance(found, StrutLeaf) else None
 
 
 @singledispatch
@@ -130,6 +144,11 @@ def _(field: CylinderRegion) -> Exact | None:
 @find_exact.register
 def _(field: StrutsField) -> Exact | None:
     return StrutLeaf(field) if field.radii.min() == field.radii.max() else None
+
+
+@find_exact.register
+def _(field: CoreField) -> Exact | None:
+    return CoreLeaf(field)
 
 
 @find_exact.register

@@ -13,12 +13,13 @@ import numpy as np
 from tpmscad._typing import Array
 from tpmscad.fields.field import ConstantField, Field, MinMaxField, ScaledField, SumField
 from tpmscad.fields.kinds.coordinate_transforms import AffineTransformedField
+from tpmscad.fields.kinds.cores import CoreField
 from tpmscad.fields.kinds.primitive_regions import BoxRegion, CylinderRegion, HalfSpaceRegion, SphereRegion
 from tpmscad.fields.kinds.ramps import ClippedField, RampField
 from tpmscad.fields.kinds.strut_graphs import StrutsField
 from tpmscad.fields.tape.tape_enclosures import TapeEnclosures
 
-SIGNED_DISTANCES = (BoxRegion, CylinderRegion, HalfSpaceRegion, SphereRegion, StrutsField)
+SIGNED_DISTANCES = (BoxRegion, CoreField, CylinderRegion, HalfSpaceRegion, SphereRegion, StrutsField)
 """Kinds with slope one."""
 
 SMOOTH_STEP_SLOPE = 1.875

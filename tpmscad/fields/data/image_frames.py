@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.optimize import linear_sum_assignment
 
-from tpmscad._typing import Array
+from tpmscad._typing import Array, triple
 from tpmscad.api.argument_kinds import choice_of
 from tpmscad.errors import InvalidRequest
 from tpmscad.fields.data.stored_images import MILLIMETRES, StoredImage
@@ -125,7 +125,7 @@ def _align_with_axes(name: str, values: Array, affine: Array) -> tuple[Array, Tr
     signs = np.sign(matrix[order, np.arange(3)])
     return (
         np.ascontiguousarray(np.transpose(values, inverse)),
-        (float(spacing[0]), float(spacing[1]), float(spacing[2])),
-        (float(origin[0]), float(origin[1]), float(origin[2])),
+        triple(spacing.tolist()),
+        triple(origin.tolist()),
         (directions * signs)[:, inverse] if off_axis > AXIS_ALIGNMENT_TOL else None,
     )

@@ -12,13 +12,13 @@ from typing import Any
 
 import numpy as np
 
+from tpmscad._lazy_import import import_extra
 from tpmscad._typing import Array
 from tpmscad.errors import InvalidRequest
 from tpmscad.fields.data.stored_images import (
     POSITION_TOL_SPACINGS,
     ImageChoice,
     StoredImage,
-    load_reader,
     select_volume,
 )
 
@@ -41,7 +41,7 @@ INSTANCE_NUMBER, SERIES_DESCRIPTION = "0020|0013", "0008|103e"
 
 def read_nifti(file: Path, choice: ImageChoice) -> StoredImage:
     """A NIfTI file, placed by its sform, or else its qform."""
-    nibabel = load_reader("nibabel", "nibabel")
+    nibabel = import_extra("nibabel", "NIfTI files", "images")
     image = nibabel.load(file)
     header, values = image.header, np.asarray(image.dataobj)
     if values.ndim > 4:
@@ -58,7 +58,7 @@ def read_nifti(file: Path, choice: ImageChoice) -> StoredImage:
 
 def read_nrrd(file: Path, choice: ImageChoice) -> StoredImage:
     """An NRRD file; axes without a direction in space number the volumes."""
-    nrrd = load_reader("nrrd", "pynrrd")
+    nrrd = import_extra("nrrd", "NRRD files", "images", "pynrrd")
     values, header = nrrd.read(str(file))
     axes = list(range(values.ndim))
     if values.ndim > 3:
@@ -108,7 +108,7 @@ def _known(unit: str) -> str:
 
 def read_metaimage(file: Path, choice: ImageChoice) -> StoredImage:
     """A MetaImage file, of ITK, in LPS."""
-    sitk = load_reader("SimpleITK", "SimpleITK")
+    sitk = import_extra("SimpleITK", "MetaImage files", "images")
     image = sitk.ReadImage(str(file), imageIO="MetaImageIO")
     if image.GetNumberOfComponentsPerPixel() > 1:
         raise InvalidRequest(
@@ -141,7 +141,7 @@ def read_dicom(path: Path, choice: ImageChoice) -> StoredImage:
 
     `choice.volume` numbers the series of a folder that holds several.
     """
-    sitk = load_reader("SimpleITK", "SimpleITK")
+    sitk = import_extra("SimpleITK", "DICOM files", "images")
     if path.is_file():
         image = _read_dicom_file(sitk, str(path))
         if image.GetSize()[2] == 1:
@@ -157,14 +157,6 @@ def read_dicom(path: Path, choice: ImageChoice) -> StoredImage:
     if is_chosen:
         told = (
             f"series {number} of {len(series)}, {_tag(slices[0], SERIES_DESCRIPTION) or 'which has no description'}",
-        )
-    if len(slices) == 1:
-        return StoredImage(
-            np.transpose(sitk.GetArrayFromImage(slices[0])),
-            _affine_of(slices[0]),
-            "LPS",
-            notes=told,
-            is_chosen=is_chosen,
         )
     values, affine = _stack_slices(path.name, sitk, slices)
     return StoredImage(values, affine, "LPS", notes=told, is_chosen=is_chosen)
@@ -183,12 +175,14 @@ def _tag(image: Any, tag: str) -> str:
 
 
 def _stack_slices(name: str, sitk: Any, slices: list[Any]) -> tuple[Array, Array]:
-    """Slices in the order of their positions along the normal, as (nx, ny, nz) or (nx, ny, nz, n), and their affine map.
+    """Slices in the order of their positions along the normal, as (nx, ny, nz, n), and their affine map; of one file its frames.
 
     InvalidRequest if they differ in size, spacing or direction, or are not evenly spaced: one is missing, or of another series.
     """
     first = slices[0]
     affine = _affine_of(first)
+    if len(slices) == 1:
+        return np.transpose(sitk.GetArrayFromImage(first)), affine
     for image in slices:
         if image.GetSize() != first.GetSize() or not np.allclose(_affine_of(image)[:3, :2], affine[:3, :2], atol=1e-4):
             raise InvalidRequest(

@@ -7,7 +7,6 @@ comes with the extra `tpmscad[triangles]`.
 
 from __future__ import annotations
 
-import importlib
 import posixpath
 import re
 import zipfile
@@ -18,6 +17,7 @@ from xml.parsers import expat
 
 import numpy as np
 
+from tpmscad._lazy_import import import_extra
 from tpmscad._typing import Array, IntArray
 from tpmscad.errors import InvalidRequest
 
@@ -70,10 +70,7 @@ def read_mesh_file(file: Path) -> tuple[str, Array, IntArray, tuple[str, ...]]:
 
 
 def _load_by_trimesh(file: Path) -> tuple[Array, IntArray]:
-    try:
-        trimesh = importlib.import_module("trimesh")
-    except ImportError:
-        raise InvalidRequest("reading a mesh needs trimesh: pip install 'tpmscad[triangles]'") from None
+    trimesh = import_extra("trimesh", "files of triangles", "triangles")
     mesh = trimesh.load_scene(str(file), process=False).to_mesh()
     return np.asarray(mesh.vertices, float), np.asarray(mesh.faces, np.int64)
 
@@ -152,7 +149,7 @@ def read_ply(file: Path) -> Contents:
 
 
 @dataclass(slots=True)
-class _Object:
+class ThreemfObject:
     """An object of a 3MF file: its type, corners and triangles as numbers in a row, and its components."""
 
     type: str
@@ -160,23 +157,27 @@ class _Object:
     triangles: list[int] = field(default_factory=list)
     components: list[Mapping[str, str]] = field(default_factory=list)
 
+    def arrays(self) -> tuple[Array, IntArray]:
+        """Vertices (k, 3) in the unit of the file, and triangles (m, 3)."""
+        return np.reshape(self.vertices, (-1, 3)), np.reshape(self.triangles, (-1, 3)).astype(np.int64)
+
 
 @dataclass(slots=True)
-class _Model:
+class ThreemfModel:
     """A model part of a 3MF file: its unit, the items of its build, its objects, and the elements of other namespaces."""
 
     unit: str = "millimeter"
     required: tuple[str, ...] = ()
     namespaces: dict[str, str] = field(default_factory=dict)
     items: list[Mapping[str, str]] = field(default_factory=list)
-    objects: dict[str, _Object] = field(default_factory=dict)
+    objects: dict[str, ThreemfObject] = field(default_factory=dict)
     foreign: dict[tuple[str, str], int] = field(default_factory=dict)
 
 
-def _parse_model(data: bytes) -> _Model:
-    """A model part."""
-    model = _Model()
-    own = _Object("")
+def parse_model(data: bytes) -> ThreemfModel:
+    """A model part of a 3MF file from its XML."""
+    model = ThreemfModel()
+    own = ThreemfObject("")
 
     def begin(tag: str, given: dict[str, str]) -> None:
         nonlocal own
@@ -188,7 +189,7 @@ def _parse_model(data: bytes) -> _Model:
         elif name == "triangle":
             own.triangles += (int(given["v1"]), int(given["v2"]), int(given["v3"]))
         elif name == "object":
-            own = model.objects[given["id"]] = _Object(given.get("type", "model"))
+            own = model.objects[given["id"]] = ThreemfObject(given.get("type", "model"))
         elif name == "component":
             own.components.append(given)
         elif name == "item":
@@ -220,13 +221,13 @@ def read_3mf(file: Path) -> Contents:
     root = _find_root(parts)
     if root not in parts:
         raise InvalidRequest(f"{file.name} cannot be read as .3mf: it holds no model; save it again")
-    models: dict[str, _Model] = {}
+    models: dict[str, ThreemfModel] = {}
 
-    def find_model(path: str) -> _Model:
+    def find_model(path: str) -> ThreemfModel:
         if path not in models:
             if path not in parts:
                 raise InvalidRequest(f"{file.name} refers to the part {path!r}, which it does not hold: save it again")
-            models[path] = _parse_model(parts[path])
+            models[path] = parse_model(parts[path])
             _require_understood(file.name, models[path])
         return models[path]
 
@@ -272,7 +273,7 @@ def _find_root(parts: Mapping[str, bytes]) -> str:
     return "3d/3dmodel.model"
 
 
-def _require_understood(name: str, model: _Model) -> None:
+def _require_understood(name: str, model: ThreemfModel) -> None:
     """InvalidRequest if a model is in an unknown unit, or requires an extension that is not understood, with counts of that."""
     if model.unit not in MILLIMETRES:
         raise InvalidRequest(
@@ -294,7 +295,7 @@ def _require_understood(name: str, model: _Model) -> None:
         )
 
 
-def _list_foreign_shapes(model: _Model, extensions: Mapping[str, tuple[str, str]]) -> list[str]:
+def _list_foreign_shapes(model: ThreemfModel, extensions: Mapping[str, tuple[str, str]]) -> list[str]:
     """In words: how many elements of extensions a model holds; of one without a counted element, all."""
     found = []
     for namespace, (extension, element) in extensions.items():
@@ -306,7 +307,12 @@ def _list_foreign_shapes(model: _Model, extensions: Mapping[str, tuple[str, str]
 
 
 def _expand(
-    name: str, find_model: Callable[[str], _Model], path: str, reference: Mapping[str, str], scale: float, depth: int
+    name: str,
+    find_model: Callable[[str], ThreemfModel],
+    path: str,
+    reference: Mapping[str, str],
+    scale: float,
+    depth: int,
 ) -> Iterator[tuple[Array, IntArray]]:
     """Vertices and triangles of the object that an item or a component refers to, placed, and of its components.
 
@@ -325,7 +331,8 @@ def _expand(
         raise InvalidRequest(f"{name}: the transform {reference['transform']!r} is no twelve numbers; save it again")
     turn, shift = rows.reshape(4, 3)[:3], rows[9:] * scale
     own = MILLIMETRES[model.unit]
-    parts = [(own * np.reshape(held.vertices, (-1, 3)), np.reshape(held.triangles, (-1, 3)).astype(np.int64))]
+    points, triangles = held.arrays()
+    parts = [(own * points, triangles)]
     for component in held.components:
         below = component.get(f"{PRODUCTION} path", path).lower().strip("/")
         parts += _expand(name, find_model, below, component, own, depth + 1)

@@ -10,9 +10,10 @@ from xml.etree import ElementTree
 
 import numpy as np
 
+from tpmscad._lazy_import import import_extra
 from tpmscad._typing import Array
 from tpmscad.errors import InvalidRequest
-from tpmscad.fields.data.stored_images import MILLIMETRES, ImageChoice, StoredImage, load_reader, select_volume
+from tpmscad.fields.data.stored_images import MILLIMETRES, ImageChoice, StoredImage, select_volume
 
 PICTURE_SUFFIXES = (".tif", ".tiff")
 """Pictures that make a stack in a folder."""
@@ -23,7 +24,7 @@ DEFAULT_OME_UNIT = "µm"
 
 def read_tiff(file: Path, choice: ImageChoice) -> StoredImage:
     """A stack of TIFF pages: x along the rows, y down the columns, z from page to page; spacing of ImageJ or OME-XML."""
-    tifffile = load_reader("tifffile", "tifffile")
+    tifffile = import_extra("tifffile", "TIFF pictures", "images")
     with tifffile.TiffFile(file) as tif:
         stacks = [series for series in tif.series if series.ndim > 2] or _join_pictures(file.name, tif.series)
         is_chosen = len(stacks) > 1
@@ -101,7 +102,7 @@ def _scaling(spacing: Sequence[float] | None) -> Array | None:
 
 def read_picture_folder(folder: Path, choice: ImageChoice) -> StoredImage:
     """The TIFF pictures of a folder, one page each, stacked along z in the order of the numbers in their names."""
-    tifffile = load_reader("tifffile", "tifffile")
+    tifffile = import_extra("tifffile", "TIFF pictures", "images")
     files = sorted((f for f in folder.iterdir() if f.suffix.lower() in PICTURE_SUFFIXES), key=_numbers_in_name)
     pictures = [tifffile.imread(file) for file in files]
     for file, picture in zip(files, pictures, strict=True):
@@ -126,7 +127,7 @@ def _numbers_in_name(file: Path) -> list[Any]:
 
 def read_density_map(file: Path, choice: ImageChoice) -> StoredImage:
     """A density map of electron microscopy or crystallography; its lengths, in angstrom, are not converted."""
-    mrcfile = load_reader("mrcfile", "mrcfile")
+    mrcfile = import_extra("mrcfile", "density maps", "images")
     with mrcfile.open(file) as found:
         header, values = found.header, np.array(found.data)
         voxel = np.array([float(found.voxel_size[axis]) for axis in "xyz"])

@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-import importlib
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
 
 from tpmscad._typing import Array
 from tpmscad.errors import InvalidRequest
@@ -45,22 +43,14 @@ class ImageChoice:
     volume: int | None = None
 
 
-def load_reader(module: str, package: str) -> Any:
-    """The module of an optional package; InvalidRequest says how to install it."""
-    try:
-        return importlib.import_module(module)
-    except ImportError:
-        raise InvalidRequest(f"reading this image needs {package}: pip install 'tpmscad[images]'") from None
-
-
-def select_name(file_name: str, names: Sequence[str], wanted: str | None, kind: str = "arrays") -> str:
+def select_name(file_name: str, names: Sequence[str], wanted: str | None) -> str:
     """The name that is wanted, or the only one; InvalidRequest lists them if it is not among them, or they are several."""
     listed = ", ".join(map(repr, names))
     if wanted is not None and wanted not in names:
-        raise InvalidRequest(f"{file_name} holds no array {wanted!r}: its {kind} are {listed or 'none'}")
+        raise InvalidRequest(f"{file_name} holds no array {wanted!r}: its arrays are {listed or 'none'}")
     if wanted is None and len(names) != 1:
         raise InvalidRequest(
-            f"{file_name} holds {len(names)} {kind}, {listed}: name one of them, array_name={names[0]!r}"
+            f"{file_name} holds {len(names)} arrays, {listed}: name one of them, array_name={names[0]!r}"
             if names
             else f"{file_name} holds no array of numbers in three dimensions"
         )

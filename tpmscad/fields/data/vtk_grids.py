@@ -11,9 +11,10 @@ from typing import Any
 
 import numpy as np
 
+from tpmscad._lazy_import import import_extra
 from tpmscad._typing import Array
 from tpmscad.errors import InvalidRequest
-from tpmscad.fields.data.stored_images import POSITION_TOL_SPACINGS, ImageChoice, StoredImage, load_reader, select_name
+from tpmscad.fields.data.stored_images import POSITION_TOL_SPACINGS, ImageChoice, StoredImage, select_name
 
 BRICKS = {11: "voxels", 12: "hexahedra", 25: "hexahedra", 29: "hexahedra", 33: "hexahedra", 72: "hexahedra"}
 """VTK's types of cells that may fill a uniform grid."""
@@ -41,7 +42,7 @@ def read_vtk(file: Path, choice: ImageChoice) -> StoredImage:
     scalars, notes = _choose_array(file, attributes[bool(of_cells)], names[bool(of_cells)], choice.array_name)
     if scalars is None or scalars.GetNumberOfTuples() == 0:
         raise InvalidRequest(f"{file.name} holds no array of numbers on an image of three dimensions")
-    values = np.asarray(load_reader("vtkmodules.util.numpy_support", "vtk").vtk_to_numpy(scalars))
+    values = np.asarray(_load_vtk("util.numpy_support").vtk_to_numpy(scalars))
     if values.ndim > 1:
         raise InvalidRequest(
             f"the array {scalars.GetName()!r} of {file.name} holds {values.shape[1]} numbers at each place, where one is needed: "
@@ -55,17 +56,22 @@ def read_vtk(file: Path, choice: ImageChoice) -> StoredImage:
 def _read_data_set(file: Path, choice: ImageChoice) -> Any:
     """VTK's data set of a file; InvalidRequest if it holds none."""
     if file.suffix.lower() == ".vtk":
-        reader = load_reader("vtkmodules.vtkIOLegacy", "vtk").vtkGenericDataObjectReader()
+        reader = _load_vtk("vtkIOLegacy").vtkGenericDataObjectReader()
         if choice.array_name is not None:
             reader.ReadAllScalarsOn()
     else:
-        reader = load_reader("vtkmodules.vtkIOXML", "vtk").vtkXMLGenericDataObjectReader()
+        reader = _load_vtk("vtkIOXML").vtkXMLGenericDataObjectReader()
     reader.SetFileName(str(file))
     reader.Update()
     data = reader.GetOutput()
     if data is None or not data.IsA("vtkDataSet"):
         raise InvalidRequest(f"{file.name} holds no array of numbers on a grid or mesh that VTK can read")
     return data
+
+
+def _load_vtk(module: str) -> Any:
+    """A module of VTK."""
+    return import_extra(f"vtkmodules.{module}", "grids and meshes of VTK", "images", "vtk")
 
 
 def _list_arrays(attributes: Any) -> list[str]:
@@ -111,7 +117,7 @@ def _place_on_grid(file: Path, data: Any, values: Array, of_cells: bool, notes: 
                 f"the cells of {file.name} are no bricks (VTK's types {sorted(kinds - BRICKS.keys())}): resample the mesh to an "
                 "image, or give the values at points, fields.scattered"
             )
-        centres = load_reader("vtkmodules.vtkFiltersCore", "vtk").vtkCellCenters()
+        centres = _load_vtk("vtkFiltersCore").vtkCellCenters()
         centres.SetInputData(data)
         centres.Update()
         source = centres.GetOutput()
@@ -135,7 +141,7 @@ def _find_bounds(data: Any) -> Array:
     """The box (3, 2) of the cells of a data set; a mesh may hold points that belong to none."""
     if not data.IsA("vtkUnstructuredGrid") or not data.GetNumberOfCells():
         return np.reshape(data.GetBounds(), (3, 2))
-    to_numpy = load_reader("vtkmodules.util.numpy_support", "vtk").vtk_to_numpy
+    to_numpy = _load_vtk("util.numpy_support").vtk_to_numpy
     used = to_numpy(data.GetPoints().GetData())[np.unique(to_numpy(data.GetCells().GetConnectivityArray()))]
     return np.stack([used.min(axis=0), used.max(axis=0)], axis=1)
 

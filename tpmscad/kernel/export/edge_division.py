@@ -79,14 +79,10 @@ class FaceOutlines:
 class EdgeDivision:
     """The nodes of edges: those of edge e are its vertices and first[e] up to first[e] + chords[e] - 1, along its curve.
 
-    shares: of the span, in ascending order, by classes of edges; klass (e,): that of each edge, reverse (e,): whether it is
-    divided the other way round. placed: parameters and points of the nodes along edges that representatives use, by the number
-    of the edge. deviation: of the chords from the curves.
+    placed: parameters and points of the nodes along edges that representatives use, by the number of the edge. deviation: of the
+    chords from the curves.
     """
 
-    shares: list[Array]
-    klass: IntArray
-    reverse: BoolArray
     chords: IntArray
     first: IntArray
     placed: dict[int, tuple[Array, Array]]
@@ -282,7 +278,7 @@ def divide_edges(
     chords = np.array([len(each) - 1 for each in shares], np.int64)[klass]
     before = len(outlines.points) + np.cumsum(chords - 1) - (chords - 1)
     if not len(own):
-        return EdgeDivision(shares, klass, reverse, chords, before, {}, 0.0)
+        return EdgeDivision(chords, before, {}, 0.0)
     t = []
     for e, (low, high) in zip(own.tolist(), span.tolist(), strict=True):
         each = shares[klass[e]]
@@ -295,7 +291,7 @@ def divide_edges(
     begin = np.delete(np.arange(len(which)), limits[1:] - 1)
     pairs = begin[:, None] + np.arange(2)
     reached = bound_chords(curves, which[begin], np.concatenate(t)[pairs], points[pairs])
-    return EdgeDivision(shares, klass, reverse, chords, before, placed, float(reached.max()))
+    return EdgeDivision(chords, before, placed, float(reached.max()))
 
 
 def _link_edges(outlines: FaceOutlines) -> tuple[IntArray, IntArray]:

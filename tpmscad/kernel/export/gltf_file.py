@@ -17,6 +17,7 @@ import numpy as np
 
 from tpmscad._typing import Array, Colour, IntArray
 from tpmscad.atomic_file import atomic_write
+from tpmscad.brep.triangles.closed_mesh import point_normals
 from tpmscad.kernel.export.mesh_parts import MeshPart, check_read_meshes
 
 MAGIC, JSON_CHUNK, BINARY_CHUNK = 0x46546C67, 0x4E4F534A, 0x004E4942
@@ -71,7 +72,7 @@ def format_glb(parts: Sequence[MeshPart], title: str) -> bytes:
                 {
                     "attributes": {
                         "POSITION": buffers.add(points, "VEC3", ARRAY_BUFFER),
-                        "NORMAL": buffers.add(_point_normals(points, corners), "VEC3", ARRAY_BUFFER),
+                        "NORMAL": buffers.add(point_normals(points, corners), "VEC3", ARRAY_BUFFER),
                     },
                     "indices": buffers.add(corners.ravel(), "SCALAR", ELEMENT_ARRAY_BUFFER),
                     "material": materials.setdefault(key, len(materials)),
@@ -100,17 +101,6 @@ def format_glb(parts: Sequence[MeshPart], title: str) -> bytes:
     chunks = ((JSON_CHUNK, text + b" " * (-len(text) % 4)), (BINARY_CHUNK, bytes(buffers.content)))
     body = b"".join(struct.pack("<II", len(data), kind) + data for kind, data in chunks)
     return struct.pack("<III", MAGIC, 2, 12 + len(body)) + body
-
-
-def _point_normals(points: Array, triangles: IntArray) -> Array:
-    """Unit normals at the points, averaged by area over the triangles: (n, 3)."""
-    a, b, c = (points[triangles[:, k]] for k in range(3))
-    across = np.cross(b - a, c - a)
-    total = np.zeros_like(points)
-    for k in range(3):
-        np.add.at(total, triangles[:, k], across)
-    length = np.linalg.norm(total, axis=1, keepdims=True)
-    return np.divide(total, length, out=np.tile([0.0, 0.0, 1.0], (len(points), 1)), where=length > 0)
 
 
 def _describe_material(label: str, colour: Colour) -> dict[str, Any]:

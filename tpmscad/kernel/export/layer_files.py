@@ -16,7 +16,8 @@ import numpy as np
 from tpmscad._typing import Array
 from tpmscad.atomic_file import atomic_write
 from tpmscad.brep.loops import signed_area
-from tpmscad.kernel.export.threemf_file import CORE_NAMESPACE, escape_text, write_model_archive
+from tpmscad.fields.data.mesh_files import CORE, SCHEMAS
+from tpmscad.kernel.export.threemf_file import escape_text, write_model_archive
 
 DIGITS = 6
 """Decimals of a coordinate in mm: a nanometre."""
@@ -24,7 +25,7 @@ DIGITS = 6
 NUMBER_LIST = f"%.{DIGITS}f,"
 """A number and a comma. Numbers of a whole contour are formatted at once, which takes 0.6 of the time of one by one."""
 
-SLICE_NAMESPACE = "http://schemas.microsoft.com/3dmanufacturing/slice/2015/07"
+SLICE_NAMESPACE = f"{SCHEMAS}slice/2015/07"
 
 
 @dataclass(frozen=True, slots=True)
@@ -108,7 +109,7 @@ def _format_stack(layers: Sequence[Layer], title: str) -> Iterator[str]:
     """The XML of the model, layer by layer. Slices start at the bottom of the object, which the build puts in its place."""
     bottom = layers[0].bottom
     yield (
-        f'<?xml version="1.0" encoding="UTF-8"?>\n<model unit="millimeter" xml:lang="en-US" xmlns="{CORE_NAMESPACE}" '
+        f'<?xml version="1.0" encoding="UTF-8"?>\n<model unit="millimeter" xml:lang="en-US" xmlns="{CORE}" '
         f'xmlns:s="{SLICE_NAMESPACE}" requiredextensions="s"><metadata name="Title">{escape_text(title)}</metadata>\n'
         f'<resources><s:slicestack id="1" zbottom="0">\n'
     )

@@ -15,7 +15,7 @@ import numpy as np
 from OCP.TopAbs import TopAbs_FACE, TopAbs_SOLID
 from OCP.TopExp import TopExp_Explorer
 
-from tpmscad._typing import Array, Colour
+from tpmscad._typing import Array, Colour, triple
 from tpmscad.brep.solid_names import name_pieces
 from tpmscad.errors import InvalidRequest
 from tpmscad.kernel.measure.edge_gaps import measure_accuracy
@@ -68,13 +68,13 @@ def write_solids(
             part = write_product(section, setting, label, BREP_REPRESENTATION, [written[i].solid for i in group])
             coloured = [pair for i in group for pair in _colour_items(written[i], solids[i])]
             write_colours(section, part.context, coloured)
-            write_validation_properties(section, setting, part, _mass_properties(moments[group]))
+            write_validation_properties(section, setting, part, sum_moments(moments[group]))
             parts.append(part)
         if assembly:
             still, nowhere = np.tile(np.eye(3), (len(parts), 1, 1)), np.zeros((len(parts), 3))
             names = [of.name for of in solids]
             whole = write_assembly(section, setting, title, parts, names, still, nowhere)
-            write_validation_properties(section, setting, whole, _mass_properties(moments))
+            write_validation_properties(section, setting, whole, sum_moments(moments))
 
 
 def write_shape(
@@ -84,7 +84,6 @@ def write_shape(
     schema: str = "ap242",
     name: str | None = None,
     time_stamp: str | None = None,
-    verify: Callable[[Path], None] | None = None,
 ) -> None:
     """Write the solids of a TopoDS, build123d or CadQuery shape as one STEP product in mm; arguments and errors as `write_step`.
 
@@ -92,7 +91,7 @@ def write_shape(
     in STEP.
     """
     solids = name_solids(shape, name or Path(path).stem)
-    write_solids(solids, path, schema=schema, name=name, time_stamp=time_stamp, verify=verify)
+    write_solids(solids, path, schema=schema, name=name, time_stamp=time_stamp)
 
 
 def _colour_items(written: WrittenSolid, of: NamedSolid) -> list[tuple[int, Colour]]:
@@ -102,15 +101,14 @@ def _colour_items(written: WrittenSolid, of: NamedSolid) -> list[tuple[int, Colo
     return [(face, find_label_colour(label)) for face, label in zip(written.faces, of.labels, strict=True)]
 
 
-def _mass_properties(moments: Array) -> MassProperties:
-    """Volume, area and centroid of solids together, given the moments of each (n, 5); InvalidRequest without a volume."""
+def sum_moments(moments: Array) -> MassProperties:
+    """Volume, area and centroid of faces or solids together by the moments of each (n, 5); InvalidRequest without a volume."""
     area, volume, *first = moments.sum(axis=0).tolist()
     if volume == 0.0:
         raise InvalidRequest(
             "the solid encloses no volume: its faces do not close, or cover each other; check the shape first"
         )
-    x, y, z = (value / volume for value in first)
-    return MassProperties(volume, area, (x, y, z))
+    return MassProperties(volume, area, triple(value / volume for value in first))
 
 
 def name_solids(shape: Any, name: str) -> tuple[NamedSolid, ...]:

@@ -37,19 +37,21 @@ def write_stl(parts: Sequence[MeshPart], path: Path, title: str) -> None:
     header = f"tpmscad {title}, unit mm".encode("ascii", "replace")[:HEADER_BYTES].ljust(HEADER_BYTES)
     single = [part.mesh.points.astype("<f4") for part in parts]
     labels = [label_points(points) for points in single]
-    count = sum(_count_distinct(part.mesh.triangles, own) for part, own in zip(parts, labels, strict=True))
+    count, checksum = 0, 0
     with atomic_write(path) as aside:
         with aside.open("wb") as file:
-            head = header + np.uint32(count).tobytes()
-            file.write(head)
-            checksum = crc32(head)
+            file.write(header + bytes(4))
             for part, points, own in zip(parts, single, labels, strict=True):
                 _check_part(part, points, own, path)
                 for start in range(0, len(part.mesh.triangles), BATCH):
                     records = _make_records(part.mesh, points, own, start)
                     file.write(records.data)
                     checksum = crc32(records.data, checksum)
-        _check_file(aside, count, checksum, path)
+                    count += len(records)
+            head = header + np.uint32(count).tobytes()
+            file.seek(0)
+            file.write(head)
+        _check_file(aside, head, count, checksum, path)
 
 
 def _make_records(
@@ -92,15 +94,6 @@ def _fill_records(
     return written
 
 
-@njit_cached
-def _count_distinct(triangles: IntArray, labels: NDArray[np.uint64]) -> int:
-    count = 0
-    for t in range(len(triangles)):
-        i, j, k = triangles[t]
-        count += labels[i] != labels[j] and labels[j] != labels[k] and labels[k] != labels[i]
-    return count
-
-
 def _check_part(part: MeshPart, single: NDArray[np.float32], labels: NDArray[np.uint64], path: Path) -> None:
     """KernelError unless triangles in single precision are closed, as points of equal coordinates, and have their volume."""
     mesh = part.mesh
@@ -114,11 +107,12 @@ def _check_part(part: MeshPart, single: NDArray[np.float32], labels: NDArray[np.
         )
 
 
-def _check_file(file: Path, count: int, checksum: int, path: Path) -> None:
-    """Raise KernelError unless a file has the size of its triangles and the checksum of what was written."""
-    size, expected, found = file.stat().st_size, HEADER_BYTES + 4 + count * RECORD.itemsize, 0
+def _check_file(file: Path, head: bytes, count: int, checksum: int, path: Path) -> None:
+    """Raise KernelError unless a file has its head, the size of its triangles and the checksum of what was written."""
+    size, expected, found = file.stat().st_size, len(head) + count * RECORD.itemsize, 0
     with file.open("rb") as read:
+        is_headed = read.read(len(head)) == head
         while batch := read.read(BYTES_PER_READ):
             found = crc32(batch, found)
-    if size != expected or found != checksum:
+    if not is_headed or size != expected or found != checksum:
         raise KernelError("export", f"{path.name} reads back with {size} bytes instead of {expected}, or with others")

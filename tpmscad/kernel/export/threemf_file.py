@@ -10,18 +10,16 @@ import zipfile
 from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
 from typing import Any
-from xml.etree import ElementTree
 from xml.sax.saxutils import quoteattr
 
-import numpy as np
 from numpy.typing import NDArray
 
-from tpmscad._typing import Array, Colour, IntArray
+from tpmscad._typing import Colour
 from tpmscad.atomic_file import atomic_write
 from tpmscad.errors import KernelError
+from tpmscad.fields.data.mesh_files import CORE, parse_model
 from tpmscad.kernel.export.mesh_parts import MeshPart, check_read_meshes
 
-CORE_NAMESPACE = "http://schemas.microsoft.com/3dmanufacturing/core/2015/02"
 MODEL_PATH = "3D/3dmodel.model"
 CONTENT_TYPES = (
     '<?xml version="1.0" encoding="UTF-8"?>\n'
@@ -50,18 +48,18 @@ def write_3mf(parts: Sequence[MeshPart], path: Path, title: str) -> None:
     """Write the meshes as named objects, in mm; the file is read back and checked before it gets its name."""
     with atomic_write(path) as aside:
         write_model_archive(aside, format_model(parts, title))
-        if sum(len(part.mesh.triangles) for part in parts) <= MAX_PARSED_TRIANGLES:
-            check_read_meshes(read_3mf(aside), parts, path)
-        else:
-            with zipfile.ZipFile(aside) as archive:
-                if archive.testzip() is not None:
-                    raise KernelError("export", f"{path.name} reads back with other bytes than were written")
+        with zipfile.ZipFile(aside) as archive:
+            if sum(len(part.mesh.triangles) for part in parts) <= MAX_PARSED_TRIANGLES:
+                objects = parse_model(archive.read(MODEL_PATH)).objects.values()
+                check_read_meshes([of.arrays() for of in objects], parts, path)
+            elif archive.testzip() is not None:
+                raise KernelError("export", f"{path.name} reads back with other bytes than were written")
 
 
 def format_model(parts: Sequence[MeshPart], title: str) -> Iterator[str]:
     """The XML of the model, piece by piece: materials and one object for each mesh, and the build of them all."""
     yield (
-        f'<?xml version="1.0" encoding="UTF-8"?>\n<model unit="millimeter" xml:lang="en-US" xmlns="{CORE_NAMESPACE}">'
+        f'<?xml version="1.0" encoding="UTF-8"?>\n<model unit="millimeter" xml:lang="en-US" xmlns="{CORE}">'
         f'<metadata name="Title">{escape_text(title)}</metadata><metadata name="Application">tpmscad</metadata>\n'
         "<resources>"
     )
@@ -96,24 +94,6 @@ def _batches(rows: NDArray[Any]) -> Iterator[NDArray[Any]]:
 def _hex(colour: Colour) -> str:
     """Colour as #RRGGBB."""
     return "#" + "".join(f"{round(255 * c):02X}" for c in colour)
-
-
-def read_3mf(path: Path) -> list[tuple[Array, IntArray]]:
-    """Points and triangles of every object of a 3MF file."""
-    found = []
-    with zipfile.ZipFile(path) as archive, archive.open(MODEL_PATH) as file:
-        for _, element in ElementTree.iterparse(file):
-            if element.tag == f"{{{CORE_NAMESPACE}}}mesh":
-                vertices, triangles = (
-                    element.find(f"{{{CORE_NAMESPACE}}}{kind}") for kind in ("vertices", "triangles")
-                )
-                assert vertices is not None
-                assert triangles is not None
-                points = np.array([[float(v.attrib[k]) for k in "xyz"] for v in vertices])
-                corners = np.array([[int(t.attrib[k]) for k in ("v1", "v2", "v3")] for t in triangles])
-                found.append((points, corners))
-                element.clear()
-    return found
 
 
 def write_model_archive(path: Path, model: Iterable[str]) -> None:

@@ -16,7 +16,7 @@ from OCP.TopAbs import TopAbs_EDGE, TopAbs_FACE, TopAbs_SHELL, TopAbs_VERTEX
 from OCP.TopLoc import TopLoc_Location
 from OCP.TopoDS import TopoDS_Solid
 
-from tpmscad._typing import Array
+from tpmscad._typing import Array, triple
 from tpmscad.kernel.measure.face_table import FaceEntry
 from tpmscad.kernel.measure.mass_properties import solid_moments
 from tpmscad.kernel.measure.shape_extents import shape_bounds
@@ -95,9 +95,6 @@ class ShapeReport:
         return {"ok": self.ok} | asdict(self)
 
     def __repr__(self) -> str:
-        return str(self)
-
-    def __str__(self) -> str:
         (x0, y0, z0), (x1, y1, z1) = self.bounds
         x, y, z = self.centroid
         return "\n".join(
@@ -239,11 +236,8 @@ class StepReport:
             f"volume      {shape.volume:.9g} mm3, surface {shape.area:.9g} mm2",
         ]
 
-    def __str__(self) -> str:
-        return f"{self.file}: {list_names(self.products, 3)}, {self._describe_units()}\n{self.shape}"
-
     def __repr__(self) -> str:
-        return str(self)
+        return f"{self.file}: {list_names(self.products, 3)}, {self._describe_units()}\n{self.shape}"
 
     def _repr_html_(self) -> str:
         return tabulate_solids(self.file, self.solids)
@@ -341,17 +335,11 @@ def _sum_up(placed: Sequence[_PlacedFigures]) -> ShapeReport:
         outward=all(v > 0 for v in volumes),
         volume=volume,
         area=float(total[0]),
-        centroid=_triple(centroid),
-        bounds=(_triple(low), _triple(high)),
+        centroid=triple(centroid.tolist()),
+        bounds=(triple(low.tolist()), triple(high.tolist())),
         volumes=tuple(sorted(volumes, reverse=True)),
         max_tolerance=max((f.tolerance for f in figures), default=0.0),
     )
-
-
-def _triple(values: Array) -> tuple[float, float, float]:
-    """Three floats of an array (3,)."""
-    x, y, z = values.tolist()
-    return x, y, z
 
 
 def _measure_solid(solid: TopoDS_Solid) -> _SolidFigures:

@@ -16,6 +16,7 @@ from OCP.BRep import BRep_Tool
 from OCP.TopAbs import TopAbs_EDGE, TopAbs_FACE, TopAbs_SHELL, TopAbs_VERTEX, TopAbs_WIRE
 from OCP.TopoDS import TopoDS_Shape, TopoDS_Solid
 
+from tpmscad._typing import triple
 from tpmscad.brep.linked_items import label_sharing
 from tpmscad.brep.solid_properties import TouchingPlace
 from tpmscad.kernel.occt import convert
@@ -89,11 +90,9 @@ def _find_contacts(solids: Sequence[TopoDS_Solid], fans: Counter[ShapeKey]) -> t
 
 
 def _point_of(vertex: Any) -> tuple[float, float, float]:
-    x, y, z = BRep_Tool.Pnt_s(convert.as_vertex(vertex)).Coord()
-    return x, y, z
+    return triple(BRep_Tool.Pnt_s(convert.as_vertex(vertex)).Coord())
 
 
 def _middle(edge: Any) -> tuple[float, float, float]:
     """The mean of the vertices of an edge."""
-    x, y, z = np.mean([_point_of(vertex) for vertex in list_subshapes(edge, TopAbs_VERTEX)], axis=0).tolist()
-    return x, y, z
+    return triple(np.mean([_point_of(vertex) for vertex in list_subshapes(edge, TopAbs_VERTEX)], axis=0).tolist())

@@ -12,7 +12,7 @@ from OCP.Geom import Geom_BSplineSurface
 from OCP.TopoDS import TopoDS_Face, TopoDS_Shape
 
 from tpmscad._typing import Array, BoolArray, Colour, IntArray
-from tpmscad.brep.triangles.closed_mesh import SolidMesh
+from tpmscad.brep.triangles.closed_mesh import SolidMesh, point_normals
 from tpmscad.errors import KernelError
 from tpmscad.kernel.occt.bounding_boxes import box_diagonal
 from tpmscad.kernel.occt.construction import make_compound
@@ -87,14 +87,9 @@ class Scene:
         used, triangles = np.unique(corner, return_inverse=True)
         triangles, face = triangles.reshape(-1, 3), used // len(mesh.points)
         points = mesh.points[used % len(mesh.points)]
-        a, b, c = (points[triangles[:, k]] for k in range(3))
-        across = np.cross(b - a, c - a)
-        sums = [sum(np.bincount(triangles[:, k], across[:, axis], len(points)) for k in range(3)) for axis in range(3)]
-        normals = np.stack(sums, axis=1)
-        length = np.linalg.norm(normals, axis=1, keepdims=True)
         return cls(
             points,
-            np.divide(normals, length, out=np.zeros_like(normals), where=length > 0),
+            point_normals(points, triangles),
             np.zeros((len(points), 2)),
             face,
             triangles,

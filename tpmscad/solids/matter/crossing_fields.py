@@ -27,10 +27,11 @@ from tpmscad.brep.carriers import Plane
 from tpmscad.errors import InvalidRequest, LevelSetError
 from tpmscad.fallbacks import Fallback, Fallbacks
 from tpmscad.fields.analysis.crease_network import trace_creases
-from tpmscad.fields.analysis.exact_leaves import QuadricLeaf, StrutLeaf, find_exact
+from tpmscad.fields.analysis.exact_leaves import CoreLeaf, NetworkLeaf, QuadricLeaf, StrutLeaf, find_exact
 from tpmscad.fields.analysis.outermost_extremes import combine_complements
 from tpmscad.fields.analysis.slope_bounds import bound_slope
 from tpmscad.fields.field import Field
+from tpmscad.fields.kinds.cores import CoreField
 from tpmscad.fields.kinds.data_domains import list_bounded
 from tpmscad.fields.kinds.linear_extension import extend_level_sets_linearly
 from tpmscad.kernel.body_import.body_brep import FreeFormBody, brep_from_shape
@@ -52,6 +53,7 @@ from tpmscad.levelset.crossing_operands import Combination, list_fields, split_c
 from tpmscad.levelset.field_solid import find_sample_spacing
 from tpmscad.results.certificate import PatchMeasures
 from tpmscad.solids.cut import Finish, MadeSolids, build_valid_solids, try_placements
+from tpmscad.solids.matter.core_boundaries import bound_voids
 from tpmscad.solids.matter.crossing_measures import (
     compare_creases,
     compare_with_field,
@@ -88,8 +90,8 @@ ON_SIDE_TOL = 1e-5
 """Model units: distance from a side of the box at which a planar face lies in it, a hundred times the kernel's tolerance."""
 
 
-Operand = FieldPatches | QuadricLeaf | StrutLeaf
-"""What a leaf of the tree was made into: fitted patches, an exact quadric, or struts, whose boundary is exact."""
+Operand = FieldPatches | QuadricLeaf | NetworkLeaf
+"""What a leaf of the tree was made into: fitted patches, an exact quadric, or struts or a core, whose boundary is exact."""
 
 
 ExactOrCut = SolidSet | tuple[Brep, bool]
@@ -109,7 +111,11 @@ class CrossingFields:
     lo: Array
     hi: Array
     tol: float
-    name: str = "field infill"
+
+    @property
+    def name(self) -> str:
+        """The name of what is filled with it."""
+        return f"{self.field.structure} infill" if isinstance(self.field, CoreField) else "field infill"
 
     @property
     def fitted(self) -> list[FieldPatches]:
@@ -185,7 +191,9 @@ class CrossingFields:
     def bound_operands(self) -> list[ExactOrCut]:
         """The boundaries of all operands."""
         return [
-            _make_quadric(self, operand, number) if isinstance(operand, QuadricLeaf) else _bound_operand(operand)
+            _make_quadric(self, operand, number)
+            if isinstance(operand, QuadricLeaf)
+            else _bound_operand(operand, self.lo, self.hi)
             for number, operand in enumerate(self.operands)
         ]
 
@@ -298,7 +306,7 @@ def _combine_in_kernel(matter: CrossingFields) -> Combined:
 
 def _move_operand(operand: Operand, shift: Array) -> Operand:
     """An operand translated by a vector."""
-    if isinstance(operand, QuadricLeaf | StrutLeaf):
+    if isinstance(operand, QuadricLeaf | NetworkLeaf):
         return operand.move(np.eye(3), -shift, 1.0)
     return replace(operand, fitted=replace(operand.fitted, brep=translate_brep(operand.fitted.brep, shift)))
 
@@ -308,10 +316,12 @@ def _complement(of: ExactOrCut) -> ExactOrCut:
     return SolidSet(of.shape, not of.complement) if isinstance(of, SolidSet) else (of[0], not of[1])
 
 
-def _bound_operand(operand: FieldPatches | StrutLeaf) -> tuple[Brep, bool]:
-    """The boundary of an operand's solid, and whether its complement is meant."""
+def _bound_operand(operand: FieldPatches | NetworkLeaf, lo: Array, hi: Array) -> tuple[Brep, bool]:
+    """The boundary of an operand's solid in the box [lo, hi], and whether its complement is meant."""
     if isinstance(operand, StrutLeaf):
         return bound_struts(operand.struts), operand.sign < 0
+    if isinstance(operand, CoreLeaf):
+        return bound_voids(operand.core, lo, hi), operand.sign > 0
     return operand.fitted.brep, False
 
 
