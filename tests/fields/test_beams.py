@@ -117,7 +117,7 @@ def test_units_and_transforms_are_followed(tmp_path: Path) -> None:
     turned = 25.4 * (POINTS @ np.array([[0, 2, 0], [-2, 0, 0], [0, 0, 2]]) + [1, 2, 3])
     at = np.random.default_rng(3).uniform(-100, 400, (300, 3))
     np.testing.assert_allclose(found(at), fields.struts(turned, EDGES, 50.8 * DIAMETERS)(at), atol=2e-4)
-    assert "inches.3mf is not in millimetres: converted by 25.4" in found.notes
+    assert "inches.3mf is in the unit inch: converted to millimetres" in found.notes
     placement.Fields[2][:] = (0, 0, 1)
     with pytest.raises(InvalidRequest, match="changes lengths unequally"):
         fields.beams(save(tmp_path / "squeezed.3mf", placement=placement))

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from tpmscad.errors import InvalidRequest
-from tpmscad.fields.data.mesh_files import CORE, PRODUCTION, SCHEMAS
+from tpmscad.fields.data.threemf_files import CORE, PRODUCTION, SCHEMAS
 from tpmscad.fields.data.triangle_mesh import read_triangle_mesh
 
 pytest.importorskip("trimesh")

@@ -1,8 +1,8 @@
 """The ends of round struts that meet in a node, as functions of the angle about each strut.
 
 A node is a ball of radius R in which cones begin that touch a common ball, of radius r <= R, about the same centre; cylinders
-are cones that do not widen. Cone i runs along the unit vector d_i, and widens by the sine s_i of its half-angle; c_i is the cosine.
-With e(phi) a unit vector across it, its points are
+are cones that do not widen. Cone i runs along the unit vector d_i, and widens by the sine s_i of its half-angle, whose cosine is
+c_i. With e(phi) a unit vector across it, its points are
 
     r ((c_i e - s_i d_i) + T (c_i d_i + s_i e)),        T = (p . d_i + r s_i) / (r c_i),
 
@@ -85,7 +85,7 @@ class Waves:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class BallArcs:
-    """Latitudes on the unit sphere at which planes (k, 4), A x + B y + C z = D of a frame with z along the strut, leave its region.
+    """Latitudes on the unit sphere at which planes (k, 4), A x + B y + C z = D of a frame with z along the strut, end its region.
 
     The region is where A x + B y + C z < D, and C < 0.
     """
@@ -185,8 +185,8 @@ def _merge_angles(angles: Sequence[float]) -> list[float]:
 class Star(NamedTuple):
     """What bounds the end of a strut in its node.
 
-    directions (k, 3) and sines (k,) of the other struts there; names: their names; normals (j, 3): outward, of the sides of the box
-    that the node lies in. sine: of the strut itself. radius: of the ball that the cones touch; ball: of the ball that shows.
+    directions (k, 3) and sines (k,) of the other struts there; names: their names; normals (j, 3): outward, of the sides of the
+    box that the node lies in. sine: of the strut itself. radius: of the ball that the cones touch; ball: of the ball that shows.
     """
 
     directions: Array

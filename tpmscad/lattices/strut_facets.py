@@ -1,8 +1,8 @@
 """The faces of round struts on a graph, one by one: parts of cones between two nodes, and parts of the balls at the nodes.
 
 Each strut is a cylinder or a cone between the borders of its cells at both nodes (`strut_ends`), which are arcs of ellipses and
-circles; where balls show, each strut bounds a part of the ball between its circle and the cells of its neighbours. Faces that close
-on themselves are cut in two along the strut.
+circles; where balls show, each strut bounds a part of the ball between its circle and the cells of its neighbours. Faces that
+close on themselves are cut in two along the strut.
 """
 
 from __future__ import annotations
@@ -80,8 +80,8 @@ class Facet:
 class StrutEnd:
     """One end of a strut that starts in the origin: a frame about the strut, the borders of its cell, and where they are split.
 
-    `sign`: +1 at the start, -1 at the end of the strut; `center`: the node; star: what is there. cone: the envelope of the cell, of
-    planes and the ball, in `Waves`; `ball` is its row for the ball; the first rows belong to the other struts. border: the
+    `sign`: +1 at the start, -1 at the end of the strut; `center`: the node; star: what is there. cone: the envelope of the cell,
+    of planes and the ball, in `Waves`; `ball` is its row for the ball; the first rows belong to the other struts. border: the
     latitudes on the ball at which the cell ends, None if nothing bounds it. splits: further angles.
     """
 
@@ -244,7 +244,7 @@ def _border_side(end: StrutEnd, low: float, high: float, row: int, length: float
     """An arc of the border of a cone, in the direction of growing angles: of an ellipse or a circle."""
     curves = end.cone.curves
     assert isinstance(curves, Waves)
-    a, b, c = curves.rows[row]
+    a, b, _ = curves.rows[row].tolist()
     base, radius = (0.0 if end.sign > 0 else length), end.star.radius
     if math.hypot(a, b) < SAME_ANGLE:
         reach = end.reach(low, row)

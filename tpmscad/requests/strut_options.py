@@ -38,8 +38,8 @@ class StrutOptions:
     diameter: Annotated[
         float | str | Callable[[Array], Array] | None,
         GRADED_THICKNESS,
-        "Diameter of the struts, mm; a function of points (n, 3), a field, or a formula of x, y and z makes cones between the values "
-        "at the nodes. Give exactly one of `diameter`, `volume_fraction` and `porosity`.",
+        "Diameter of the struts, mm; a function of points (n, 3), a field, or a formula of x, y and z makes cones between the "
+        "values at the nodes. Give exactly one of `diameter`, `volume_fraction` and `porosity`.",
     ] = None
     volume_fraction: Annotated[
         float | None, FRACTION, "Solid fraction of the box of the cells, from which the diameter follows."

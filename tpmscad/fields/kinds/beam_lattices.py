@@ -72,8 +72,8 @@ def beams(
 
     Notes
     -----
-    Beams of two radii are cones that touch the balls at both ends; ends are round. Coordinates of 3MF files are read in single
-    precision. Supports are left out, as are meshes that only represent beams.
+    Beams of two radii are cones that touch the balls at both ends; ends are round. Supports are left out, as are meshes that only
+    represent beams.
 
     Examples
     --------

@@ -16,7 +16,7 @@ import numpy as np
 from tpmscad._typing import Array
 from tpmscad.atomic_file import atomic_write
 from tpmscad.brep.loops import signed_area
-from tpmscad.fields.data.mesh_files import CORE, SCHEMAS
+from tpmscad.fields.data.threemf_files import CORE, SCHEMAS
 from tpmscad.kernel.export.threemf_file import escape_text, write_model_archive
 
 DIGITS = 6
