@@ -20,6 +20,9 @@ from tpmscad.api.public_calls import validate_call
 from tpmscad.api.shared_kinds import RECORD, TEXT
 from tpmscad.errors import InvalidRequest
 
+CORES = ("honeycomb", "square", "triangular", "re-entrant")
+"""Cores of sandwich panels, which `infill` takes by name as it does surfaces."""
+
 MAX_SUGGESTIONS = 3
 """Greatest number of similar names in the message about an unknown surface."""
 
@@ -336,3 +339,13 @@ def check_reference(
             f"{record.title} lies near its nodal surface; choose {choices}, or another surface"
         )
     raise InvalidRequest(f"reference {reference!r} of the {record.name} is unknown; choose one of {choices}")
+
+
+def check_matter_name(name: str) -> None:
+    """InvalidRequest for a name of no surface, core or file of beams, with those there are."""
+    if name in CORES or name.lower().endswith(".3mf"):
+        return
+    try:
+        find_surface(name)
+    except InvalidRequest as error:
+        raise InvalidRequest(f"{error}; or a core, {', '.join(CORES)}, or a .3mf file of beams") from None

@@ -11,10 +11,10 @@ import pytest
 
 import tpmscad
 from tpmscad import fields
+from tpmscad.catalogue import CORES
 from tpmscad.errors import InvalidRequest
 from tpmscad.fields.analysis.exact_leaves import CoreLeaf, find_exact
 from tpmscad.fields.field import Field
-from tpmscad.fields.kinds.cores import CORES
 
 CELL, THICKNESS = 3.0, 0.4
 POINTS = np.random.default_rng(5).uniform(-7, 7, (4000, 3))

@@ -30,6 +30,7 @@ from tpmscad.api.shared_kinds import (
     GRADED_OFFSET,
     GRADED_THICKNESS,
     LENGTHS,
+    NAME_OR_FIELD,
     NOT_NEGATIVE,
     OFFSET,
     ONE_SOLID,
@@ -44,7 +45,7 @@ from tpmscad.api.shared_kinds import (
     VIEW,
     names_coordinate,
 )
-from tpmscad.catalogue import CATALOGUE, find_surface
+from tpmscad.catalogue import CATALOGUE, CORES, check_matter_name, find_surface
 from tpmscad.cli.option_language import speak_in_options
 from tpmscad.cli.options import (
     OUTPUT_PANEL,
@@ -87,9 +88,20 @@ def complete_surface_name(incomplete: str) -> list[str]:
     return [name for name in CATALOGUE if name.startswith(incomplete)]
 
 
+def complete_matter_name(incomplete: str) -> list[str]:
+    """Names of surfaces and cores that begin so."""
+    return [name for name in (*CATALOGUE, *CORES) if name.startswith(incomplete)]
+
+
 def check_surface_name(name: str) -> str:
     """The name, before anything else is loaded; InvalidRequest if the catalogue does not know it."""
     find_surface(name)
+    return name
+
+
+def accept_matter_name(name: str) -> str:
+    """The name of a surface or a core, or the path of a file of beams; InvalidRequest if it is none."""
+    check_matter_name(name)
     return name
 
 
@@ -148,6 +160,14 @@ SurfaceArgument = Annotated[
         autocompletion=complete_surface_name,
         callback=check_surface_name,
         help="Name of the surface; see `tpmscad surfaces`.",
+    ),
+]
+MatterArgument = Annotated[
+    str,
+    typer.Argument(
+        autocompletion=complete_matter_name,
+        callback=accept_matter_name,
+        help=f"Name of the surface, see `tpmscad surfaces`; or a core, {', '.join(CORES)}; or a .3mf file of beams.",
     ),
 ]
 OPERANDS: Mapping[str, Any] = {"body": BodyArgument, "surface": SurfaceArgument}
@@ -263,8 +283,11 @@ def take_options_of(
         names = [a.name for a in derived if a.name != "loose"]
         own = list(inspect.signature(command, eval_str=True).parameters.values())[1:]
         own = [p.replace(kind=Parameter.KEYWORD_ONLY) for p in own]
+        matter = {a.name: MatterArgument for a in derived if a.kind.read is NAME_OR_FIELD.read}
         shown = [
-            Parameter(name, Parameter.KEYWORD_ONLY, annotation=note) for name, note in OPERANDS.items() if name in names
+            Parameter(name, Parameter.KEYWORD_ONLY, annotation=note)
+            for name, note in {**OPERANDS, **matter}.items()
+            if name in names
         ]
         operands = [p for p in own if type(p.annotation.__metadata__[0]).__name__ == "ArgumentInfo"]
         shown += [

@@ -22,7 +22,7 @@ from tpmscad.requests.lattice_request import (
     resolve_lattice_request,
     rotation_matrix,
 )
-from tpmscad.requests.named_core import resolve_core_name
+from tpmscad.requests.named_matter import resolve_named_matter
 from tpmscad.results.joined_models import join_models
 from tpmscad.results.model import Model
 from tpmscad.solids.bodies.body_choice import Body, find_bodies, leave_open
@@ -63,7 +63,7 @@ def infill(options: InfillOptions) -> Model:
     >>> model.export_step("filled.step")  # doctest: +SKIP
     """
     name = f"{options.surface} infill" if isinstance(options.surface, str) else "field infill"
-    options, stages = resolve_core_name(options), StageTimer(options.progress)
+    options, stages = resolve_named_matter(options), StageTimer(options.progress)
     tol = _find_tolerance(options)
     bodies = find_bodies(options.body, options.box, options.solid, tol, stages, is_default=options.tol is None)
     if len(bodies) == 1:

@@ -39,7 +39,7 @@ from tpmscad.requests.lattice_request import (
     resolve_lattice_request,
     rotation_matrix,
 )
-from tpmscad.requests.named_core import resolve_core_name
+from tpmscad.requests.named_matter import resolve_named_matter
 from tpmscad.requests.study_options import InfillLayersOptions
 from tpmscad.solids.matter.lattice_block import find_trim_tolerance, fit_patches_over_box
 from tpmscad.solids.skins.offset_skin import erode_body
@@ -96,7 +96,7 @@ def infill_layers(options: InfillLayersOptions) -> Slices:
     >>> layers.write("stem.cli")  # doctest: +SKIP
     """
     import_extra("manifold3d", *MANIFOLD_FOR_LAYERS)  # before minutes of work
-    options, stages = resolve_core_name(options), StageTimer(options.progress)
+    options, stages = resolve_named_matter(options), StageTimer(options.progress)
     skin, instead = options.skin, "slice the solid, infill(...).slices(height)"
     turn = rotation_matrix(options.rotation)
     by_triangles = not isinstance(options.surface, str) or resolve_lattice_request(lattice_in_body(options)).is_graded

@@ -9,7 +9,7 @@ from tpmscad.brep.triangles.closed_mesh import SolidMesh, load_manifold
 from tpmscad.brep.triangles.filled_mesh import FIRST_OF_BODY
 from tpmscad.errors import InvalidRequest
 from tpmscad.requests.lattice_request import LatticeRequest
-from tpmscad.requests.named_core import resolve_core_name
+from tpmscad.requests.named_matter import resolve_named_matter
 from tpmscad.requests.study_options import InfillTrianglesOptions
 from tpmscad.results.loose_pieces import select_pieces
 from tpmscad.results.triangulated_infill import TriangulatedInfill
@@ -54,7 +54,7 @@ def infill_triangles(options: InfillTrianglesOptions) -> TriangulatedInfill:
     >>> part.render("stem.png", section="y")  # doctest: +SKIP
     """
     load_manifold()
-    options, stages = resolve_core_name(options), StageTimer(options.progress)
+    options, stages = resolve_named_matter(options), StageTimer(options.progress)
     tiled = read_tiled_body(options, "export the solid, infill(...).export(path)", stages, as_triangles=True)
     deviation = options.deviation or _choose_deviation(tiled, options.tol)
     with stages("triangulate"):

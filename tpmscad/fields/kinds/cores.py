@@ -21,13 +21,11 @@ from tpmscad._typing import Array, IntArray
 from tpmscad.api.argument_kinds import choice_of
 from tpmscad.api.public_calls import validate_call
 from tpmscad.api.shared_kinds import ANGLE, DIRECTION, POSITIVE
+from tpmscad.catalogue import CORES
 from tpmscad.errors import InvalidRequest
 from tpmscad.fields.field import Field
 from tpmscad.fields.periods_and_directions import Direction, as_unit_vector
 from tpmscad.fields.tape.evaluation import FieldJet, Triple, stack_points
-
-CORES = ("honeycomb", "square", "triangular", "re-entrant")
-"""Kinds of cells."""
 
 DEFAULT_ANGLE = 30.0
 """Degrees by which the slanted walls of a re-entrant cell lean inwards: in-plane Poisson's ratios are then -1."""

@@ -1,4 +1,4 @@
-"""The name of a core as the matter of an infill: the field that it stands for."""
+"""Names as the matter of an infill that are of no surface: cores, and files of beams, as the fields that they stand for."""
 
 from __future__ import annotations
 
@@ -7,8 +7,11 @@ from typing import Any, TypeVar
 
 import numpy as np
 
+from tpmscad.catalogue import CORES, check_matter_name
 from tpmscad.errors import InvalidRequest
-from tpmscad.fields.kinds.cores import CORES, CoreField, core, thickness_of_fraction
+from tpmscad.fields.data.beam_files import is_beam_path
+from tpmscad.fields.kinds.beam_lattices import beams
+from tpmscad.fields.kinds.cores import CoreField, core, thickness_of_fraction
 from tpmscad.requests.lattice_options import InfillOptions
 from tpmscad.requests.lattice_request import DEFAULT_TOL_CELLS, OPTIONS_OF_FIELDS, rotation_matrix
 
@@ -18,12 +21,18 @@ SIZES = ("thickness", "volume_fraction", "porosity")
 """Keywords of which exactly one defines the walls of a core."""
 
 
-def resolve_core_name(options: T) -> T:
-    """The same options with the field of a core in place of its name; those of other matter as they are.
+def resolve_named_matter(options: T) -> T:
+    """The same options with the field of a core, or of a file of beams, in place of its name; those of other matter as they are.
 
-    The core is turned by `rotation` and shifted by `phase` as a lattice is. InvalidRequest for what it does not take.
+    A core is turned by `rotation` and shifted by `phase` as a lattice is. InvalidRequest for what it does not take, and for an
+    unknown name.
     """
-    if not isinstance(options.surface, str) or options.surface not in CORES:
+    if not isinstance(options.surface, str):
+        return options
+    if is_beam_path(options.surface):
+        return replace(options, surface=beams(options.surface))
+    if options.surface not in CORES:
+        check_matter_name(options.surface)
         return options
     taken = {*OPTIONS_OF_FIELDS, "cell", "rotation", "phase", *SIZES}
     defaults: dict[str, Any] = {
