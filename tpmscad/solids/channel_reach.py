@@ -50,8 +50,8 @@ TRIED_FRACTIONS = (0.8, 0.65, 0.5, 0.35, 0.25)
 class BodySamples:
     """Samples of a body: `points` (n, 3) of a grid, and after them those of its openings.
 
-    `inside` (nx, ny, nz): which nodes of the grid lie in the body. `face` (n,): the number of the opening, or -1. `depth`: of each
-    channel, the distances (n,) from its closed faces, infinite beyond the skin.
+    `inside` (nx, ny, nz): which nodes of the grid lie in the body. `face` (n,): the number of the opening, or -1. `depth`: for
+    each channel the distances (n,) from its closed faces, infinite beyond the skin.
     """
 
     spacing: float

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 
@@ -15,7 +16,8 @@ from tpmscad._typing import Array, BoolArray
 from tpmscad.brep.boundary_representation import Brep, drop_unused_geometry, select_faces
 from tpmscad.brep.solid_properties import measure_solid
 from tpmscad.erosion.hollowed_body import divide_by_voids
-from tpmscad.errors import NothingLeft
+from tpmscad.errors import InvalidRequest, KernelError, NothingLeft, TrimmingError
+from tpmscad.fallbacks import Fallback, Fallbacks
 from tpmscad.kernel.body_import.body_brep import FreeFormBody
 from tpmscad.kernel.body_import.cad_body import CadBody
 from tpmscad.kernel.boolean.cut_faces import SKIN
@@ -25,10 +27,10 @@ from tpmscad.kernel.occt.exploration import faces_of
 from tpmscad.requests.channel_openings import ChannelOpenings
 from tpmscad.results.domain_results import MINUS, PLUS, WALL
 from tpmscad.solids.bodies.kernel_body import KernelBody
-from tpmscad.solids.cut import Cut, cut_on_parameters, numerical_failures, read_trimming_body
+from tpmscad.solids.cut import TRIMMED_NOTE, Cut, cut_on_parameters, numerical_failures, read_trimming_body
 from tpmscad.solids.divided_body import DIVIDED_NOTE, DividedBody, build_domains
 from tpmscad.solids.matter.lattice_block import LatticeBlock
-from tpmscad.solids.skins.offset_skin import erode_body
+from tpmscad.solids.skins.offset_skin import SKIN_EXCESS, erode_body
 from tpmscad.trimming.network_boolean import combine_networks
 
 
@@ -90,10 +92,11 @@ def end_channels(body: KernelBody, block: LatticeBlock, ends: ChannelEnds, kept:
     Solids that are kept are wall. InvalidRequest if nothing is deeper than the skin, TrimmingError and KernelError as of a cut.
     """
     opened = ends.openings_of
-    cuts = {
-        name: _cut_channel(body, take_side(block, tag), opened[name], ends.skin, kept)
+    outcomes = {
+        name: CUTS.run(body, take_side(block, tag), opened[name], ends.skin, kept)
         for name, tag in ((PLUS, "offset+"), (MINUS, "offset-"))
     }
+    cuts = {name: outcome.value for name, outcome in outcomes.items()}
     read = body.read(block.measures.tol)
     with numerical_failures():
         voids = {name: [cut.built.brep for cut in of] for name, of in cuts.items()}
@@ -106,12 +109,18 @@ def end_channels(body: KernelBody, block: LatticeBlock, ends: ChannelEnds, kept:
         members = [divided.left, *channels]
         domains, absorbed = build_domains(divided.shared, members, common, len(read.brep.tags), absorbs=True)
     every = cuts[PLUS] + cuts[MINUS]
-    told = dict.fromkeys(note for cut in every for note in cut.notes)
+    deeper = [
+        f"{name} ends {SKIN_EXCESS:g} of the skin deeper: {outcome.reasons}"
+        for name, outcome in outcomes.items()
+        if outcome.failures
+    ]
+    told = dict.fromkeys(note for cut in every for note in cut.notes if note != TRIMMED_NOTE)
     wall = domains[WALL].nesting.volume.sum() / body.volume
+    ended = f"each channel ends {ends.skin:g} before the faces where it does not open; {wall:.0%} of the body is wall"
     return DividedBody(
         domains,
         max((cut.moved for cut in every), default=0.0),
-        (DIVIDED_NOTE, *read.notes, *told, f"{wall:.0%} of the body is wall", *absorbed),
+        (DIVIDED_NOTE, ended, *deeper, *read.notes, *told, *absorbed),
         tuple(cut.check for cut in every),
     )
 
@@ -123,13 +132,20 @@ def take_side(block: LatticeBlock, tag: str) -> LatticeBlock:
 
 
 def _cut_channel(
-    body: KernelBody, matter: LatticeBlock, opened: frozenset[int], skin: float, kept: Sequence[CadBody]
+    body: KernelBody,
+    matter: LatticeBlock,
+    opened: frozenset[int],
+    skin: float,
+    kept: Sequence[CadBody],
+    excess: float = 0.0,
 ) -> list[Cut]:
-    """What the matter leaves of each part of the body that a channel may fill."""
+    """What the matter leaves of each part of the body that a channel may fill, (1 + excess) skins below its closed faces."""
     own = faces_of(body.cad.shape)
     parts: Sequence[CadBody] = [body.cad]
     if len(opened) < len(own):
-        parts = erode_body(body.cad, skin, resolve_open_faces(body.cad, sorted(opened), "openings")).parts
+        parts = erode_body(
+            body.cad, (1 + excess) * skin, resolve_open_faces(body.cad, sorted(opened), "openings")
+        ).parts
     cuts = []
     for part in parts:
         try:
@@ -137,6 +153,20 @@ def _cut_channel(
         except NothingLeft:
             continue
     return cuts
+
+
+CUTS = Fallbacks(
+    (
+        Fallback("channels that end at the skin", _cut_channel, "one to three seconds"),
+        Fallback(
+            "channels that end a ten-thousandth deeper", partial(_cut_channel, excess=SKIN_EXCESS), "as much again"
+        ),
+    ),
+    retry_on=(TrimmingError, KernelError),
+    final=(InvalidRequest,),
+    remedy="change `skin` a little, or shift the lattice by `phase`",
+)
+"""How a channel is cut: what is kept, or an edge of the lattice, may lie in a plane at just the depth asked for."""
 
 
 def _free_space(part: KernelBody, kept: Sequence[CadBody]) -> ChannelSpace:
