@@ -128,7 +128,7 @@ def run_exchanger(folder: Path, sizes: list[float], stubs: float) -> None:
         tol=0.1,
         phase=(0.1, 0.2, 0.3),
         openings={"+": "<X,>X", "-": "<Y,>Y"},
-        transition=6,
+        transition=6,  # as measured; without it channels end with creases
         progress=False,
     )
     for size in sizes:
