@@ -2,7 +2,7 @@
 
     python -m benchmarks.exchanger [--cells 2] [--size 1.3]
     python -m benchmarks.exchanger --openfoam FOLDER [--size 2 1.2] [--stubs 10] [--cell-size 0.1 0.07]
-    python -m benchmarks.exchanger --openings [--surface gyroid] [--case cylinder] [--transition 10] [--file PART FACE FACE]
+    python -m benchmarks.exchanger --openings [--surface gyroid] [--case cylinder] [--transition 10] [--file PART + - CELL WALL]
 
 A cube of gyroid cells of 10 mm with a wall of 1 mm. Channel + is hot at its openings X-, channel - is cold at its openings X+;
 all else is adiabatic. The wall conducts 20 times as well as the fluids at rest. scikit-fem's second-order elements; the heat
@@ -14,7 +14,7 @@ pressure drop is compared with the permeability by finite elements.
 
 With --openings, exchangers whose channels open at some faces only are made in several bodies: CPU seconds, whether the
 certificate is met, by how much the volumes miss the body's, the part of the body that is wall, the pieces of wall and channels,
-and the area of each opening. --file takes a CAD file besides, and the plane faces at which the channels + and - open.
+and the area of each opening. --file takes a CAD file instead, the plane faces at which the channels + and - open, cell and wall.
 """
 
 from __future__ import annotations
@@ -185,8 +185,9 @@ def run_openings(surfaces: Sequence[str], case: str, transition: float | None, f
     """Print what is made of each body, or why it is not."""
     cases = {name: made for name, made in CASES.items() if case in name}
     if file:
-        path, plus, minus = file
-        cases = {path: (lambda: path, {"openings": {"+": plus, "-": minus}})}
+        path, plus, minus, cell, wall = file
+        size = {"cell": float(cell), "thickness": float(wall)}
+        cases = {path: (lambda: path, {"openings": {"+": plus, "-": minus}} | size)}
     for name, (make, asked) in cases.items():
         for surface in surfaces:
             body, begun = make(), time.process_time()
@@ -226,9 +227,7 @@ def main() -> None:
     parser.add_argument("--surface", nargs="+", default=["gyroid", "diamond", "primitive"])
     parser.add_argument("--case", default="", help="a part of the name of those that are made")
     parser.add_argument("--transition", type=float, help="length over which channels close, mm")
-    parser.add_argument(
-        "--file", nargs=3, metavar=("PART", "PLUS", "MINUS"), help="a CAD file and selectors of its faces"
-    )
+    parser.add_argument("--file", nargs=5, metavar=("PART", "PLUS", "MINUS", "CELL", "WALL"), help="a CAD file")
     given = parser.parse_args()
     if given.openings:
         run_openings(given.surface, given.case, given.transition, given.file)

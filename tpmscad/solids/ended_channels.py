@@ -7,8 +7,8 @@ the body, so that the three domains have common faces, edges and vertices by con
 from __future__ import annotations
 
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
-from functools import partial
 
 import numpy as np
 
@@ -17,13 +17,12 @@ from tpmscad.brep.boundary_representation import Brep, drop_unused_geometry, sel
 from tpmscad.brep.solid_properties import measure_solid
 from tpmscad.erosion.hollowed_body import divide_by_voids
 from tpmscad.errors import InvalidRequest, KernelError, NothingLeft, TrimmingError
-from tpmscad.fallbacks import Fallback, Fallbacks
+from tpmscad.fallbacks import Fallback, Fallbacks, Outcome
 from tpmscad.kernel.body_import.body_brep import FreeFormBody
 from tpmscad.kernel.body_import.cad_body import CadBody
 from tpmscad.kernel.boolean.cut_faces import SKIN
 from tpmscad.kernel.boolean.hollow_body import resolve_open_faces
 from tpmscad.kernel.measure.shape_sampling import contains_points
-from tpmscad.kernel.occt.exploration import faces_of
 from tpmscad.requests.channel_openings import ChannelOpenings
 from tpmscad.results.domain_results import MINUS, PLUS, WALL
 from tpmscad.solids.bodies.kernel_body import KernelBody
@@ -93,7 +92,7 @@ def end_channels(body: KernelBody, block: LatticeBlock, ends: ChannelEnds, kept:
     """
     opened = ends.openings_of
     outcomes = {
-        name: CUTS.run(body, take_side(block, tag), opened[name], ends.skin, kept)
+        name: _cut_channel(body, take_side(block, tag), opened[name], ends.skin, kept)
         for name, tag in ((PLUS, "offset+"), (MINUS, "offset-"))
     }
     cuts = {name: outcome.value for name, outcome in outcomes.items()}
@@ -132,41 +131,45 @@ def take_side(block: LatticeBlock, tag: str) -> LatticeBlock:
 
 
 def _cut_channel(
-    body: KernelBody,
-    matter: LatticeBlock,
-    opened: frozenset[int],
-    skin: float,
-    kept: Sequence[CadBody],
-    excess: float = 0.0,
-) -> list[Cut]:
-    """What the matter leaves of each part of the body that a channel may fill, (1 + excess) skins below its closed faces."""
-    own = faces_of(body.cad.shape)
-    parts: Sequence[CadBody] = [body.cad]
-    if len(opened) < len(own):
-        parts = erode_body(
-            body.cad, (1 + excess) * skin, resolve_open_faces(body.cad, sorted(opened), "openings")
-        ).parts
+    body: KernelBody, matter: LatticeBlock, opened: frozenset[int], skin: float, kept: Sequence[CadBody]
+) -> Outcome[list[Cut]]:
+    """What the matter leaves of what a channel may fill.
+
+    What is kept, or an edge of the lattice, may lie in a plane at just the depth asked for: then the channel ends deeper.
+    """
+    parts = _erode(body, opened, skin)
+    remedy = "change `skin` a little, or shift the lattice by `phase`"
+    methods = (
+        Fallback("channels that end at the skin", lambda: _cut_parts(parts, matter, kept), "a second"),
+        Fallback(
+            "channels that end a ten-thousandth deeper",
+            lambda: _cut_parts(_erode(body, opened, (1 + SKIN_EXCESS) * skin), matter, kept),
+            "two to four seconds",
+        ),
+    )
+    return Fallbacks(methods, retry_on=(TrimmingError, KernelError), final=(InvalidRequest,), remedy=remedy).run()
+
+
+def _erode(body: KernelBody, opened: frozenset[int], skin: float) -> Sequence[CadBody]:
+    """The parts of the body deeper than the skin below the faces where a channel does not open."""
+    if len(opened) == len(body.face_labels):
+        return [body.cad]
+    try:
+        return erode_body(body.cad, skin, resolve_open_faces(body.cad, sorted(opened), "openings")).parts
+    except (TrimmingError, KernelError) as error:
+        gradual = "give a positive `transition`, over which channels close gradually"
+        raise TrimmingError(
+            f"channels cannot end {skin:g} before the faces of {body.name}: {error}, or {gradual}"
+        ) from error
+
+
+def _cut_parts(parts: Sequence[CadBody], matter: LatticeBlock, kept: Sequence[CadBody]) -> list[Cut]:
+    """What the matter, and what is kept, leave of the parts of the eroded body."""
     cuts = []
     for part in parts:
-        try:
+        with suppress(NothingLeft):
             cuts.append(cut_on_parameters(_free_space(KernelBody(part), kept), matter, "difference"))
-        except NothingLeft:
-            continue
     return cuts
-
-
-CUTS = Fallbacks(
-    (
-        Fallback("channels that end at the skin", _cut_channel, "one to three seconds"),
-        Fallback(
-            "channels that end a ten-thousandth deeper", partial(_cut_channel, excess=SKIN_EXCESS), "as much again"
-        ),
-    ),
-    retry_on=(TrimmingError, KernelError),
-    final=(InvalidRequest,),
-    remedy="change `skin` a little, or shift the lattice by `phase`",
-)
-"""How a channel is cut: what is kept, or an edge of the lattice, may lie in a plane at just the depth asked for."""
 
 
 def _free_space(part: KernelBody, kept: Sequence[CadBody]) -> ChannelSpace:
