@@ -137,6 +137,13 @@ def test_channels_that_would_not_connect_their_openings_are_refused_with_a_skin_
     require_connected(body, request, np.eye(3), ChannelEnds(openings, 2.6))
 
 
+def test_where_the_body_cannot_be_eroded_a_transition_is_named() -> None:
+    stepped = bd.Box(20, 20, 10) + bd.Pos(0, 0, 6) * bd.Box(6, 6, 4)
+    top = next(i for i, face in enumerate(stepped.faces()) if abs(face.center().Z - 5) < 1e-9)
+    with pytest.raises(tpmscad.TrimmingError, match=r"cannot end 1 before .* give a positive `transition`"):
+        tpmscad.fluid_domains(stepped, **(ASKED | {"openings": {"+": [top], "-": "<Y,>Y"}}))
+
+
 def test_only_plane_openings_end_abruptly_unasked() -> None:
     body, request = KernelBody(read_body(bd.Cylinder(8, 20))), read_lattice_request("gyroid", cell=10, thickness=1)
     ends, sides = (resolve_channel_openings(body.cad, {"+": "<Z,>Z", "-": each}) for each in ("<Z", [0]))
