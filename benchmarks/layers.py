@@ -1,14 +1,15 @@
-"""Layers of filled bodies without their solids: a box of whole cells and a stem, time, memory, volume, and the file read again.
+"""Layers of filled bodies without their solids: time, memory, volume, and the file read again.
 
     python -m benchmarks.layers [--bodies box,stem] [--cell 1] [--thickness 0.12] [--height 0.03333] [--chord-error 0.005]
-        [--graded]
+        [--graded] [--skin 1 --open-faces ">Z"]
 
-With --graded the wall is 40 % thicker above than below, and as thick on average.
+Bodies are a box of whole cells, a stem, a cylinder 40 mm wide and high, and files of CAD bodies. With --graded the wall is 40 %
+thicker above than below, and as thick on average.
 
 Columns: cells that the body's volume holds; layers, contours and points; wall and CPU seconds, those of child processes included;
-memory at its peak; the volume over what another route says (the box: that of one cell times their number; the stem: random points
-in the body by a fine mesh of it, with their standard error); seconds and size of the .cli file, and the greatest difference
-of the area that a reader of its text finds from that of its layers, in chord errors times lengths.
+memory at its peak; the volume over what another route says (the box: that of one cell times their number; others: random points
+in the body by a fine mesh of it, with their standard error; nothing with a skin); seconds and size of the .cli file, and the
+greatest difference of the area that a reader of its text finds from that of its layers, in chord errors times lengths.
 """
 
 from __future__ import annotations
@@ -98,10 +99,17 @@ def main() -> None:
     parser.add_argument("--height", type=float, default=0.03333)
     parser.add_argument("--chord-error", type=float, default=0.005)
     parser.add_argument("--graded", action="store_true")
+    parser.add_argument("--skin", type=float)
+    parser.add_argument("--open-faces")
     given = parser.parse_args()
-    bodies = {"box": lambda: bd.Pos(15, 15, 10) * bd.Box(30, 30, 20), "stem": make_stem}
+    skin = {name: value for name, value in vars(given).items() if name in ("skin", "open_faces") and value is not None}
+    bodies = {
+        "box": lambda: bd.Pos(15, 15, 10) * bd.Box(30, 30, 20),
+        "stem": make_stem,
+        "cylinder": lambda: bd.Pos(0, 0, 20) * bd.Cylinder(20, 40),
+    }
     for name in given.bodies.split(","):
-        body = bodies[name]()
+        body = bodies[name]() if name in bodies else bd.import_step(name)
         begun, used = time.perf_counter(), cpu_seconds()
         layers = tpmscad.infill_layers(
             body,
@@ -110,10 +118,11 @@ def main() -> None:
             thickness=grade_thickness(body, given.thickness) if given.graded else given.thickness,
             height=given.height,
             chord_error=given.chord_error,
+            **skin,
         )
         wall, cpu = time.perf_counter() - begun, cpu_seconds() - used
         memory = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 2**20
-        share, error = expected_share(name, body, given.cell, given.thickness)
+        share, error = (np.nan, np.nan) if given.skin else expected_share(name, body, given.cell, given.thickness)
         apart = layers.volume / (share * body.volume) - 1
         with tempfile.TemporaryDirectory() as folder:
             file, begun = Path(folder) / "layers.cli", time.perf_counter()

@@ -155,7 +155,7 @@ def _project_cloud(field: Field) -> cKDTree:
 def find_largest_diameter(kind: str) -> float:
     """The diameter, in cells, at which struts begin to touch beside their nodes, in a block of cells and in its sides."""
     points, edges = make_strut_graph(kind, 1.0, 2)
-    contact = find_contact(points, edges, PROBE / 2, 0.0)  # all that is needed is in proportion to the diameter
+    contact = find_contact(points, edges, np.full(len(points), PROBE / 2), np.zeros(len(points)))  # all in proportion
     assert contact is not None
     return PROBE * contact.ratio
 

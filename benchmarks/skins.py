@@ -122,7 +122,7 @@ def erode(name: str, ratio: float, opened: bool) -> None:
         print(f"{name:>9} {skin:7.4g} refused after {cpu_seconds() - begun:.1f} s: {str(error)[:90]}", flush=True)
         return
     seconds = cpu_seconds() - begun
-    measured = measure_skin_thickness(find_skin_faces([p.shape for p in found.parts], found.parts, openings), depth)
+    measured = measure_skin_thickness(find_skin_faces([p.shape for p in found.parts], openings), depth)
     valid = all(check_shape(part.shape).valid for part in found.parts)
     volume = sum(part.volume for part in found.parts)
     print(

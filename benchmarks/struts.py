@@ -40,7 +40,7 @@ def exact_volume(field: StrutsField, lo: np.ndarray, hi: np.ndarray, steps: int 
     it. With radius r the strut loses r^3 h / 3 of r^2 l / 2 for each radian; where h is below c = sqrt((R / r)^2 - 1), the
     strut begins at c, and the ball of radius R adds R^3 / 3 (cos theta_c - cos theta_h). Without balls R = r, and c = 0.
     """
-    r, big = field.radius, field.node_radius
+    r, big = float(field.radii[0, 0]), float(field.balls.max())
     c = np.sqrt(max((big / r) ** 2 - 1, 0.0))
     at: dict[int, list[tuple[int, np.ndarray]]] = {}
     for k, (i, j) in enumerate(field.edges.tolist()):

@@ -35,6 +35,7 @@ RESULTS = (
     "tpmscad.PrintReport",
     "tpmscad.kernel.body_import.cad_body.BodyFile",
     "tpmscad.kernel.measure.shape_report.StepReport",
+    "tpmscad.files.beam_report.BeamReport",
     "tpmscad.files.mesh_report.MeshReport",
     "tpmscad.files.file_formats.ExportedFile",
     "tpmscad.files._export_infill.InfillFile",
@@ -68,6 +69,8 @@ JOBS: dict[str, tuple[str, ...]] = {
                 "strut_lattice",
                 "plate_lattice",
                 "core",
+                "beams",
+                "wireframe",
                 "struts",
                 "bspline_unit",
                 "expression",
@@ -101,7 +104,15 @@ JOBS: dict[str, tuple[str, ...]] = {
         f"maps.{name}"
         for name in ("cylinder", "sphere", "between", "trivariate", "grading", "stretching", "composition", "as_map")
     ),
-    "Files": ("export_step", "export_infill", "export_instances", "export_slabs", "check_step", "Model.export"),
+    "Files": (
+        "export_step",
+        "export_beams",
+        "export_infill",
+        "export_instances",
+        "export_slabs",
+        "check_step",
+        "Model.export",
+    ),
     "Meshes": ("Model.mesh", "Model.hexahedra", "infill_triangles"),
     "Simulate": ("homogenize", "permeability", "estimate_flow"),
     "Measure and check before printing": (

@@ -90,7 +90,8 @@ def test_struts_are_one_graph_and_touch_first_at_the_stored_diameter(kind: str) 
     labels = connected_components(graph, directed=False)[1]
     middle = ((points >= 1.0) & (points <= 2.0)).all(axis=1)
     assert len(np.unique(labels[middle])) == 1  # and of neighbours, which share nodes
-    contact = find_contact(*make_strut_graph(kind, 1.0, 2), 0.15, 0.0)
+    points, edges = make_strut_graph(kind, 1.0, 2)
+    contact = find_contact(points, edges, np.full(len(points), 0.15), np.zeros(len(points)))
     assert contact is not None
     assert 0.3 * contact.ratio == pytest.approx(LARGEST_DIAMETERS[kind], rel=1e-6)
 

@@ -13,6 +13,7 @@ from tpmscad.errors import RecipeError as RecipeError
 from tpmscad.errors import TpmscadError as TpmscadError
 from tpmscad.errors import TrimmingError as TrimmingError
 from tpmscad.files._check_step import check_step as check_step
+from tpmscad.files._export_beams import export_beams as export_beams
 from tpmscad.files._export_infill import export_infill as export_infill
 from tpmscad.files._export_instances import export_instances as export_instances
 from tpmscad.files._export_slabs import export_slabs as export_slabs

@@ -6,13 +6,17 @@ import numpy as np
 import pytest
 
 from tpmscad.brep.orthogonal_projection import project_to_patch
+from tpmscad.brep.triangles.height_extrema import divide_at_extrema
 from tpmscad.brep.triangles.measured_deviation import (
     FaceTriangles,
     bound_chords,
     bound_triangles,
+    choose_apart,
     divide_curves,
     pair_sides,
     refine_triangles,
+    split_sides,
+    split_triangles,
 )
 from tpmscad.errors import OutOfMemory
 from tpmscad.splines import BSplineSurface, bezier_knots
@@ -111,3 +115,30 @@ def test_a_saddle_is_followed_within_the_deviation() -> None:
     true = project_to_patch(saddle, points, *at.T)[0].max()
     assert true <= reached[0] <= 0.02
     assert reached[0] <= 1.3 * true
+
+
+def test_split_sides_and_triangles_know_their_neighbours() -> None:
+    mesh = grid_mesh(4, 5)
+    side = np.flatnonzero((mesh.twin.ravel() > np.arange(mesh.twin.size)) & (np.arange(mesh.twin.size) % 7 < 3))
+    side = side[choose_apart(mesh, side, np.random.default_rng(1).random(len(side)))]
+    split, changed = split_sides(mesh, cylinder, side, np.linspace(0.2, 0.7, len(side)))
+    assert len(side) >= 5
+    assert len(split.triangles) == len(mesh.triangles) + 2 * len(side)
+    assert np.array_equal(split.twin, pair_sides(split.triangles, len(split.points)))
+    which = np.arange(0, len(split.triangles), 2)
+    divided, _ = split_triangles(split, cylinder, which, split.uv[split.triangles[which]].mean(axis=1))
+    assert len(divided.triangles) == len(split.triangles) + 2 * len(which)
+    assert np.array_equal(divided.twin, pair_sides(divided.triangles, len(divided.points)))
+    np.testing.assert_allclose(divided.points, cylinder(np.zeros(0), divided.uv)[0])
+    untouched = np.setdiff1d(np.arange(len(mesh.triangles)), changed)
+    assert np.array_equal(split.triangles[untouched], mesh.triangles[untouched])
+
+
+def test_curves_are_divided_where_they_are_highest_and_lowest() -> None:
+    def wave(_: np.ndarray, t: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        return np.stack([t, 0 * t, np.sin(t)], axis=1), np.stack([1 + 0 * t, 0 * t, np.cos(t)], axis=1)
+
+    shares = [np.array([0.0, 0.5, 1.0]), np.array([0.0, 1.0])]
+    found = divide_at_extrema(wave, np.array([[0.1, 4.9], [2.0, 4.0]]), shares, 1e-9)
+    assert 0.1 + 4.8 * found[0] == pytest.approx([0.1, np.pi / 2, 2.5, 3 * np.pi / 2, 4.9], abs=1e-7)
+    assert np.array_equal(found[1], shares[1])

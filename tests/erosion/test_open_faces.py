@@ -32,7 +32,7 @@ def eroded(body: Any, skin: float, open_along: tuple[bd.Vector, ...]) -> tuple[B
     is_open = np.array([any(face.IsSame(o.wrapped) for o in opened) for face in own])
     brep = erode_body(source.brep, source.free_form, skin, is_open[source.brep.faces.tag])
     parts = [read_body(solid) for solid in build_solids(brep).solids]  # which refuses what the kernel calls invalid
-    inner = find_skin_faces([part.shape for part in parts], parts, [o.wrapped for o in opened])
+    inner = find_skin_faces([part.shape for part in parts], [o.wrapped for o in opened])
     depth = SkinDepth(read.shape, [face for face, o in zip(own, is_open, strict=True) if not o])
     measured = measure_skin_thickness(inner, depth)
     return brep, measured.least, measured.greatest

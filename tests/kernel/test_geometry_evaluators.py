@@ -8,7 +8,6 @@ import pytest
 from OCP.BRepAdaptor import BRepAdaptor_Surface
 
 from tpmscad.kernel.occt.geometry_evaluators import (
-    RevolutionEvaluator,
     SplineSurfaceEvaluator,
     edge_evaluator,
     face_evaluator,
@@ -89,20 +88,3 @@ def test_tables_give_what_their_surfaces_and_curves_give() -> None:
     for k, values in enumerate(pack_curves(curves).select(np.arange(len(curves)))(which, t)):
         expected = [curves[e](at[None])[k][0] for e, at in zip(which.tolist(), t, strict=True)]
         np.testing.assert_allclose(values, expected, atol=1e-12)
-
-
-@pytest.mark.parametrize("name", ["cylinder", "torus", "cone", "mirrored cone", "ball"])
-def test_heights_of_a_part_of_a_quadric_are_bounded(name: str) -> None:
-    rng = np.random.default_rng(5)
-    for face in SOLIDS[name]().faces():
-        evaluate = face_evaluator(face.wrapped)
-        if not isinstance(evaluate, RevolutionEvaluator):
-            continue
-        for _ in range(40):
-            low = rng.uniform([-7.0, -2.0], [7.0, 2.0])
-            high = low + rng.uniform(0.0, [7.0, 2.0])
-            z = evaluate(low + rng.uniform(size=(400, 2)) * (high - low))[0][:, 2]
-            bottom, top = evaluate.bound_heights(low, high)
-            assert bottom <= z.min() + 1e-12
-            assert top >= z.max() - 1e-12
-            assert top - bottom <= 20.0

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
 from benchmarks.struts import exact_volume
@@ -13,23 +13,23 @@ from tpmscad.brep import connectivity
 from tpmscad.brep.boundary_representation import Brep
 from tpmscad.brep.moments import integral_properties
 from tpmscad.brep.solid_properties import measure_solid
-from tpmscad.errors import InvalidRequest
-from tpmscad.fields.kinds.strut_graphs import StrutsField
+from tpmscad.errors import InvalidRequest, TrimmingError
+from tpmscad.fields.kinds.strut_graphs import StrutsField, split_by_node_radius
 from tpmscad.lattices import strut_classes
 from tpmscad.lattices.strut_brep import build_strut_brep
 from tpmscad.lattices.strut_contacts import find_contact
-from tpmscad.lattices.strut_ends import find_envelope, wave_values
+from tpmscad.lattices.strut_ends import Waves, find_envelope
 from tpmscad.strut_cells import KINDS
 
 BOX = np.zeros(3), np.full(3, 10.0)
 
 
 def bound(field: StrutsField, box: tuple[np.ndarray, np.ndarray] | None = None) -> Brep:
-    return build_strut_brep(field.points, field.edges, field.radius, field.node_radius, box)
+    return build_strut_brep(field.points, field.edges, field.node_radii, field.balls, box)
 
 
 def count_classes(field: StrutsField, box: tuple[np.ndarray, np.ndarray]) -> int:
-    return len(strut_classes.group_facets(field.points, field.edges, field.radius, field.node_radius, box)[1])
+    return len(strut_classes.group_facets(field.points, field.edges, field.node_radii, field.balls, box)[1])
 
 
 def volume(brep: Brep) -> float:
@@ -53,9 +53,9 @@ def star(directions: np.ndarray, diameter: float, node_radius: float) -> StrutsF
 @given(st.lists(st.tuples(*[st.floats(-2, 2)] * 3), min_size=1, max_size=8))
 def test_the_envelope_is_the_greatest_of_its_functions(rows: list[tuple[float, float, float]]) -> None:
     waves = np.array(rows)
-    found = find_envelope(waves, 0.0, 2 * np.pi)
+    found = find_envelope(Waves(waves), 0.0, 2 * np.pi)
     angles = np.linspace(0, 2 * np.pi, 101)
-    expected = wave_values(waves.T[:, :, None], angles).max(axis=0)
+    expected = Waves(waves).values(angles).max(axis=0)
     np.testing.assert_allclose([found.value(a) for a in angles], expected, atol=1e-6)
 
 
@@ -81,7 +81,7 @@ WITH_BALLS = [(kind, 0.9 * (number % 2)) for number, kind in enumerate(KINDS)]
 def test_a_node_of_any_struts_is_closed_and_has_the_fields_volume(count: int, seed: int, node_radius: float) -> None:
     directions = np.random.default_rng(seed).normal(size=(count, 3))
     field = star(directions, 1.0, node_radius)
-    contact = find_contact(field.points, field.edges, field.radius, field.node_radius)
+    contact = find_contact(field.points, field.edges, field.node_radii, field.balls)
     if contact is not None and contact.ratio <= 1:
         return
     expected, error = sample_volume(field, np.full(3, -14.0), np.full(3, 14.0))
@@ -174,16 +174,17 @@ def test_struts_of_unequal_diameters_are_the_union_of_each(seed: int, node_radiu
 def test_collinear_struts_of_unequal_diameters_stay_two() -> None:
     stepped = fields.struts([[0, 0, 0], [3, 0, 0], [9, 0, 0], [12, 0, 0]], [[0, 1], [1, 2], [2, 3]], [1.0, 0.5, 0.5])
     assert stepped.edges.tolist() == [[0, 1], [1, 2]]
-    assert stepped.radii.tolist() == [0.5, 0.25]
+    assert stepped.radii.tolist() == [[0.5, 0.5], [0.25, 0.25]]
     assert repr(stepped) == "StrutsField(3 points, 2 struts, diameters from 0.5 to 1)"
 
 
 @pytest.mark.parametrize(
     ("diameter", "message"),
     [
-        ([1.0, 2.0], "diameter has 2 values for 1 edges: give one number, or one for each edge"),
+        ([1.0, 2.0], "diameter has 2 values for 1 edges: give one number, one for each edge, or a pair"),
         ([0.0], "holds 0 at index 0, and must be positive"),
-        ([[1.0]], r"of shape \(1, 1\) must be a sequence of positive numbers"),
+        ([[1.0]], r"of shape \(1, 1\) must have one value or two for each edge"),
+        ([[1.0, 0.0]], "holds 0 at index 0, and must be positive"),
         (-1.0, "diameter -1.0"),
     ],
 )
@@ -217,6 +218,84 @@ def test_a_graph_that_is_none_is_refused(points: object, edges: object, message:
     ],
 )
 def test_struts_that_touch_are_found(points: list[list[float]], edges: list[list[int]], ratio: float) -> None:
-    contact = find_contact(np.array(points, float), np.array(edges), 0.5, 0.5)
+    contact = find_contact(np.array(points, float), np.array(edges), *[np.full(len(points), 0.5)] * 2)
     assert contact is not None
     assert contact.ratio == pytest.approx(ratio)
+
+
+def conical_star(count: int, seed: int, node_radius: float) -> StrutsField:
+    """Struts of radius 1 in a node, with radii of 0.3 to 1.8 at their other ends, no two within 40 degrees."""
+    rng = np.random.default_rng(seed)
+    directions: list[np.ndarray] = []
+    while len(directions) < count:
+        tried = rng.normal(size=3)
+        tried /= np.linalg.norm(tried)
+        if all(tried @ other < np.cos(np.radians(40)) for other in directions):
+            directions.append(tried)
+    ends = np.array(directions) * rng.uniform(9, 12, (count, 1))
+    diameters = 2 * np.column_stack([np.ones(count), rng.uniform(0.3, 1.8, count)])
+    edges = [[0, k + 1] for k in range(count)]
+    return fields.struts(np.concatenate([np.zeros((1, 3)), ends]), edges, diameters, node_radius)
+
+
+def test_a_conical_strut_is_the_hull_of_two_balls() -> None:
+    first, last, length = 1.0, 0.4, 6.0
+    sine = (first - last) / length
+    caps = [np.pi * r**3 * (2 - 3 * s + s**3) / 3 for r, s in ((first, -sine), (last, sine))]
+    a, b = (r * np.sqrt(1 - sine**2) for r in (first, last))
+    frustum = np.pi * (length + (last - first) * sine) * (a**2 + a * b + b**2) / 3
+    hull = fields.struts([[0, 0, 0], [length, 0, 0]], [[0, 1]], [[2 * first, 2 * last]])
+    assert volume(bound(hull)) == pytest.approx(sum(caps) + frustum, rel=1e-12)
+
+
+@settings(max_examples=6)
+@given(st.integers(2, 7), st.integers(0, 2**20), st.sampled_from([0.0, 1.3]))
+def test_a_node_of_any_cones_is_closed_and_has_the_fields_volume(count: int, seed: int, node_radius: float) -> None:
+    field = conical_star(count, seed, node_radius)
+    contact = find_contact(field.points, field.edges, field.node_radii, field.balls)
+    assert contact is not None
+    assume(contact.ratio > 1.05)
+    brep = bound(field)
+    assert connectivity.is_closed(brep)
+    points = np.random.default_rng(seed).uniform(-15, 15, (400_000, 3))
+    share = (field(points) < 0).mean()
+    assert abs(volume(brep) / 30**3 - share) < 4.5 * np.sqrt(share / len(points))
+
+
+def test_a_graded_lattice_of_struts_has_cones_between_its_nodes() -> None:
+    field = fields.strut_lattice("bcc", 10.0, lambda p: 1.0 + 0.08 * p[:, 2], cells=(1, 1, 2))
+    np.testing.assert_allclose(field.diameters, 1.0 + 0.08 * field.points[field.edges][..., 2])
+    box = np.zeros(3), np.array([10.0, 10, 20])
+    brep = bound(field, box)
+    assert connectivity.is_closed(brep)
+    points = np.random.default_rng(2).random((400_000, 3)) * box[1]
+    share = (field(points) < 0).mean()
+    assert abs(volume(brep) / 2000 - share) < 4 * np.sqrt(share / len(points))
+    by_formula = fields.strut_lattice("bcc", 10.0, "1 + 0.08*z", cells=(1, 1, 2))
+    np.testing.assert_allclose(by_formula.radii, field.radii)
+    with pytest.raises(InvalidRequest, match=r"diameter is -0.\d* at the node .*, and must be positive"):
+        fields.strut_lattice("bcc", 10.0, lambda p: 1.0 - 0.08 * p[:, 2], cells=(1, 1, 2))
+
+
+def test_struts_of_many_diameters_are_few_sets() -> None:
+    """Each set has one radius in every node, and struts that have the same radius there are in one set."""
+    rng = np.random.default_rng(4)
+    points = rng.uniform(0, 10, (30, 3))
+    edges = np.unique(np.sort(rng.integers(0, 30, (70, 2)), axis=1), axis=0)
+    edges = edges[edges[:, 0] < edges[:, 1]]
+    field = fields.struts(points, edges, rng.uniform(0.5, 1.0, (len(edges), 2)))
+    sets = split_by_node_radius(field)
+    assert len(sets) <= 1 + 2 * np.bincount(edges.ravel()).max()
+    assert sum(len(each.edges) for each in sets) == len(field.edges)
+    assert all(len(each.node_radii) for each in sets)  # which fails if they are not of one radius
+    at = rng.uniform(0, 10, (300, 3))
+    np.testing.assert_allclose(np.min([each(at) for each in sets], axis=0), field(at))
+    triangle = [[0, 0, 0], [9, 0, 0], [0, 9, 0]], [[0, 1], [1, 2], [0, 2]]
+    with pytest.raises(InvalidRequest, match="struts of two diameters, one of them 2, meet near"):
+        split_by_node_radius(fields.struts(*triangle, [[1.0, 1.0], [1.0, 1.0], [2.0, 1.0]]))
+
+
+def test_cones_that_leave_a_node_side_by_side_are_refused() -> None:
+    ends = [[0, 0, 0], [10, 0, 0], [10, 1.0, 0]]
+    with pytest.raises(TrimmingError, match="nearly one direction"):
+        bound(fields.struts(ends, [[0, 1], [0, 2]], [[1.0, 4.0], [1.0, 0.5]]))

@@ -24,11 +24,9 @@ from tpmscad.levelset.quadmesh.dual_mesh import build_dual_mesh
 from tpmscad.levelset.quadmesh.octree import Octree
 from tpmscad.levelset.quadmesh.patch_network import PatchNetwork, build_patch_network
 from tpmscad.levelset.quadmesh.periodicity import (
-    crop_to_searched_periods,
     find_translated_copies,
     no_copies,
     snap_translated_vertices,
-    tile_octree,
 )
 from tpmscad.levelset.quadmesh.smoothing import smooth_mesh
 from tpmscad.parallel import task_runner
@@ -197,35 +195,3 @@ def test_any_executor_makes_the_same_solid_face_by_face(executor: Any, monkeypat
     pairs = [(a, b) for a, b in zip(pooled.carriers, serial.carriers, strict=True) if isinstance(a, BSplineSurface)]
     assert len(pairs) > 100
     assert all(np.array_equal(a.poles, b.poles) for a, b in pairs)
-
-
-@pytest.mark.parametrize("seed", range(4))
-def test_a_tiled_octree_is_split_where_its_part_is_and_hardly_anywhere_else(seed: int) -> None:
-    rng = np.random.default_rng(seed)
-    lo, hi = np.array([0.0, 1.0, 2.0]), np.array([40.0, 51.0, 17.0])
-    end, periods = crop_to_searched_periods(GYROID, lo, hi)
-    assert end.tolist() == [20.0, 21.0, 17.0]
-    assert periods.tolist() == [4, 5, 0]
-    tree = octree.uniform_octree(lo, end, np.array([8, 8, 6]))
-    for _ in range(2):
-        tree = octree.split_leaves(tree, rng.random(len(tree.size)) < 0.03)
-    whole = tile_octree(tree, hi, periods)
-    assert np.allclose(whole.cell_edges, tree.cell_edges, rtol=1e-12)
-    for number in rng.integers(0, len(whole.size), 200):
-        corner, size = whole.origin[number], whole.size[number]
-        inner = np.stack(np.meshgrid(*(np.arange(size),) * 3, indexing="ij"), -1).reshape(-1, 3) + corner
-        per = tree.shape // np.where(periods > 0, 2, 1)
-        last = np.where(periods > 0, periods, 1) - 1
-        within, cell = inner % per, inner // per
-        found = []
-        for upper in np.ndindex(2, 2, 2):  # the leaves of the part that this place repeats
-            use = np.where(cell == 0, 0, np.where(cell == last, periods > 0, np.array(upper) * (periods > 0)))
-            found.append(tree.size[tree.leaves_at(within + use * per)])
-        assert size <= np.min(found)
-    assert len(whole.size) < 20 / 4 * 2.5 * len(tree.size)
-
-
-def test_only_long_boxes_of_whole_periods_are_searched_in_part() -> None:
-    for size in ((20.0, 10.0, 10.0), (39.0, 10.0, 10.0)):
-        assert not crop_to_searched_periods(GYROID, LO, np.array(size))[1].any()
-    assert not crop_to_searched_periods(fields.sphere((0, 0, 0), 30.0), LO, np.array([40.0, 40.0, 40.0]))[1].any()

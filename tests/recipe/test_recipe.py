@@ -263,6 +263,8 @@ def test_every_kind_is_tried() -> None:
         "scattered",
         "expression",
         "mesh",
+        "beams",
+        "wireframe",
     }
 
 

@@ -86,6 +86,21 @@ def test_what_is_kept_is_whole_and_what_is_cleared_is_empty() -> None:
         assert signed_area(combine_regions(hole, contours, "intersection")) == 0.0
 
 
+def test_a_cavity_between_two_planes_leaves_their_layers_whole() -> None:
+    layers = tpmscad.infill_layers(bd.Box(4, 4, 2), "P", cell=2, thickness=0.3, skin=0.95, height=0.25)
+    assert [layer.area for layer in layers] == pytest.approx([16.0] * 8)
+
+
+def test_the_volume_of_a_layer_is_right_where_a_lid_ends_within_it() -> None:
+    """The lids of a skin of .2 end within layers of .25, and between layers of .05."""
+    asked: dict[str, Any] = {"cell": 2, "thickness": 0.3, "skin": 0.2, "chord_error": 0.01}
+    coarse, fine = (
+        np.array([layer.volume for layer in tpmscad.infill_layers(bd.Box(4, 4, 2), "P", height=height, **asked)])
+        for height in (0.25, 0.05)
+    )
+    np.testing.assert_allclose(coarse[[0, -1]], fine.reshape(8, 5).sum(axis=1)[[0, -1]], rtol=1e-3)
+
+
 def test_a_box_of_many_cells_has_the_volume_of_its_cells() -> None:
     """8 x 8 whole cells: the volume fraction is that of one cell, which the certificate of a lattice states."""
     layers = tpmscad.infill_layers(

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import pickle
 import zipfile
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
@@ -18,7 +19,9 @@ import tpmscad
 from tests.cli.test_cli import run
 from tpmscad.kernel.export.layer_files import Layer
 from tpmscad.kernel.measure.shape_extents import shape_bounds
-from tpmscad.kernel.slicing.repeated_faces import LOOSE, RepeatedFaces
+from tpmscad.kernel.occt.geometry_evaluators import PlaneEvaluator, face_evaluator
+from tpmscad.kernel.slicing import contours
+from tpmscad.kernel.slicing.contours import SlicedFaces
 from tpmscad.studies.layer_slices import Slices, slice_shape
 
 pytestmark = pytest.mark.kernel
@@ -53,6 +56,11 @@ def test_volumes_of_few_layers_are_those_of_the_solid() -> None:
     assert ball[0].volume == pytest.approx(np.pi * 4 * (15 - 2) / 3, rel=1e-6)
 
 
+def test_volumes_are_exact_where_the_area_jumps_within_a_layer() -> None:
+    steps = cut(bd.Pos(0, 0, 0.5) * bd.Box(4, 4, 1) + bd.Pos(0, 0, 1.5) * bd.Box(2, 2, 1), 0.3, 0.01)
+    np.testing.assert_allclose([layer.volume for layer in steps], [4.8] * 3 + [2.4] + [1.2] * 2 + [0.8], rtol=1e-9)
+
+
 @pytest.mark.slow
 def test_batches_of_levels_cut_by_an_executor_are_those_of_one_process() -> None:
     model = tpmscad.lattice("schwarz_p", cell=4, thickness=0.5, tol=0.05)
@@ -65,6 +73,25 @@ def test_batches_of_levels_cut_by_an_executor_are_those_of_one_process() -> None
         assert all(np.array_equal(p, q) for p, q in zip(a.contours, b.contours, strict=True))
         assert len(a.contours) >= 1
     assert alone.volume == pytest.approx(model.volume, rel=1e-5)
+
+
+class PicklingExecutor(ThreadPoolExecutor):
+    """An executor that sends its tasks as processes would."""
+
+    def submit(self, function: Any, /, *arguments: Any, **named: Any) -> Any:
+        return super().submit(function, *pickle.loads(pickle.dumps(arguments)), **named)
+
+
+def test_faces_that_no_other_process_can_evaluate_are_cut_in_this_one(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A plane comes first, and could be sent; the kernel alone evaluates a surface of extrusion."""
+    monkeypatch.setattr(contours, "FACES_PER_TASK", 1)
+    profile = bd.Spline((0, 0), (1, 1.5), (3, 1), (4, 0)) + bd.Line((4, 0), (0, 0))
+    part = bd.Pos(0, -3, 0) * bd.Box(1, 1, 2) + bd.extrude(bd.make_face(profile), 2)
+    low, high = shape_bounds(part)
+    assert isinstance(face_evaluator(part.faces()[0].wrapped), PlaneEvaluator)
+    with PicklingExecutor(1) as executor:
+        found = slice_shape(part, "part", 0.5, 0.01, (low[2], high[2]), executor)
+    assert found.volume == pytest.approx(part.volume, rel=1e-5)
 
 
 def test_layers_near_the_ridges_of_a_lying_torus_and_hole_are_not_missed() -> None:
@@ -206,30 +233,31 @@ def test_repeated_faces_give_the_contours_of_the_whole_solid(height: float) -> N
     assert found.volume == pytest.approx(model.volume, rel=1e-3)
 
 
-def test_layers_at_which_curves_do_not_close_are_cut_as_a_whole(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_ends_of_curves_that_no_edge_tells_are_joined_where_they_meet(monkeypatch: pytest.MonkeyPatch) -> None:
     model = tpmscad.lattice("schwarz_p", cell=4, cells=(2, 1, 1), thickness=0.5, tol=0.05)
     expected = model.slices(0.5, 0.02)
-    number_ends = RepeatedFaces._number_ends
+    name_ends = SlicedFaces._name_ends
 
-    def lose_one(self: RepeatedFaces, curves: Any, copies: Any, which: int, n_levels: int) -> np.ndarray:
-        number = number_ends(self, curves, copies, which, n_levels)
-        number[np.flatnonzero(copies.level == 3)[which]] = LOOSE
-        return number
+    def lose_some(self: SlicedFaces, curves: Any, copies: Any, which: int, n_levels: int) -> np.ndarray:
+        name = name_ends(self, curves, copies, which, n_levels)
+        name[np.flatnonzero((copies.level == 3) & ~curves.closed[copies.curve])[3 * which : 3 * which + 5]] = -1 - which
+        return name
 
-    monkeypatch.setattr(RepeatedFaces, "_number_ends", lose_one)
+    monkeypatch.setattr(SlicedFaces, "_name_ends", lose_some)
     found = model.slices(0.5, 0.02)
-    assert [len(layer.contours) for layer in found] == [len(layer.contours) for layer in expected]
-    np.testing.assert_allclose([x.area for x in found], [x.area for x in expected], rtol=1e-4)
+    for own, other in zip(found, expected, strict=True):
+        assert all(np.array_equal(a, b) for a, b in zip(own.contours, other.contours, strict=True))
 
 
 def test_copies_of_faces_that_do_not_meet_are_noticed(monkeypatch: pytest.MonkeyPatch) -> None:
     model = tpmscad.lattice("schwarz_p", cell=4, cells=(2, 1, 1), thickness=0.5, tol=0.05)
-    prepare = RepeatedFaces.__init__
-
-    def misplace(self: RepeatedFaces, *arguments: Any) -> None:
-        prepare(self, *arguments)
-        self.moved = self.moved * 1.001
-
-    monkeypatch.setattr(RepeatedFaces, "__init__", misplace)
+    moved = SlicedFaces._moved.fget  # type: ignore[attr-defined]
+    monkeypatch.setattr(SlicedFaces, "_moved", property(lambda self: 1.001 * moved(self)))
     with pytest.raises(tpmscad.KernelError, match=r"neighbouring faces end 0\.004 apart"):
         model.slices(0.5, 0.02)
+
+
+def test_a_solid_that_is_open_is_refused() -> None:
+    open_box = bd.Solid(bd.Shell(bd.Box(2, 2, 2).faces()[1:]))
+    with pytest.raises(tpmscad.KernelError, match="open along 4 of its edges"):
+        slice_shape(open_box, "part", 0.5, 0.01, (-1, 1))

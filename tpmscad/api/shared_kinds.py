@@ -110,14 +110,16 @@ def _read_pairs(value: object) -> object:
     return array
 
 
-def _read_positive_values(value: object) -> object:
-    """An array (n,) of positive numbers."""
+def _read_end_values(value: object) -> object:
+    """An array (n,) or (n, 2) of positive numbers."""
     import numpy as np
 
-    array = array_kind("a sequence of positive numbers", "", 1).read(value)
-    wrong = np.flatnonzero(array <= 0)
+    array = read_array(value)
+    if array.ndim not in (1, 2) or array.shape[1:] not in ((), (2,)):
+        raise InvalidValue(f"of shape {array.shape} must have one value or two for each edge, (m,) or (m, 2)")
+    wrong = np.argwhere(~(array > 0) | ~np.isfinite(array))
     if len(wrong):
-        raise InvalidValue(f"holds {array[wrong[0]]:g} at index {wrong[0]}, and must be positive throughout")
+        raise InvalidValue(f"holds {array[tuple(wrong[0])]:g} at index {wrong[0][0]}, and must be positive throughout")
     return array
 
 
@@ -196,7 +198,7 @@ UNBOUNDED_POINT = tuple_of(read_unbounded_number, 3, "three numbers, which may b
 PAIR_OR_TRIPLE = array_kind("two or three numbers", "(0, 0)", 1)
 POINT_ROWS = array_kind("an array of points (n, 3)", "np.random.rand(50, 3)", 2)
 PAIR_ROWS = ArgumentKind("pairs of whole numbers (m, 2)", "[[0, 1], [1, 2]]", _read_pairs)
-POSITIVE_VALUES = ArgumentKind("a sequence of positive numbers", "[1.0, 0.8]", _read_positive_values)
+END_VALUES = ArgumentKind("an array of positive numbers, (m,) or (m, 2)", "[1.0, 0.8]", _read_end_values)
 POINT_VALUES = array_kind("an array (n,), a value for each point", "np.zeros(50)", 1)
 CONTROL_NET = array_kind("a control net (U, V, W, 3) of finite numbers", "np.random.rand(4, 4, 4, 3)", 4)
 MASK = ArgumentKind("an array of bools", "np.eye(4) > 0", _read_mask)

@@ -14,13 +14,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from tpmscad._typing import Array, BoolArray, IntArray
-from tpmscad.brep.carriers import Circle, EdgeCurve
+from tpmscad.brep.carriers import EdgeCurve
 from tpmscad.brep.free_form_surface import FreeFormSurface
 from tpmscad.brep.loops import points_in_polygons
 from tpmscad.brep.orthogonal_projection import project_to_curve
 from tpmscad.erosion.face_regions import FaceRegion, shift_to_period
-from tpmscad.erosion.simple_sites import SimpleSites
-from tpmscad.splines.bspline import is_segment
 
 BORDER_REL_TOL = 1e-5
 """In body sizes: how far beyond the border of a face a foot may lie. The loops are polygons."""
@@ -146,13 +144,6 @@ class VertexSite:
 Site = FaceSite | OpenSite | EdgeSite | VertexSite
 
 
-def _is_simple(site: Site) -> bool:
-    """Whether a site is a vertex or a straight or circular edge."""
-    return isinstance(site, VertexSite) or (
-        isinstance(site, EdgeSite) and (is_segment(site.curve) or isinstance(site.curve, Circle))
-    )
-
-
 @dataclass(frozen=True, slots=True, eq=False)
 class NearestSites:
     """Depths (n,) of points, infinite where no site is within the limit, nearest sites (n,), and parameters there (n, 2)."""
@@ -164,16 +155,11 @@ class NearestSites:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class BodySites:
-    """All sites of a body, boxes (S, 2, 3) around them, and in which multiple of a distance sought they are sought (S,).
-
-    `simple`: the vertices, straight and circular edges among them once more, in arrays. `others` (S,): which the rest are.
-    """
+    """All sites of a body, boxes (S, 2, 3) around them, and in which multiple of a distance sought they are sought (S,)."""
 
     sites: Sequence[Site]
     boxes: Array
     reaches: Array
-    simple: SimpleSites
-    others: BoolArray
 
     @classmethod
     def of(cls, sites: Sequence[Site], skin: float, size: float) -> BodySites:
@@ -183,12 +169,7 @@ class BodySites:
         wide = [BEYOND * skin if isinstance(site, FaceSite) and site.strips else 0.0 for site in faces]
         margin = np.maximum(BOX_MARGIN * size, wide)[:, None, None]
         reaches = np.array([BEYOND if isinstance(site, OpenSite) else 1.0 for site in sites])
-        edges = [site for site in sites if isinstance(site, EdgeSite)]
-        lines = [(e.curve, e.span) for e in edges if is_segment(e.curve)]
-        arcs = [(e.curve, e.span) for e in edges if isinstance(e.curve, Circle)]
-        simple = SimpleSites.of([site.point for site in sites if isinstance(site, VertexSite)], lines, arcs)
-        others = np.array([not _is_simple(site) for site in sites])
-        return cls(sites, boxes + margin * np.array([[-1.0], [1.0]]), reaches, simple, others)
+        return cls(sites, boxes + margin * np.array([[-1.0], [1.0]]), reaches)
 
     def nearest(self, points: Array, limit: float) -> NearestSites:
         """The nearest sites of points (n, 3), sought up to the distance `limit` (model units)."""
@@ -202,25 +183,21 @@ class BodySites:
 
     def are_deeper(self, points: Array, limit: float) -> BoolArray:
         """Which points (n, 3) have no site nearer than `limit` (model units): (n,)."""
-        if not len(points):
-            return np.zeros(0, bool)
-        deep = ~self.simple.are_near(points, limit)
-        for s, near in self._near_boxes(points, limit, self.others):
+        deep = np.ones(len(points), bool)
+        for s, near in self._near_boxes(points, limit):
             at = near[deep[near]]
             if len(at):
                 deep[at] = ~(self.sites[s].feet(points[at], limit)[0] < limit)
         return deep
 
-    def _near_boxes(
-        self, points: Array, limit: float, among: BoolArray | bool = True
-    ) -> Iterator[tuple[int, IntArray]]:
+    def _near_boxes(self, points: Array, limit: float) -> Iterator[tuple[int, IntArray]]:
         """The sites whose boxes any of the points (n, 3) come near to, with these points."""
         if not len(points):
             return
         square = (limit * self.reaches) ** 2
         low, high = points.min(axis=0), points.max(axis=0)
         gap = np.maximum(np.maximum(self.boxes[:, 0] - high, low - self.boxes[:, 1]), 0.0)
-        for s in np.flatnonzero(((gap * gap).sum(axis=1) < square) & among).tolist():
+        for s in np.flatnonzero((gap * gap).sum(axis=1) < square).tolist():
             outside = np.maximum(np.maximum(self.boxes[s, 0] - points, points - self.boxes[s, 1]), 0.0)
             at = np.flatnonzero((outside * outside).sum(axis=1) < square[s])
             if len(at):

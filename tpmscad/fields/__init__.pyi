@@ -5,6 +5,8 @@ from tpmscad.fields.field import Field as Field
 from tpmscad.fields.field import as_field as as_field
 from tpmscad.fields.field import constant as constant
 from tpmscad.fields.field import from_function as from_function
+from tpmscad.fields.kinds.beam_lattices import beams as beams
+from tpmscad.fields.kinds.beam_lattices import wireframe as wireframe
 from tpmscad.fields.kinds.booleans import complement as complement
 from tpmscad.fields.kinds.booleans import difference as difference
 from tpmscad.fields.kinds.booleans import intersection as intersection

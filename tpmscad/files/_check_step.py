@@ -8,7 +8,9 @@ from typing import Annotated
 from tpmscad.api.public_calls import validate_call
 from tpmscad.api.shared_kinds import COUNT, FLAG, PATH
 from tpmscad.errors import InvalidRequest
+from tpmscad.fields.data.beam_files import is_beam_path
 from tpmscad.fields.data.triangle_mesh import is_mesh_path
+from tpmscad.files.beam_report import BeamReport, report_beams
 from tpmscad.files.mesh_report import MeshReport, report_mesh
 from tpmscad.kernel.body_import.isolated_reader import check_foreign_step
 from tpmscad.kernel.measure.shape_report import StepReport
@@ -24,13 +26,14 @@ def check_step(
         bool, FLAG, "Tell each face, too: the label that it has as a face of a filled body, its kind, area and place."
     ] = False,
     solid: Annotated[int | None, COUNT, "Report on this solid only, by its number from 1."] = None,
-) -> StepReport | MeshReport:
+) -> StepReport | MeshReport | BeamReport:
     """Read a CAD file with the kernel, or a file of triangles, and report its content.
 
     Returns
     -------
-    StepReport or MeshReport
-        Of triangles: their number, pieces, open sides, volume, area and box, as they are. Of a CAD file:
+    StepReport, MeshReport or BeamReport
+        Of a 3MF file with beams: their number, nodes, radii, balls, clipping, and the triangles beside them. Of triangles: their
+        number, pieces, open sides, volume, area and box, as they are. Of a CAD file:
         Products, units and `shape`: numbers of solids, shells and faces, validity, closedness, volume, area and tolerances; the
         list of `solids`; and `healing`, what `read_body` repairs of a file that is not `ok`, which is reported as it is.
         `ok` is True if the file holds valid closed solids; `to_dict()` is what ``tpmscad check --report`` writes.
@@ -46,6 +49,8 @@ def check_step(
     >>> tpmscad.check_step("gyroid.step").ok  # doctest: +SKIP
     True
     """
+    if is_beam_path(path) and not faces and solid is None:
+        return report_beams(Path(path))
     if is_mesh_path(path):
         if faces or solid is not None:
             raise InvalidRequest(f"`faces` and `solid` are of CAD files: leave them out for the triangles of {path}")

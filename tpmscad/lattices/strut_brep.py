@@ -1,4 +1,4 @@
-"""Round struts of one diameter on a graph as a boundary representation: cylinders, balls and the planes of a box, exactly.
+"""Round struts on a graph as a boundary representation: cylinders, cones, balls and the planes of a box, exactly.
 
 The faces of each strut, which are those of its class (`strut_classes`), are joined at edges with the same ends and middle. Nodes
 in a side of the box, and struts along it, are cut by the side; the edges that are then used once bound the planar faces. No face
@@ -36,23 +36,23 @@ PATH_POINTS = 17
 def build_strut_brep(
     points: Array,
     struts: IntArray,
-    radius: float,
-    node_radius: float,
+    radii: Array,
+    balls: Array,
     box: tuple[Array, Array] | None = None,
 ) -> Brep:
     """The boundary of struts (m, 2) between points (n, 3), with balls at the nodes; cut by the sides of a box that they lie in.
 
-    node_radius: at least `radius`. The struts must not touch each other but in common nodes, see `find_contact`; a node that is
-    not in a side must be clear of it.
+    radii (n,): of the ends of all struts at each point; balls (n,): at least those. The struts must not touch each other but in
+    common nodes, see `find_contact`; a node that is not in a side must be clear of it.
     """
-    label, classes = group_facets(points, struts, radius, node_radius, box)
+    label, classes = group_facets(points, struts, radii, balls, box)
     facets = [facet for own in classes for facet in own]
     first_facet = np.cumsum([0, *map(len, classes)])
     first_side = np.cumsum([0, *(len(facet.loop) for facet in facets)])
     strut, facet = expand_ranges(first_facet[label], first_facet[label + 1])
     face, kind = expand_ranges(first_side[facet], first_side[facet + 1])
     sides = [side for each in facets for side in each.loop]
-    corner, tol = points[struts[strut, 0]], SAME_POINT * radius
+    corner, tol = points[struts[strut, 0]], SAME_POINT * float(radii.min())
     if box is not None:
         ends = np.array([side.ends()[::2] for side in sides])[kind] + corner[face][:, None]
         in_corners = np.unique(struts[find_sides(points, box).sum(axis=1)[struts] == 3])

@@ -15,13 +15,13 @@ from scipy.spatial import cKDTree
 
 from tpmscad._typing import Array, BoolArray, IntArray
 from tpmscad.brep.conics import TWO_PI
-from tpmscad.lattices.strut_ends import SAME_ANGLE
+from tpmscad.lattices.strut_ends import SAME_ANGLE, Star
 from tpmscad.lattices.strut_facets import (
     SAME_POINT,
     Facet,
     StrutEnd,
     bound_ball,
-    bound_cylinder,
+    bound_cone,
     choose_cuts,
     find_border_arm,
     find_neighbour,
@@ -32,7 +32,7 @@ ON_SIDE = 1e-9
 """In sizes of the box: distance of a node from a side of the box up to which it lies in it."""
 
 SAME_VECTOR = 1e-9
-"""In radii: difference of vectors along struts that are equal; far below what makes vertices one."""
+"""In the least radii: difference of vectors along struts, and of radii, that are equal; far below what makes vertices one."""
 
 SIDE_NORMALS = np.concatenate([-np.eye(3), np.eye(3)])
 
@@ -46,7 +46,7 @@ Ends = list[tuple[int, StrutEnd, tuple[float, ...]]]
 class EndClasses:
     """Classes of struts (m,) with equal ends: `label` (m,), `first` (c,) strut and both ends of each class.
 
-    way (m, 2): the vector along each strut, from its start and from its end, by number; equal vectors have equal numbers.
+    way (m, 2): the vector along each strut and its radii, from its start and from its end, by number; equal if these are.
     sides (n, 6): the sides of the box that each node lies in, by `SIDE_NORMALS`.
     """
 
@@ -67,35 +67,49 @@ def find_sides(points: Array, box: tuple[Array, Array] | None) -> BoolArray:
 
 
 def group_ends(
-    points: Array, struts: IntArray, radius: float, node_radius: float, box: tuple[Array, Array] | None
+    points: Array, struts: IntArray, radii: Array, balls: Array, box: tuple[Array, Array] | None
 ) -> EndClasses:
-    """The classes of struts (m, 2) between points (n, 3), by their vectors and the stars of both nodes."""
+    """The classes of struts (m, 2) between points (n, 3), by their vectors, radii (n,) and the stars of both nodes."""
     along = points[struts[:, 1]] - points[struts[:, 0]]
-    _, way = _label_rows(np.rint(np.concatenate([along, -along]) / (SAME_VECTOR * radius)).astype(np.int64))
+    unit = SAME_VECTOR * float(radii.min())
+    first, last = radii[struts.T]
+    ways = np.concatenate([np.column_stack([along, first, last]), np.column_stack([-along, last, first])])
+    _, way = _label_rows(np.rint(ways / unit).astype(np.int64))
     way = way.reshape(2, -1).T
     sides = find_sides(points, box)
-    star = _label_nodes(struts, way, sides)
-    first, label = _label_rows(np.column_stack([way[:, 0], star[struts]]))
+    star = _label_nodes(struts, way, np.column_stack([sides, np.rint(balls / unit)]).astype(np.int64))
+    chosen, label = _label_rows(np.column_stack([way[:, 0], star[struts]]))
     order = np.argsort(struts.ravel(), kind="stable")
     begin = np.searchsorted(struts.ravel()[order], np.arange(len(points) + 1))
-    units = along / np.linalg.norm(along, axis=1)[:, None]
+    lengths = np.linalg.norm(along, axis=1)
+    units, sines = along / lengths[:, None], (last - first) / lengths
     pairs = []
-    for s in first.tolist():
+    for s in chosen.tolist():
         stars = []
-        for node in struts[s].tolist():
+        for side, node in enumerate(struts[s].tolist()):
             own, end = divmod(order[begin[node] : begin[node + 1]], 2)
             own, end = own[own != s], end[own != s]
-            directions = np.where(end == 0, 1.0, -1.0)[:, None] * units[own]
-            stars.append((directions, tuple(way[own, end].tolist()), SIDE_NORMALS[sides[node]]))
-        pairs.append(make_strut_ends(along[s], (stars[0], stars[1]), radius, node_radius))
-    return EndClasses(label, first, pairs, way, sides)
+            sense = np.where(end == 0, 1.0, -1.0)
+            stars.append(
+                Star(
+                    sense[:, None] * units[own],
+                    sense * sines[own],
+                    tuple(way[own, end].tolist()),
+                    SIDE_NORMALS[sides[node]],
+                    float(sines[s]) if side == 0 else -float(sines[s]),
+                    float(radii[node]),
+                    float(balls[node]),
+                )
+            )
+        pairs.append(make_strut_ends(along[s], (stars[0], stars[1])))
+    return EndClasses(label, chosen, pairs, way, sides)
 
 
 def group_facets(
-    points: Array, struts: IntArray, radius: float, node_radius: float, box: tuple[Array, Array] | None
+    points: Array, struts: IntArray, radii: Array, balls: Array, box: tuple[Array, Array] | None
 ) -> tuple[IntArray, list[list[Facet]]]:
     """The class of each strut (m,), and the faces of each class, of a strut whose start is the origin."""
-    ends = group_ends(points, struts, radius, node_radius, box)
+    ends = group_ends(points, struts, radii, balls, box)
     cuts = [choose_cuts(pair) for pair in ends.pairs]
     around = _label_nodes(struts, 2 * ends.label[:, None] + np.arange(2), ends.sides)
     across = _find_opposites(points, ends.sides, box)
@@ -105,13 +119,9 @@ def group_facets(
         for e, node in enumerate(pair):
             if node in at:
                 at[node].append((int(ends.way[s, e]), ends.pairs[ends.label[s]][e], cuts[ends.label[s]]))
+    tol = SAME_POINT * float(radii.min())
     splits = [
-        _find_splits(
-            at[node],
-            [(axis, at[far]) for axis, far in enumerate(across[node].tolist()) if far >= 0],
-            radius,
-            node_radius,
-        )
+        _find_splits(at[node], [(axis, at[far]) for axis, far in enumerate(across[node].tolist()) if far >= 0], tol)
         for node in first.tolist()
     ]
     chosen, strut_label = _label_rows(np.column_stack([ends.label, node_label[struts]]))
@@ -126,8 +136,8 @@ def group_facets(
         if key not in number:
             number[key] = len(classes)
             pair = tuple(replace(end, splits=tuple(own)) for end, own in zip(ends.pairs[label], angles, strict=True))
-            facets = list(bound_cylinder((pair[0], pair[1]), cuts[label], radius))
-            classes.append([*facets, *(f for end in pair for f in bound_ball(end, cuts[label], radius, node_radius))])
+            facets = list(bound_cone((pair[0], pair[1]), cuts[label]))
+            classes.append([*facets, *(f for end in pair for f in bound_ball(end, cuts[label]))])
         of_label.append(number[key])
     return np.array(of_label)[strut_label], classes
 
@@ -138,7 +148,7 @@ def _label_rows(rows: IntArray) -> tuple[IntArray, IntArray]:
     return first, label.ravel()
 
 
-def _label_nodes(struts: IntArray, codes: IntArray, extra: BoolArray) -> IntArray:
+def _label_nodes(struts: IntArray, codes: IntArray, extra: BoolArray | IntArray) -> IntArray:
     """Labels (n,) of nodes: equal where the codes (m, 2) of the ends at them, in any order, and the rows `extra` (n, k) are."""
     node, code = struts.ravel(), codes.ravel()
     order = np.lexsort((code, node))
@@ -162,9 +172,7 @@ def _find_opposites(points: Array, sides: BoolArray, box: tuple[Array, Array] | 
     return across
 
 
-def _find_splits(
-    own: Ends, opposite: list[tuple[int, Ends]], radius: float, node_radius: float
-) -> dict[int, list[float]]:
+def _find_splits(own: Ends, opposite: list[tuple[int, Ends]], tol: float) -> dict[int, list[float]]:
     """The angles at which the borders of the struts at a node are split, by their ways.
 
     That is where a neighbour is cut; and in a side of the box where equal borders in the opposite side are, so that both have the
@@ -174,20 +182,19 @@ def _find_splits(
     end_of = {way: end for way, end, _ in own}
     for _, end, cut in own:
         for angle, on_ball in product(cut, (False, True)):
-            arm = find_border_arm(end, angle, radius, node_radius, on_ball=on_ball)
+            arm = find_border_arm(end, angle, on_ball=on_ball)
             other = find_neighbour(end, angle, on_ball=on_ball)
             if arm is not None and other is not None:
                 splits[other].append(end_of[other].angle_of(arm))
-    tol = SAME_POINT * radius
     for axis, far in opposite:
         for (_, end, cut), on_ball in product(far, (False, True)):
             for angle in cut:
-                arm = find_border_arm(end, angle, radius, node_radius, on_ball=on_ball)
+                arm = find_border_arm(end, angle, on_ball=on_ball)
                 if arm is None or abs(arm[axis]) > tol:
                     continue
                 for way, near, _ in own:
                     at = near.angle_of(arm)
-                    found = find_border_arm(near, at, radius, node_radius, on_ball=on_ball)
+                    found = find_border_arm(near, at, on_ball=on_ball)
                     if found is not None and np.linalg.norm(found - arm) <= tol:
                         splits[way].append(at)
     return splits

@@ -13,12 +13,15 @@ import numpy as np
 from tpmscad._typing import Array, IntArray
 from tpmscad.brep.near_balls import find_near_balls
 from tpmscad.lattices.strut_classes import group_ends
-from tpmscad.lattices.strut_ends import greatest_sum
+from tpmscad.lattices.strut_facets import measure_overlap
 
 FEWER_STRUTS = "use fewer or shorter struts"
 
 PAIRS_AT_A_TIME = 200_000
 """Pairs of struts whose distance is found together."""
+
+STEPS_ON_CONES = 12
+"""Steps by which the nearest points of two cones are found, one for each of the axes in turn."""
 
 DIAMETER_DIGITS = 1e-3
 """Relative margin of the diameter that is named as one that fits."""
@@ -43,84 +46,108 @@ class Contact:
 
 
 def find_contact(
-    points: Array, struts: IntArray, radius: float, node_radius: float, box: tuple[Array, Array] | None = None
+    points: Array, struts: IntArray, radii: Array, balls: Array, box: tuple[Array, Array] | None = None
 ) -> Contact | None:
-    """The contact with the smallest ratio of those that are nearer than four times what is needed; None if there is none."""
+    """The contact with the smallest ratio of those that are nearer than four times what is needed; None if there is none.
+
+    radii, balls (n,): of the ends of all struts at each point, and of the balls there.
+    """
     found = [
-        *_measure_ends(points, struts, radius, node_radius, box),
-        *_measure_pairs(points, struts, radius),
-        *_measure_nodes(points, struts, radius, node_radius),
+        *_measure_ends(points, struts, radii, balls, box),
+        *_measure_pairs(points, struts, radii),
+        *_measure_nodes(points, struts, radii, balls),
     ]
     return min(found, key=lambda contact: contact.ratio, default=None)
 
 
 def _measure_ends(
-    points: Array, struts: IntArray, radius: float, node_radius: float, box: tuple[Array, Array] | None
+    points: Array, struts: IntArray, radii: Array, balls: Array, box: tuple[Array, Array] | None
 ) -> list[Contact]:
     """What the two ends take of the length of each strut: the worst."""
     lengths = np.linalg.norm(points[struts[:, 1]] - points[struts[:, 0]], axis=1)
-    classes = group_ends(points, struts, radius, node_radius, box)
-    taken = np.array([greatest_sum(a.cylinder, b.cylinder) for a, b in classes.pairs])[classes.label]
-    taken = np.maximum(radius * taken, 1e-300)
-    worst = int(np.argmin(lengths / taken))
+    within = np.abs(np.diff(radii[struts], axis=1)[:, 0]) >= lengths
+    if within.any():
+        s = int(np.argmax(within))
+        what = "the ball at one end of a strut holds that at the other"
+        return [Contact(points[struts[s, 0]], 0.0, float(radii[struts[s]].max()), what)]
+    classes = group_ends(points, struts, radii, balls, box)
+    share = [measure_overlap(*pair, float(lengths[s])) for s, pair in zip(classes.first, classes.pairs, strict=True)]
+    taken = np.maximum(np.array(share)[classes.label], 1e-300)
+    worst = int(np.argmax(taken))
     middle = points[struts[worst]].mean(axis=0)
-    return [Contact(middle, float(lengths[worst]), float(taken[worst]), "the joints at both ends of a strut meet")]
+    length = float(lengths[worst])
+    return [Contact(middle, length, float(taken[worst]) * length, "the joints at both ends of a strut meet")]
 
 
-def _measure_pairs(points: Array, struts: IntArray, radius: float) -> list[Contact]:
+def _measure_pairs(points: Array, struts: IntArray, radii: Array) -> list[Contact]:
     """The nearest two struts without a common node."""
     start, along = points[struts[:, 0]], points[struts[:, 1]] - points[struts[:, 0]]
     middle, half = start + 0.5 * along, 0.5 * np.linalg.norm(along, axis=1)
-    i, j = find_near_balls(middle, half, 4 * radius, "struts", FEWER_STRUTS)
+    i, j = find_near_balls(middle, half, 4 * float(radii.max()), "struts", FEWER_STRUTS)
     common = (struts[i][:, :, None] == struts[j][:, None, :]).any(axis=(1, 2))
     i, j = i[~common], j[~common]
     best: list[Contact] = []
     for k in range(0, len(i), PAIRS_AT_A_TIME):
         own, other = i[k : k + PAIRS_AT_A_TIME], j[k : k + PAIRS_AT_A_TIME]
-        distance = _segment_distances(start[own], along[own], start[other], along[other])
-        at = int(np.argmin(distance))
+        distance, needed = _measure_axes(
+            start[own], along[own], radii[struts[own]], start[other], along[other], radii[struts[other]]
+        )
+        at = int(np.argmin(distance / needed))
         place = 0.5 * (middle[own[at]] + middle[other[at]])
-        best.append(Contact(place, float(distance[at]), 2 * radius, "two struts without a common node touch"))
+        what = "two struts without a common node touch"
+        best.append(Contact(place, float(distance[at]), float(needed[at]), what))
     return best
 
 
-def _measure_nodes(points: Array, struts: IntArray, radius: float, node_radius: float) -> list[Contact]:
+def _measure_nodes(points: Array, struts: IntArray, radii: Array, balls: Array) -> list[Contact]:
     """The node that is nearest to a strut which does not end in it."""
     used = np.unique(struts)
     start, along = points[struts[:, 0]], points[struts[:, 1]] - points[struts[:, 0]]
     half = 0.5 * np.linalg.norm(along, axis=1)
     nodes = points[used], np.zeros(len(used))
-    strut, node = find_near_balls(
-        start + 0.5 * along, half, 2 * (radius + node_radius), "struts and nodes", FEWER_STRUTS, nodes
-    )
+    reach = 2 * float(radii.max() + balls.max())
+    strut, node = find_near_balls(start + 0.5 * along, half, reach, "struts and nodes", FEWER_STRUTS, nodes)
     node = used[node]
     other = (struts[strut] != node[:, None]).all(axis=1)
     strut, node = strut[other], node[other]
     if not len(node):
         return []
-    arm = points[node] - start[strut]
-    t = np.clip(np.einsum("ni,ni->n", arm, along[strut]) / np.einsum("ni,ni->n", along[strut], along[strut]), 0, 1)
-    distance = np.linalg.norm(arm - t[:, None] * along[strut], axis=1)
-    at = int(np.argmin(distance))
-    return [
-        Contact(
-            points[node[at]],
-            float(distance[at]),
-            radius + node_radius,
-            "a node touches a strut that does not end in it",
-        )
-    ]
+    still = np.zeros((len(node), 3))
+    ball = np.column_stack([balls[node], balls[node]])
+    distance, needed = _measure_axes(start[strut], along[strut], radii[struts[strut]], points[node], still, ball)
+    at = int(np.argmin(distance / needed))
+    what = "a node touches a strut that does not end in it"
+    return [Contact(points[node[at]], float(distance[at]), float(needed[at]), what)]
 
 
-def _segment_distances(p: Array, u: Array, q: Array, v: Array) -> Array:
-    """Distances (n,) of segments p + s u and q + t v, s and t from 0 to 1 (Ericson, Real-Time Collision Detection, 5.1.9)."""
+def _measure_axes(p: Array, u: Array, a: Array, q: Array, v: Array, b: Array) -> tuple[Array, Array]:
+    """Distances (n,) of axes p + s u and q + t v where struts of radii a, b (n, 2) are nearest, and their radii there, added.
+
+    Of equal radii these are the nearest points (Ericson, Real-Time Collision Detection, 5.1.9). What is left between cones is a
+    convex function of s and t, and its least value for one of them is known.
+    """
     r = p - q
-    a, e = np.einsum("ni,ni->n", u, u), np.einsum("ni,ni->n", v, v)
-    b, c, f = np.einsum("ni,ni->n", u, v), np.einsum("ni,ni->n", u, r), np.einsum("ni,ni->n", v, r)
-    denominator = a * e - b * b
-    parallel = denominator <= 1e-14 * a * e
-    s = np.where(parallel, 0.0, np.clip((b * f - c * e) / np.where(parallel, 1.0, denominator), 0, 1))
-    t = np.clip((b * s + f) / e, 0, 1)
-    s = np.clip((b * t - c) / a, 0, 1)
-    t = np.clip((b * s + f) / e, 0, 1)
-    return np.asarray(np.linalg.norm(r + s[:, None] * u - t[:, None] * v, axis=1))
+    uu, vv = np.einsum("ni,ni->n", u, u), np.einsum("ni,ni->n", v, v)
+    uv, ur, vr = np.einsum("ni,ni->n", u, v), np.einsum("ni,ni->n", u, r), np.einsum("ni,ni->n", v, r)
+    denominator = uu * vv - uv * uv
+    parallel = denominator <= 1e-14 * uu * vv
+    s = np.where(parallel, 0.0, np.clip((uv * vr - ur * vv) / np.where(parallel, 1.0, denominator), 0, 1))
+    t = np.clip((uv * s + vr) / np.where(vv > 0, vv, 1.0), 0, 1)
+    s = np.clip((uv * t - ur) / uu, 0, 1)
+    t = np.clip((uv * s + vr) / np.where(vv > 0, vv, 1.0), 0, 1)
+    widens = (a[:, 0] != a[:, 1]) | (b[:, 0] != b[:, 1])
+    for _ in range(STEPS_ON_CONES if widens.any() else 0):
+        s = np.where(widens, _nearest_on_cone(q + t[:, None] * v - p, u, uu, a), s)
+        t = np.where(widens, _nearest_on_cone(p + s[:, None] * u - q, v, vv, b), t)
+    distance = np.linalg.norm(r + s[:, None] * u - t[:, None] * v, axis=1)
+    needed = a[:, 0] + s * (a[:, 1] - a[:, 0]) + b[:, 0] + t * (b[:, 1] - b[:, 0])
+    return np.asarray(distance), np.asarray(needed)
+
+
+def _nearest_on_cone(d: Array, u: Array, uu: Array, radii: Array) -> Array:
+    """Where on axes u the balls lie that are nearest to points d, as fractions (n,); the radii change from start to end."""
+    length = np.sqrt(np.where(uu > 0, uu, 1.0))
+    along = np.einsum("ni,ni->n", d, u) / length
+    away = np.sqrt(np.maximum(np.einsum("ni,ni->n", d, d) - along**2, 0))
+    sine = np.clip((radii[:, 0] - radii[:, 1]) / length, -1 + 1e-12, 1 - 1e-12)
+    return np.asarray(np.where(uu > 0, np.clip((along - away * sine / np.sqrt(1 - sine**2)) / length, 0, 1), 0.0))

@@ -1,27 +1,37 @@
-"""The ends of equal round struts that meet in a node, as functions of the angle about each strut.
+"""The ends of round struts that meet in a node, as functions of the angle about each strut.
 
-A node is a ball of radius R >= r in which half cylinders of radius r begin, along unit directions d_i. Seen from the node the
-boundary of their union is a graph over the sphere of directions: cylinder i reaches r / sin(angle to d_i), so that the farthest
-one in a direction u is that whose d_i is nearest to u, and the ball shows where no cylinder reaches R. The regions of
-cylinders are cells of the Voronoi diagram of the d_i on the sphere, cut off where the ball begins. With
-e(phi) a unit vector across strut i, the border of its cell towards strut j is
+A node is a ball of radius R in which cones begin that touch a common ball, of radius r <= R, about the same centre; cylinders
+are cones that do not widen. Cone i runs along the unit vector d_i, and widens by the sine s_i of its half-angle; c_i is the cosine.
+With e(phi) a unit vector across it, its points are
 
-    cot theta = e(phi) . d_j / (1 - d_i . d_j)
+    r ((c_i e - s_i d_i) + T (c_i d_i + s_i e)),        T = (p . d_i + r s_i) / (r c_i),
 
-where theta is the angle from d_i: a plane section of both cylinders, half an ellipse. A plane through the node with the
-outward normal n, behind which all struts lie, cuts off cot theta = e(phi) . n / (-d_i . n), and the ball begins at the constant
-sqrt((R / r)^2 - 1). Thus an end is the upper envelope of functions A cos phi + B sin phi + C.
+where r T is the length along its generators from the circle in which it touches the ball. Two such cones meet in a plane, since
+both touch one ball (a theorem of Monge): in that of equal T. Seen from the node the farthest cone is that of the greatest T, and
+the ball shows where no T exceeds ((R / r)^2 - 1)^(1/2). On generator phi of cone i the plane N . p = c cuts
+
+    w = T / (1 + T s_i / c_i) = (c / r - N . n(phi)) / (N . d_i / c_i + c s_i / (r c_i)),        n = c_i e - s_i d_i,
+
+which grows with T and is a function A cos phi + B sin phi + C; towards cone j it is
+
+    w = c_i (c_i e . d_j - s_i d_i . d_j + s_j) / (c_i c_j + s_i s_j - d_i . d_j).
+
+A plane through the node with the outward normal n, behind which all struts lie, is the same with N = n and c = 0. Thus an end is
+the upper envelope of such functions. On the ball the same planes cut circles, whose latitudes over phi have an envelope, too.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import combinations
+from typing import NamedTuple, Protocol
 
 import numpy as np
 
 from tpmscad._typing import Array
 from tpmscad.brep.conics import TWO_PI
+from tpmscad.errors import TrimmingError
 
 SAME_ANGLE = 1e-7
 """Radians up to which breaks of an envelope are one: on a strut of 1 mm the kernel's tolerance, 1e-7 mm, is 2e-7."""
@@ -32,30 +42,106 @@ SAME_VALUE = 1e-9
 IN_PLANE = 1e-9
 """Sine of the angle between a strut and a plane up to which the strut lies in it."""
 
+LEAST_OPENING = 1e-6
+"""How far the cosine of the angle between two struts must stay below that of the difference of their half-angles: beyond that one
+cone lies within the other."""
+
+SAMPLES_PER_PIECE = 17
+"""Angles in each piece at which the ends of a cone are compared."""
+
+
+class Curves(Protocol):
+    """Functions of an angle, by number."""
+
+    def values(self, angles: Array) -> Array:
+        """Of all functions at angles (n,): (k, n)."""
+        ...
+
+    def crossings(self) -> Array:
+        """Angles at which two functions may be equal: all of them, and others."""
+        ...
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Waves:
+    """The functions A cos phi + B sin phi + C, rows (k, 3)."""
+
+    rows: Array
+
+    def values(self, angles: Array) -> Array:
+        """See `Curves`."""
+        return np.asarray(self.rows @ np.stack([np.cos(angles), np.sin(angles), np.ones_like(angles)]))
+
+    def crossings(self) -> Array:
+        """See `Curves`."""
+        i, j = np.triu_indices(len(self.rows), 1)
+        a, b, c = (self.rows[i] - self.rows[j]).T
+        size = np.hypot(a, b)
+        crosses = (size > SAME_VALUE) & (np.abs(c) <= size)
+        half = np.arccos(np.clip(-c[crosses] / size[crosses], -1, 1))
+        middle = np.arctan2(b[crosses], a[crosses])
+        return np.concatenate([middle - half, middle + half])
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class BallArcs:
+    """Latitudes on the unit sphere at which planes (k, 4), A x + B y + C z = D of a frame with z along the strut, leave its region.
+
+    The region is where A x + B y + C z < D, and C < 0.
+    """
+
+    planes: Array
+
+    def values(self, angles: Array) -> Array:
+        """See `Curves`; a plane that misses a meridian is at one of its poles."""
+        a, b, c, d = (column[:, None] for column in self.planes.T)
+        across = a * np.cos(angles) + b * np.sin(angles)
+        turn, size = np.arctan2(c, across), np.hypot(c, across)
+        latitude = turn + np.arccos(np.clip(d / size, -1, 1))
+        missed = np.where(d > 0, -np.pi / 2, np.pi / 2)
+        return np.where(np.abs(d) > size, missed, np.clip(latitude, -np.pi / 2, np.pi / 2))
+
+    def crossings(self) -> Array:
+        """See `Curves`: the meridians of the points where two planes meet on the sphere."""
+        found = []
+        for first, second in combinations(self.planes, 2):
+            m, n = first[:3], second[:3]
+            along, mm, nn, mn = np.cross(m, n), m @ m, n @ n, m @ n
+            square = along @ along
+            if square <= SAME_VALUE**2 * mm * nn:
+                continue
+            foot = ((first[3] * nn - second[3] * mn) * m + (second[3] * mm - first[3] * mn) * n) / square
+            rest = 1 - foot @ foot
+            if rest < 0:
+                continue
+            for point in (foot + np.sqrt(rest / square) * along, foot - np.sqrt(rest / square) * along):
+                found.append(float(np.arctan2(point[1], point[0])))
+        return np.array(found)
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class UpperEnvelope:
-    """The greatest of the functions A cos phi + B sin phi + C, rows of `waves` (k, 3), on [breaks[0], breaks[-1]].
+    """The greatest of some functions of an angle on [breaks[0], breaks[-1]].
 
-    winners[i]: the row that is greatest between breaks[i] and breaks[i + 1]. Of a full turn breaks[-1] = breaks[0] + 2 pi.
+    winners[i]: the one that is greatest between breaks[i] and breaks[i + 1]. Of a full turn breaks[-1] = breaks[0] + 2 pi.
     """
 
-    waves: Array
+    curves: Curves
     breaks: tuple[float, ...]
     winners: tuple[int, ...]
 
     def winner(self, angle: float) -> int:
-        """The row that is greatest at an angle within the breaks, or a whole number of turns off."""
+        """The function that is greatest at an angle within the breaks, or a whole number of turns off."""
         angle = self.breaks[0] + (angle - self.breaks[0]) % TWO_PI
         at = int(np.searchsorted(self.breaks, angle, side="right")) - 1
         return self.winners[min(at, len(self.winners) - 1)]
 
     def value(self, angle: float, row: int | None = None) -> float:
-        """The value at an angle: of a row, or of the greatest."""
-        return float(wave_values(self.waves[self.winner(angle) if row is None else row], angle))
+        """The value at an angle: of a function, or of the greatest."""
+        return float(self.curves.values(np.array([angle]))[self.winner(angle) if row is None else row, 0])
 
     def pieces(self, start: float, stop: float, splits: Sequence[float] = ()) -> list[tuple[float, float, int]]:
-        """The parts (from, to, row) of [start, stop], cut at the breaks and at further angles modulo a turn."""
+        """The parts (from, to, function) of [start, stop], cut at the breaks and at further angles modulo a turn."""
         inner = []
         own = self.breaks if len(self.winners) > 1 else ()  # a turn with one winner has no break where it begins
         for angle in (*own, *splits):
@@ -66,24 +152,12 @@ class UpperEnvelope:
         return [(a, b, self.winner(0.5 * (a + b))) for a, b in zip(angles, angles[1:], strict=False)]
 
 
-def wave_values(wave: Array, angle: float | Array) -> Array:
-    """A cos phi + B sin phi + C."""
-    return np.asarray(wave[0] * np.cos(angle) + wave[1] * np.sin(angle) + wave[2])
-
-
-def find_envelope(waves: Array, start: float, stop: float) -> UpperEnvelope:
-    """The upper envelope of functions (k, 3), of which equal ones are won by the first, on [start, stop]."""
-    angles = [start, stop]
-    for i in range(len(waves)):
-        a, b, c = (waves[i] - waves[i + 1 :]).T
-        size = np.hypot(a, b)
-        crosses = (size > SAME_VALUE) & (np.abs(c) <= size)
-        half = np.arccos(np.clip(-c[crosses] / size[crosses], -1, 1))
-        middle = np.arctan2(b[crosses], a[crosses])
-        angles += [start + (angle - start) % TWO_PI for angle in np.concatenate([middle - half, middle + half])]
-    kept = _merge_angles(sorted(angle for angle in angles if start <= angle <= stop))
+def find_envelope(curves: Curves, start: float, stop: float) -> UpperEnvelope:
+    """The upper envelope of functions, of which equal ones are won by the first, on [start, stop]."""
+    found = start + (curves.crossings() - start) % TWO_PI
+    kept = _merge_angles([start, *np.sort(found[found <= stop]).tolist(), stop])
     middles = 0.5 * (np.array(kept[:-1]) + np.array(kept[1:]))
-    values = waves[:, 0, None] * np.cos(middles) + waves[:, 1, None] * np.sin(middles) + waves[:, 2, None]
+    values = curves.values(middles)
     top = values.max(axis=0)
     winners = np.argmax(values >= top - SAME_VALUE * (1 + np.abs(top)), axis=0).tolist()
     full = stop - start > TWO_PI - SAME_ANGLE
@@ -95,8 +169,8 @@ def find_envelope(waves: Array, start: float, stop: float) -> UpperEnvelope:
     if full and len(rows) > 1:
         if rows[0] == rows[-1]:  # the turn begins within a piece
             breaks, rows = breaks[1:], rows[1:]
-        return UpperEnvelope(waves, (*breaks, breaks[0] + TWO_PI), tuple(rows))
-    return UpperEnvelope(waves, (*breaks, stop), tuple(rows))
+        return UpperEnvelope(curves, (*breaks, breaks[0] + TWO_PI), tuple(rows))
+    return UpperEnvelope(curves, (*breaks, stop), tuple(rows))
 
 
 def _merge_angles(angles: Sequence[float]) -> list[float]:
@@ -108,16 +182,51 @@ def _merge_angles(angles: Sequence[float]) -> list[float]:
     return [*kept, angles[-1]]
 
 
-def border_waves(direction: Array, x_axis: Array, y_axis: Array, others: Array) -> Array:
-    """The borders (k, 3) of a strut's cell towards struts along unit vectors (k, 3); e(phi) = cos phi x_axis + sin phi y_axis."""
-    scale = 1.0 - others @ direction
-    return np.column_stack([others @ x_axis / scale, others @ y_axis / scale, np.zeros(len(others))])
+class Star(NamedTuple):
+    """What bounds the end of a strut in its node.
+
+    directions (k, 3) and sines (k,) of the other struts there; names: their names; normals (j, 3): outward, of the sides of the box
+    that the node lies in. sine: of the strut itself. radius: of the ball that the cones touch; ball: of the ball that shows.
+    """
+
+    directions: Array
+    sines: Array
+    names: tuple[int, ...]
+    normals: Array
+    sine: float
+    radius: float
+    ball: float
 
 
-def plane_waves(direction: Array, x_axis: Array, y_axis: Array, normals: Array) -> Array:
-    """The borders (k, 3) of a strut's end at planes through the node, with outward normals (k, 3), in none of which it lies."""
-    scale = -normals @ direction
-    return np.column_stack([normals @ x_axis / scale, normals @ y_axis / scale, np.zeros(len(normals))])
+@dataclass(frozen=True, slots=True, eq=False)
+class EndFrame:
+    """Unit vectors of an end: along the strut, away from the node, and two across it."""
+
+    direction: Array
+    x_axis: Array
+    y_axis: Array
+
+    def bound_by(self, star: Star, normals: Array) -> tuple[Waves, BallArcs]:
+        """The borders of the cell of a strut towards the others, and towards planes of normals (j, 3): on it, and on the ball."""
+        own, others, s = star.sine, star.sines, star.directions @ self.direction
+        cosine, cosines = np.sqrt(1 - own**2), np.sqrt(1 - others**2)
+        opening = cosine * cosines + own * others - s
+        planes = star.directions / cosines[:, None] - self.direction / cosine
+        if min(opening.min(initial=1.0), -(planes @ self.direction).max(initial=-1.0)) < LEAST_OPENING:
+            raise TrimmingError("struts leave a node in nearly one direction, so that one of them lies in the other")
+        across = np.stack([self.x_axis, self.y_axis])
+        level = (cosine / opening)[:, None]
+        to_struts = np.column_stack([level * cosine * (star.directions @ across.T), level[:, 0] * (others - own * s)])
+        away = normals @ self.direction
+        to_planes = np.column_stack(
+            [-(cosine**2) * (normals @ across.T) / away[:, None], own * cosine * np.ones(len(normals))]
+        )
+        frame = np.stack([self.x_axis, self.y_axis, self.direction])
+        offset = (own / cosine - others / cosines) * star.radius / max(star.ball, star.radius)
+        arcs = np.column_stack(
+            [np.concatenate([planes, normals]) @ frame.T, np.concatenate([offset, np.zeros(len(normals))])]
+        )
+        return Waves(np.concatenate([to_struts, to_planes])), BallArcs(arcs)
 
 
 def find_sector(x_axis: Array, y_axis: Array, normals: Array) -> tuple[float, float]:
@@ -131,15 +240,3 @@ def find_sector(x_axis: Array, y_axis: Array, normals: Array) -> tuple[float, fl
     middle = float(np.arctan2(inwards @ y_axis, inwards @ x_axis))
     half = np.pi / 2 / len(normals)
     return middle - half, middle + half
-
-
-def greatest_sum(first: UpperEnvelope, second: UpperEnvelope) -> float:
-    """The greatest sum of two envelopes of the same sector: what two ends of a strut take of its length, in radii."""
-    start, stop = first.breaks[0], first.breaks[-1]
-    best = -np.inf
-    for low, high, row in first.pieces(start, stop, second.breaks):
-        wave = first.waves[row] + second.waves[second.winner(0.5 * (low + high))]
-        crest = low + (np.arctan2(wave[1], wave[0]) - low) % TWO_PI
-        angles = [low, high, *([crest] if crest < high else [])]
-        best = max(best, *(float(wave_values(wave, angle)) for angle in angles))
-    return best

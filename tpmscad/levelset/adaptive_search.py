@@ -1,8 +1,7 @@
 """Adaptive search for the coarsest octree on which a level set can be fitted within the tolerance.
 
 1. *Starts.* Uniform octrees of several leaf sizes are meshed and split a few times where polygons fold. They are ranked by the
-   number of patches that they promise; an octree split by normal cones is the last resort. Of a periodic field a part of the box
-   is searched.
+   number of patches that they promise; an octree split by normal cones is the last resort.
 2. *Unfolding.* A mesh costs a small fraction of a fit, so leaves are split first until no polygon is left that no fit could save.
 3. *Early simplification.* A mesh finer than the tolerance asks is split where it has to be, simplified, and only then fitted
    (`fine_meshes`).
@@ -28,7 +27,6 @@ from tpmscad.levelset.level_set_fit import FitRequest, LevelSetFit, fit_level_se
 from tpmscad.levelset.quadmesh import octree
 from tpmscad.levelset.quadmesh.dual_mesh import QuadMesh
 from tpmscad.levelset.quadmesh.octree import Octree
-from tpmscad.levelset.quadmesh.periodicity import crop_to_searched_periods, tile_octree
 from tpmscad.levelset.quadmesh.refinement import find_coarse_leaves
 from tpmscad.levelset.quadmesh.simplification.polygon_mesh import count_patches
 from tpmscad.levelset.quadmesh.smoothing import project_to_level_set
@@ -170,16 +168,15 @@ def _generate_starts(request: FitRequest, lo: Array, hi: Array, detect_hidden_cr
     The first leaf size comes before all others if nothing had to be split.
     """
     field = request.field
-    end, periods = crop_to_searched_periods(field, lo, hi)
-    size = _choose_leaf_size(field, request.surface_samples, float((end - lo).min()))
+    size = _choose_leaf_size(field, request.surface_samples, float((hi - lo).min()))
     sketches: list[_MeshedTree] = []
     seen: set[tuple[int, ...]] = set()
     for divisor in LEAF_SIZE_DIVISORS:
-        counts = _count_leaves(field, lo, end, size / divisor)
+        counts = _count_leaves(field, lo, hi, size / divisor)
         if tuple(counts) in seen:
             continue
         seen.add(tuple(counts))
-        tree = octree.uniform_octree(lo, end, counts)
+        tree = octree.uniform_octree(lo, hi, counts)
         if detect_hidden_crossings:
             tree = _presplit(tree, field, None)
         found = _split_until_found(request, _mesh_tree(tree, field))
@@ -188,14 +185,14 @@ def _generate_starts(request: FitRequest, lo: Array, hi: Array, detect_hidden_cr
         sketch = _split_until_unfolded(field, found, TRIAL_MESHES)
         unsplit = sketch.tree.size.max() == 1 and not len(sketch.splittable)
         if divisor == LEAF_SIZE_DIVISORS[0] and unsplit:
-            yield _complete_start(field, sketch, hi, periods)
+            yield sketch
         else:
             sketches.append(sketch)
     for sketch in sorted(sketches, key=_estimate_patches)[:MAX_STARTS]:
-        yield _complete_start(field, sketch, hi, periods)
-    tree = _presplit(octree.uniform_octree(lo, end, _count_leaves(field, lo, end, size)), field, MIN_CONE_COSINE)
+        yield _split_until_unfolded(field, sketch)
+    tree = _presplit(octree.uniform_octree(lo, hi, _count_leaves(field, lo, hi, size)), field, MIN_CONE_COSINE)
     if (found := _split_until_found(request, _mesh_tree(tree, field))) is not None:
-        yield _complete_start(field, found, hi, periods)
+        yield _split_until_unfolded(field, found)
 
 
 def _refine_from(request: FitRequest, start: _MeshedTree, previous: LevelSetFit | None = None) -> LevelSetFit:
@@ -273,14 +270,6 @@ def _split_until_unfolded(field: Field, start: _MeshedTree, max_meshes: int = MA
             break
         start = _mesh_tree(octree.split_leaves(start.tree, start.splittable), field, start.mesh)
     return start
-
-
-def _complete_start(field: Field, sketch: _MeshedTree, hi: Array, periods: IntArray) -> _MeshedTree:
-    """A sketch split until its mesh is worth a fit, and of a periodic field repeated through the box."""
-    start = _split_until_unfolded(field, sketch)
-    if not periods.any():
-        return start
-    return _split_until_unfolded(field, _mesh_tree(tile_octree(start.tree, hi, periods), field))
 
 
 def _estimate_patches(sketch: _MeshedTree) -> int:

@@ -8,7 +8,16 @@ from typing import TYPE_CHECKING, Annotated
 
 from tpmscad.api.argument_kinds import choice_of
 from tpmscad.api.shared_arguments import LoosePieces, StageProgress
-from tpmscad.api.shared_kinds import ANGLE, CELL_COUNTS, FRACTION, LENGTHS, MAP, NOT_NEGATIVE, POSITIVE
+from tpmscad.api.shared_kinds import (
+    ANGLE,
+    CELL_COUNTS,
+    FRACTION,
+    GRADED_THICKNESS,
+    LENGTHS,
+    MAP,
+    NOT_NEGATIVE,
+    POSITIVE,
+)
 from tpmscad.strut_cells import DEFAULT_ANGLE, KINDS
 
 if TYPE_CHECKING:
@@ -27,9 +36,10 @@ class StrutOptions:
     cell: Annotated[float | Sequence[float], LENGTHS, "Edge length of the cell, or one for each axis, mm."]
     cells: Annotated[int | Sequence[int], CELL_COUNTS, "Number of cells along every axis, or along each."] = (1, 1, 1)
     diameter: Annotated[
-        float | None,
-        POSITIVE,
-        "Diameter of the struts, mm. Give exactly one of `diameter`, `volume_fraction` and `porosity`.",
+        float | str | Callable[[Array], Array] | None,
+        GRADED_THICKNESS,
+        "Diameter of the struts, mm; a function of points (n, 3), a field, or a formula of x, y and z makes cones between the values "
+        "at the nodes. Give exactly one of `diameter`, `volume_fraction` and `porosity`.",
     ] = None
     volume_fraction: Annotated[
         float | None, FRACTION, "Solid fraction of the box of the cells, from which the diameter follows."

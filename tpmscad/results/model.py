@@ -40,6 +40,7 @@ from tpmscad.results.certificate import Certificate
 from tpmscad.results.result_summary import format_html, format_summary
 
 if TYPE_CHECKING:
+    from tpmscad.fields.kinds.strut_graphs import StrutsField
     from tpmscad.files.file_formats import ExportedFile
     from tpmscad.studies._check_print import PrintReport
     from tpmscad.studies.layer_slices import Slices
@@ -89,6 +90,8 @@ class Model:
     envelope : Envelope or None
         What the solid was made in, of which fractions are stated: the body, or the box of the cells or of the field; None if
         neither is known, as after a map.
+    struts : StrutsField or None
+        The struts of which the solid consists, if it is made of struts alone.
     piece_names : tuple of str
         Names of the solids, largest first, where they are those of several parts; empty if they follow from `name`.
 
@@ -110,6 +113,7 @@ class Model:
     openings: frozenset[str] = frozenset()
     make_spline_volumes: Callable[[], SplineVolumes | None] | None = None
     envelope: Envelope | None = None
+    struts: StrutsField | None = None
     piece_names: tuple[str, ...] = ()
 
     @property

@@ -261,7 +261,7 @@ def _split_domains(block: LatticeBlock, body: Body, kept: Sequence[CadBody]) -> 
 
 def _label_solids(domain: str, cells: Sequence[SplitSolid], block: LatticeBlock, body: CadBody) -> OcctSolids:
     """The solids of a domain's cells with the labels of their faces; those of a channel on the body are openings."""
-    labelled = label_cut_solids([cell.solid for cell in cells], [block.patches], body)
+    labelled = label_cut_solids([cell.solid for cell in cells], block.patches, body)
     if domain == WALL:
         return labelled
     on_body = set(body.face_labels)

@@ -76,7 +76,7 @@ def struts(options: StrutOptions) -> Model:
         field = map_struts(
             make_struts(*graph, options.diameter, options.node_radius), as_map(options.map).over_block(hi)
         )
-        margin = BOX_MARGIN * field.node_radius
+        margin = BOX_MARGIN * float(field.balls.max())
         low, hi = field.points.min(axis=0) - margin, field.points.max(axis=0) + margin
         notes: tuple[str, ...] = ()
     elif fraction is None:
@@ -86,11 +86,13 @@ def struts(options: StrutOptions) -> Model:
     else:
         with stages("diameter"):
             field = _solve_diameter(graph[0], graph[1], options.node_radius, hi, fraction)
-        notes = (f"struts of {2 * field.radius:.9g} mm fill {fraction:g} of the box",)
+        notes = (f"struts of {2 * field.radii[0, 0]:.9g} mm fill {fraction:g} of the box",)
     unit_cell = None
-    if options.map is None:
+    if options.map is None and field.is_even:
         one = make_struts(
-            *make_strut_graph(options.kind, options.cell, 1, options.angle), 2 * field.radius, options.node_radius
+            *make_strut_graph(options.kind, options.cell, 1, options.angle),
+            float(2 * field.radii[0, 0]),
+            options.node_radius,
         )
         counts = tuple(np.broadcast_to(options.cells, 3).tolist())
         unit_cell = UnitCell(partial(bound_struts_in_box, one, low, edges), tuple(edges.tolist()), counts)
@@ -102,6 +104,7 @@ def struts(options: StrutOptions) -> Model:
         unit_cell=unit_cell,
         certificate=replace(model.certificate, notes=(*notes, *model.certificate.notes)),
         envelope=Envelope.of_box("the box of the cells", low, hi),
+        struts=field,
     )
 
 

@@ -45,7 +45,7 @@ def fill_body(
             made,
             measures=body.join_measures(made.measures),
             notes=(*body.notes, *made.notes),
-            label=lambda solids: label_cut_solids(solids, [matter.patches], body.cad, has_skin=skin is not None),
+            label=lambda solids: label_cut_solids(solids, matter.patches, body.cad, has_skin=skin is not None),
         ),
         loose,
         stages,

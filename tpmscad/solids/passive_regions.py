@@ -221,7 +221,7 @@ class PassiveRegions:
         found = made.label(solids)
         labels = found.labels
         for body in self.bodies:
-            own = label_cut_solids(solids, [made.patches], body).labels
+            own = label_cut_solids(solids, made.patches, body).labels
             labels = tuple(
                 tuple(name if name in body.face_labels else old for name, old in zip(*pair, strict=True))
                 for pair in zip(own, labels, strict=True)

@@ -8,8 +8,9 @@ import numpy as np
 
 from tpmscad._typing import Array
 from tpmscad.errors import InvalidRequest
+from tpmscad.fields.analysis.exact_leaves import is_of_struts
 from tpmscad.fields.data.triangle_mesh import TriangleMesh
-from tpmscad.fields.field import as_field
+from tpmscad.fields.field import Field, as_field
 from tpmscad.fields.kinds.data_domains import bound_data_in_body
 from tpmscad.fields.kinds.triangle_meshes import MeshField
 from tpmscad.kernel.body_import.cad_body import CadBody
@@ -37,7 +38,7 @@ touches a side."""
 
 @dataclass(frozen=True, slots=True, eq=False)
 class TiledBody:
-    """A body, the faces of it that are open, and what fills it: a lattice, or the closed matter of a field, as kernel solids.
+    """A body, the faces of it that are open, and what fills it: a lattice, a field of struts, or the closed matter of another.
 
     turn (3, 3) takes the axes of a lattice to the body's. passive: what is kept and what is cleared of the filled body. name: of
     the filled body.
@@ -45,7 +46,7 @@ class TiledBody:
 
     body: CadBody | TriangleMesh
     openings: tuple[object, ...]
-    filling: LatticeRequest | BrepSolids
+    filling: LatticeRequest | Field | BrepSolids
     turn: Array
     passive: PassiveRegions
     name: str
@@ -94,5 +95,7 @@ def read_tiled_body(
     if filling is not None:
         return TiledBody(body.cad, opened, filling, turn, passive.cut_within(body.cad), name)
     bounded = bound_data_in_body(as_field(options.surface), *enclosing_box(body.cad.shape))
+    if is_of_struts(bounded):
+        return TiledBody(body.cad, opened, bounded, turn, passive.cut_within(body.cad), "field infill")
     matter = build_field_matter(bounded, body.cad, tol, stages)
     return TiledBody(body.cad, opened, build_solids(matter.closed), turn, passive.cut_within(body.cad), matter.name)

@@ -30,10 +30,8 @@ from tpmscad.brep.sections.polygon_regions import (
 from tpmscad.errors import InvalidRequest, TrimmingError
 from tpmscad.kernel.body_import.cad_body import CadBody
 from tpmscad.kernel.build.solids import build_solids
-from tpmscad.kernel.export.layer_files import Layer
 from tpmscad.kernel.measure.shape_extents import shape_bounds
-from tpmscad.kernel.slicing.contours import LayerContours, slice_solids, split_layers, triangulate_for_slices
-from tpmscad.kernel.slicing.surface_triangulation import SurfaceTriangulation
+from tpmscad.kernel.slicing.contours import SlicedFaces, triangulate_for_slices
 from tpmscad.parallel import task_runner
 from tpmscad.requests.lattice_request import (
     LatticeRequest,
@@ -48,7 +46,7 @@ from tpmscad.solids.skins.offset_skin import erode_body
 from tpmscad.solids.tiled_body import TILE_CORNERS, TiledBody, read_tiled_body
 from tpmscad.stage_timer import StageTimer
 from tpmscad.studies.lattice_triangles import triangulate_filling, triangulate_parts
-from tpmscad.studies.layer_slices import Slices, choose_chord_error, collect_layers, divide_into_layers
+from tpmscad.studies.layer_slices import Slices, choose_chord_error, collect_layers, divide_at_jumps, divide_into_layers
 from tpmscad.studies.triangle_layers import cut_into_layers
 from tpmscad.trimming.network_boolean import combine_networks
 from tpmscad.trimming.operands.polyhedra import box
@@ -118,21 +116,29 @@ def infill_layers(options: InfillLayersOptions) -> Slices:
     request = tiled.request
     with stages("read"):
         outer, *others = (
-            tuple(triangulate_for_slices(each.shape, SLICING_SHARE * error)) for each in (body, *passive.bodies)
+            triangulate_for_slices([each.shape], SLICING_SHARE * error) for each in (body, *passive.bodies)
         )
-    inner: tuple[SurfaceTriangulation, ...] | None = None
+    inner: SlicedFaces | None = None
     if skin is not None:
         with stages("offset"):
             parts = erode_body(body, skin, openings).parts
-            inner = tuple(t for part in parts for t in triangulate_for_slices(part.shape, SLICING_SHARE * error))
+            inner = triangulate_for_slices([part.shape for part in parts], SLICING_SHARE * error)
     with stages("cut"):
         lattice = CellSections(request, _find_gap(0.5 * (edges[:-1] + edges[1:]), request.cell[2]), error)
         regions = tuple((operation, own) for (operation, _), own in zip(passive.steps, others, strict=True))
         filled = LayeredInfill(lattice, turn[:2, :2], outer, inner, bool(openings), regions, error, options.executor)
-        sections = filled.fill(0.5 * (edges[:-1] + edges[1:]))
-        heights, excess = np.diff(edges), lattice.mean_shares(edges) - [each.share for each in sections]
-        volumes = heights * ([each.area for each in sections] + excess * [each.room for each in sections])
-        return collect_layers(f"{request.surface} infill", edges, error, _join_sections(sections), volumes)
+        jumps = [faces.jumps for faces in (outer, *others, *([] if inner is None else [inner]))]
+        cuts = divide_at_jumps(edges, np.concatenate(jumps))
+        middles, own = (0.5 * (heights[:-1] + heights[1:]) for heights in (cuts, edges))
+        levels = np.union1d(middles, own)
+        sections = filled.fill(levels)
+        parts = [sections[i] for i in np.searchsorted(levels, middles).tolist()]
+        excess = lattice.mean_shares(cuts) - [each.share for each in parts]
+        volumes = np.diff(cuts) * ([each.area for each in parts] + excess * [each.room for each in parts])
+        volumes = np.add.reduceat(volumes, np.searchsorted(cuts, edges[:-1]))
+        layers = [sections[i] for i in np.searchsorted(levels, own).tolist()]
+        found = ((each.contours, each.area, each.length) for each in layers)
+        return collect_layers(f"{request.surface} infill", edges, error, found, volumes)
 
 
 def _cut_triangles(
@@ -144,13 +150,7 @@ def _cut_triangles(
         filling = triangulate_filling(tiled, parts, SLICING_SHARE * error)
     with stages("cut"):
         found = cut_into_layers(filling, parts, tiled.turn, edges, (1 - SLICING_SHARE) * error, options.executor)
-    layers = tuple(
-        Layer(float(bottom), float(top), tuple(contours), area, length, float(volume))
-        for (contours, area, length), bottom, top, volume in zip(
-            (section for slab in found.sections for section in slab), edges[:-1], edges[1:], found.volumes, strict=True
-        )
-    )
-    return Slices(tiled.name, layers, error, 0)
+    return collect_layers(tiled.name, edges, error, *found)
 
 
 def _find_gap(heights: Array, period: float) -> float:
@@ -175,8 +175,19 @@ class CellSections:
         return np.array(self.request.cell)
 
     @cached_property
-    def _tiles(self) -> dict[int, list[SurfaceTriangulation]]:
+    def _tiles(self) -> dict[int, tuple[Array, SlicedFaces]]:
         return {}
+
+    def _triangulate_cell(self, corner: int) -> tuple[Array, SlicedFaces]:
+        """The lowest corner (2,) of a cell, and its faces; cells begin at several places."""
+        if corner not in self._tiles:
+            low = np.append(TILE_CORNERS[corner, :2] * self.cell[:2], self.bottom)
+            cover = fit_patches_over_box(self.request, low, low + self.cell, lambda fraction: None)
+            tol = find_trim_tolerance(max(self.request.cell))
+            cell = box(low, low + self.cell)
+            solids = build_solids(combine_networks(cell, cover.patches, "intersection", tol, is_cover=True).brep)
+            self._tiles[corner] = low[:2], triangulate_for_slices(solids, SLICING_SHARE * self.error)
+        return self._tiles[corner]
 
     def at(self, heights: Array) -> list[CellSection]:
         """The sections at heights (n,), cut once for all that are whole cells apart."""
@@ -202,7 +213,7 @@ class CellSections:
         """The mean part of a cell that is solid between consecutive heights (n + 1,): (n,)."""
         period = self.cell[2]
         levels = self.bottom + period * (np.arange(SECTIONS_OF_CELL) + 0.5) / SECTIONS_OF_CELL
-        shares = np.array([section.area for section in self.at(levels)]) / np.prod(self.cell[:2])
+        shares = self._triangulate_cell(0)[1].measure_areas(levels) / np.prod(self.cell[:2])
         cumulated = np.append(0.0, np.cumsum(shares)) / SECTIONS_OF_CELL
         whole, rest = np.divmod((edges - self.bottom) / period, 1.0)
         below = whole * cumulated[-1] + np.interp(rest, np.linspace(0.0, 1.0, SECTIONS_OF_CELL + 1), cumulated)
@@ -210,18 +221,11 @@ class CellSections:
 
     def _cut_cell(self, corner: int, rest: Array) -> list[CellSection | TrimmingError]:
         """The sections at ascending heights (n,) above the lower side of a cell; the failure where one is unclear."""
-        low = np.append(TILE_CORNERS[corner, :2] * self.cell[:2], self.bottom)
-        if corner not in self._tiles:
-            cover = fit_patches_over_box(self.request, low, low + self.cell, lambda fraction: None)
-            tol = find_trim_tolerance(max(self.request.cell))
-            cell = box(low, low + self.cell)
-            solids = build_solids(combine_networks(cell, cover.patches, "intersection", tol, is_cover=True).brep)
-            self._tiles[corner] = triangulate_for_slices(solids.shape, SLICING_SHARE * self.error)
-        cut = slice_solids(self._tiles[corner], self.bottom + rest, SLICING_SHARE * self.error)
+        low, faces = self._triangulate_cell(corner)
         sections: list[CellSection | TrimmingError] = []
-        for contours, area in zip(split_layers(cut, len(rest)), cut.areas.tolist(), strict=True):
+        for contours, area, _ in faces.cut(self.bottom + rest):
             try:
-                exact = find_periodic_section(contours, area, low[:2], self.cell[:2])
+                exact = find_periodic_section(contours, area, low, self.cell[:2])
             except TrimmingError as error:
                 sections.append(error)
                 continue
@@ -254,10 +258,10 @@ class LayeredInfill:
 
     lattice: CellSections
     turn: Array
-    body: tuple[SurfaceTriangulation, ...]
-    cavity: tuple[SurfaceTriangulation, ...] | None
+    body: SlicedFaces
+    cavity: SlicedFaces | None
     has_openings: bool
-    passive: tuple[tuple[Operation, tuple[SurfaceTriangulation, ...]], ...]
+    passive: tuple[tuple[Operation, SlicedFaces], ...]
     error: float
     executor: Executor | None
 
@@ -281,11 +285,10 @@ class LayeredInfill:
         with task_runner(self.executor, tasks[0] if tasks else None) as run_tasks:
             return [layer for batch in run_tasks(_fill_sections, tasks) for layer in batch]
 
-    def _cut_body(self, solids: tuple[SurfaceTriangulation, ...], heights: Array) -> list[BodySection]:
+    def _cut_body(self, solids: SlicedFaces, heights: Array) -> list[BodySection]:
         """The sections of solids at ascending heights (n,)."""
-        found = slice_solids(solids, heights, SLICING_SHARE * self.error, self.executor)
-        outlines = split_layers(found, len(heights))
-        return [BodySection(outline, area) for outline, area in zip(outlines, found.areas.tolist(), strict=True)]
+        found = solids.cut(heights, self.executor)
+        return [BodySection(outline, area) for outline, area, _ in found]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -328,19 +331,6 @@ class FilledSection:
     share: float
 
 
-def _join_sections(sections: Sequence[FilledSection]) -> LayerContours:
-    """The contours of all layers."""
-    contours = [contour for each in sections for contour in each.contours]
-    return LayerContours(
-        np.concatenate([np.zeros((0, 2)), *contours]),
-        np.cumsum([0, *map(len, contours)]),
-        np.repeat(np.arange(len(sections)), [len(each.contours) for each in sections]),
-        np.array([each.area for each in sections]),
-        np.array([each.length for each in sections]),
-        0,
-    )
-
-
 def _fill_sections(
     turn: Array, has_openings: bool, regions: Sequence[tuple[CellSection, BodySection, BodySection | None, Passive]]
 ) -> list[FilledSection]:
@@ -363,8 +353,10 @@ def _fill_section(
     filled; the body's share counts where the lattice lies along its outline. Of the area that passive sections take nothing is
     left to the lattice; what is solid without it is combined with them.
     """
-    room, curves = (body, lattice.curves) if cavity is None else (cavity, lattice.curves.reverse())
-    inside = [polygon @ turn.T for polygon in curves.fill([polygon @ turn for polygon in room.outline])]
+    room = body if cavity is None else cavity
+    kept: Operation = "intersection" if cavity is None else "difference"
+    inside = lattice.curves.combine([polygon @ turn for polygon in room.outline], kept)
+    inside = [polygon @ turn.T for polygon in inside]
     if cavity is None:
         contours, beside = inside, BodySection([], 0.0)
     else:

@@ -38,7 +38,7 @@ from tpmscad.kernel.render.scene import Scene, pieces_of
 from tpmscad.kernel.step.face_labels import find_label_colour
 from tpmscad.requests.study_options import PiecesPictureOptions, RenderOptions
 from tpmscad.simulation.properties import HomogenizedProperties
-from tpmscad.studies.mesh_picture import draw_triangle_file
+from tpmscad.studies.mesh_picture import draw_triangles, read_drawn_triangles
 
 COLOURINGS = ("piece", "tag", "deviation", "curvature")
 VALUE_COLOURINGS = ("deviation", "curvature")
@@ -98,7 +98,7 @@ def _draw(source: Any, options: PiecesPictureOptions) -> bytes:
             f"color_by {color_by!r} is unknown; choose one of {', '.join(map(repr, COLOURINGS))}, or None"
         )
     if is_mesh_path(source):
-        return draw_triangle_file(Path(source), options)
+        return draw_triangles(read_drawn_triangles(Path(source)), options)
     if isinstance(source, HomogenizedProperties):
         if color_by is not None or hide:
             raise InvalidRequest(

@@ -14,8 +14,9 @@ from tpmscad.brep.triangles.closed_mesh import SolidMesh, join_meshes
 from tpmscad.brep.triangles.filled_mesh import PieceChoice, choose_pieces, combine_parts, fill_mesh
 from tpmscad.brep.triangles.patch_triangles import PatchGrid, triangulate_patches
 from tpmscad.brep.triangles.repeated_pieces import LATTICE, RepeatedPieces
-from tpmscad.errors import TrimmingError
+from tpmscad.errors import InvalidRequest, TrimmingError
 from tpmscad.fields.data.triangle_mesh import TriangleMesh
+from tpmscad.fields.field import Field
 from tpmscad.kernel.boolean.hollow_body import subtract_voids
 from tpmscad.kernel.export.solid_mesh import measure_meshes
 from tpmscad.memory_limit import require_memory
@@ -23,6 +24,7 @@ from tpmscad.requests.lattice_request import LatticeRequest
 from tpmscad.solids.matter.lattice_block import fit_patches_over_box
 from tpmscad.solids.skins.offset_skin import erode_body
 from tpmscad.solids.tiled_body import TILE_CORNERS, TiledBody
+from tpmscad.studies.strut_triangles import triangulate_tree
 from tpmscad.studies.wall_pieces import WallDistances, find_wall, require_distances_below_curvature_radius
 
 FACET_ANGLE = 0.35
@@ -137,9 +139,21 @@ def triangulate_filling(
     """The triangles of what fills a body."""
     if isinstance(tiled.filling, LatticeRequest):
         return _triangulate_lattice(tiled.filling, parts, deviation)
+    if isinstance(tiled.filling, Field):
+        return _triangulate_field(tiled.filling, deviation)
     found = measure_meshes(tiled.filling.shape, deviation, FACET_ANGLE)
     mesh = join_meshes(list(found.meshes))
     return TriangulatedMatter(replace(mesh, face=np.full_like(mesh.face, LATTICE)), found.deviation)
+
+
+def _triangulate_field(field: Field, deviation: float) -> TriangulatedMatter:
+    """The triangles of a field of struts and meshes."""
+    mesh, complement, reached = triangulate_tree(field, deviation)
+    if complement:
+        raise InvalidRequest(
+            "the complement of struts has no end: give what is left of a body, with clear=, or `body - struts`"
+        )
+    return TriangulatedMatter(replace(mesh, face=np.full(len(mesh.triangles), LATTICE)), reached)
 
 
 def _triangulate_lattice(request: LatticeRequest, parts: BodyTriangles, deviation: float) -> TriangulatedLattice:

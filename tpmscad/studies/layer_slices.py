@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import Executor
 from dataclasses import dataclass
-from functools import cache
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -15,14 +14,12 @@ from tpmscad._typing import Array
 from tpmscad.api.public_calls import validate_call
 from tpmscad.api.shared_kinds import PATH
 from tpmscad.atomic_file import validate_output_path
-from tpmscad.brep.boundary_representation import Brep
+from tpmscad.brep.sections.layer_contours import LayerSection
 from tpmscad.errors import InvalidRequest
 from tpmscad.kernel.boolean.boolean_operations import OcctSolids
 from tpmscad.kernel.build.solids import BrepSolids
 from tpmscad.kernel.export.layer_files import LAYER_WRITERS, Layer
-from tpmscad.kernel.slicing.contours import LayerContours, slice_solids, split_layers, triangulate_for_slices
-from tpmscad.kernel.slicing.repeated_faces import RepeatedFaces
-from tpmscad.kernel.slicing.surface_triangulation import SurfaceTriangulation
+from tpmscad.kernel.slicing.contours import triangulate_for_slices
 
 MAX_LAYERS = 100_000
 """Layers of one part: 3 m at 0.03 mm. More are taken for a mistake of units."""
@@ -35,6 +32,9 @@ SECTIONS_OF_ROUGH_LAYER = 3
 
 DEFAULT_CHORD_ERROR_FRACTION = 0.25
 """Default chord error in layer heights: the steps between layers are coarser anyway."""
+
+JUMP_REL_TOL = 1e-8
+"""In heights of the part: horizontal faces that are nearer to each other, or to a plane between layers, lie in it."""
 
 HEIGHT_DIGITS = 7
 """Of the lowest and the highest point: the kernel's boxes of STEP files are exact to about 1e-7 mm."""
@@ -126,44 +126,20 @@ def slice_shape(
     bounds: Sequence[float],
     executor: Executor | None = None,
 ) -> Slices:
-    """Slices of solids between the two heights `bounds`, cut in the middle of each layer; see `_make_cutter` for the shape.
+    """Slices of solids between the two heights `bounds`, cut in the middle of each layer.
 
     The last layer is thinner where the height does not divide that of the part. Raises InvalidRequest if there would be too
     many layers, and KernelError if OCCT cannot triangulate the shape.
     """
     edges = divide_into_layers(height, bounds)
     error = choose_chord_error(height, chord_error)
-    cut, measure_areas = _make_cutter(shape, error, executor)
-    found = cut(0.5 * (edges[:-1] + edges[1:]))
-    return collect_layers(name, edges, error, found, _integrate_layers(edges, found.areas, measure_areas))
-
-
-def _make_cutter(
-    solids: Any, chord_error: float, executor: Executor | None
-) -> tuple[Callable[[Array], LayerContours], Callable[[Array], Array]]:
-    """What cuts a shape, or the solids of a boundary representation, at ascending heights, and what measures the areas there.
-
-    In a boundary representation, faces that are repeated are cut once. Raises KernelError if OCCT cannot triangulate the faces.
-    """
-
-    @cache
-    def triangulate() -> list[SurfaceTriangulation]:
-        shape = solids.shape if isinstance(solids, BrepSolids | OcctSolids) else solids
-        return triangulate_for_slices(shape, chord_error)
-
-    def cut_whole(levels: Array) -> LayerContours:
-        return slice_solids(triangulate(), levels, chord_error, executor)
-
-    if not isinstance(solids, BrepSolids) or _has_seams(solids.brep):
-        return cut_whole, lambda levels: cut_whole(levels).areas
-    faces = RepeatedFaces(solids.brep, chord_error)
-    return lambda levels: faces.cut(levels, executor, cut_whole), lambda levels: faces.measure_areas(levels, executor)
-
-
-def _has_seams(brep: Brep) -> bool:
-    """Whether a face lies on both sides of one of its edges."""
-    pairs = np.stack([brep.face_of_use, brep.uses.edge], axis=1)
-    return len(np.unique(pairs, axis=0)) < len(pairs)
+    if isinstance(shape, OcctSolids):
+        shape = shape.shape
+    faces = triangulate_for_slices(shape if isinstance(shape, BrepSolids) else [shape], error)
+    found = faces.cut(0.5 * (edges[:-1] + edges[1:]), executor)
+    cuts = divide_at_jumps(edges, faces.jumps)
+    volumes = _integrate_layers(edges, cuts, found.areas, lambda levels: faces.measure_areas(levels, executor))
+    return collect_layers(name, edges, error, found, volumes, found.unresolved)
 
 
 def divide_into_layers(height: float, bounds: Sequence[float]) -> Array:
@@ -179,49 +155,59 @@ def divide_into_layers(height: float, bounds: Sequence[float]) -> Array:
     return np.append(bottom + height * np.arange(count), top)
 
 
+def divide_at_jumps(edges: Array, jumps: Array) -> Array:
+    """Heights between layers (n + 1,) and those inside of layers at which areas jump (m,), ascending."""
+    tol = JUMP_REL_TOL * float(edges[-1] - edges[0])
+    inside = np.unique(np.rint(jumps / tol)) * tol
+    at = np.clip(np.searchsorted(edges, inside), 1, len(edges) - 1)
+    return np.union1d(edges, inside[(inside > edges[at - 1] + tol) & (inside < edges[at] - tol)])
+
+
 def choose_chord_error(height: float, chord_error: float | None) -> float:
     """The chord error asked for, or the default for layers of a height."""
     return DEFAULT_CHORD_ERROR_FRACTION * height if chord_error is None else chord_error
 
 
-def collect_layers(name: str, edges: Array, chord_error: float, found: LayerContours, volumes: Array) -> Slices:
-    """The layers between consecutive heights (n + 1,), with the contours found in their middles and their volumes (n,)."""
-    count = len(edges) - 1
-    contours = split_layers(found, count)
+def collect_layers(
+    name: str,
+    edges: Array,
+    chord_error: float,
+    sections: Iterable[LayerSection],
+    volumes: Array,
+    unresolved: int = 0,
+) -> Slices:
+    """The layers between consecutive heights (n + 1,), with their sections and volumes (n,)."""
+    rows = zip(edges[:-1].tolist(), edges[1:].tolist(), sections, volumes.tolist(), strict=True)
     layers = tuple(
-        Layer(
-            float(edges[i]),
-            float(edges[i + 1]),
-            tuple(contours[i]),
-            float(found.areas[i]),
-            float(found.perimeters[i]),
-            float(volumes[i]),
-        )
-        for i in range(count)
+        Layer(bottom, top, tuple(contours), area, length, volume)
+        for bottom, top, (contours, area, length), volume in rows
     )
-    return Slices(name, layers, chord_error, found.unresolved)
+    return Slices(name, layers, chord_error, unresolved)
 
 
-def _integrate_layers(edges: Array, areas: Array, measure_areas: Callable[[Array], Array]) -> Array:
+def _integrate_layers(edges: Array, cuts: Array, areas: Array, measure_areas: Callable[[Array], Array]) -> Array:
     """Volumes (n,) between consecutive heights (n + 1,) from the areas in the middles (n,), and others that are measured.
 
     Where the area is smooth, the midpoint rule with the second difference of the areas is of fourth order. Where planes touch a
-    face or an edge the area has a kink, which the fourth difference shows: such a layer is divided.
+    face or an edge the area has a kink, which the fourth difference shows: such a layer is divided. Where it jumps, at heights
+    among the `cuts`, both parts are.
     Source of 17/5760: the next term of the midpoint rule in central differences.
     """
-    heights = np.diff(edges)
+    heights, middles = np.diff(edges), 0.5 * (cuts[:-1] + cuts[1:])
+    owner, parts = np.searchsorted(edges, middles) - 1, np.diff(cuts)
     second, rough = np.full(len(areas), np.inf), np.full(len(areas), np.inf)
     second[1:-2] = np.diff(areas[:-1], 2)  # the last layer may be thinner
     rough[2:-3] = np.abs(np.diff(areas[:-1], 4)) * heights[2:-3] * 17.0 / 5760.0
+    rough[np.bincount(owner) > 1] = np.inf
     order = np.argsort(rough, kind="stable")
     smooth = np.zeros(len(areas), bool)
     smooth[order[np.cumsum(rough[order]) <= VOLUME_RTOL * float(heights @ areas)]] = True
     volumes = heights * (areas + np.where(smooth, second, 0.0) / 24.0)
-    if not smooth.all():
-        nodes, weights = np.polynomial.legendre.leggauss(SECTIONS_OF_ROUGH_LAYER)
-        beside = np.abs(nodes) > 1e-12
-        levels = (0.5 * (edges[:-1] + edges[1:]))[~smooth, None] + 0.5 * heights[~smooth, None] * nodes[beside]
-        sections = measure_areas(levels.ravel()).reshape(levels.shape)
-        mean = 0.5 * (sections @ weights[beside] + areas[~smooth] * weights[~beside].sum())
-        volumes[~smooth] = heights[~smooth] * mean
+    due = np.flatnonzero(~smooth[owner])
+    nodes, weights = np.polynomial.legendre.leggauss(SECTIONS_OF_ROUGH_LAYER)
+    levels = middles[due, None] + 0.5 * parts[due, None] * nodes
+    known = (np.bincount(owner) == 1)[owner[due], None] & (np.abs(nodes) < 1e-12)  # the middles of whole layers
+    sections = np.where(known, areas[owner[due], None], 0.0)
+    sections[~known] = measure_areas(levels[~known])
+    volumes[~smooth] = np.bincount(owner[due], 0.5 * parts[due] * (sections @ weights), len(areas))[~smooth]
     return np.asarray(volumes)

@@ -7,12 +7,12 @@ within the deviation of the exact surface; areas and volumes are those of the tr
 from __future__ import annotations
 
 from concurrent.futures import Executor
-from dataclasses import dataclass
 
 import numpy as np
 
 from tpmscad._typing import Array, BoolArray
-from tpmscad.brep.sections.mesh_sections import MeshSections, cut_mesh, measure_sections
+from tpmscad.brep.sections.layer_contours import LayerContours, LayerSection
+from tpmscad.brep.sections.mesh_sections import cut_mesh, measure_sections
 from tpmscad.brep.triangles.closed_mesh import SolidMesh
 from tpmscad.brep.triangles.filled_mesh import PieceChoice
 from tpmscad.parallel import task_runner
@@ -22,14 +22,6 @@ TRIANGLES_PER_SLAB = 6_000_000
 """Triangles of the lattice that are placed at a time, which limits the memory: about a gigabyte."""
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class LayersOfTriangles:
-    """Sections in the middles of layers, one value for each slab, and the volumes of all layers (l,)."""
-
-    sections: list[MeshSections]
-    volumes: Array
-
-
 def cut_into_layers(
     filling: TriangulatedLattice | TriangulatedMatter,
     parts: BodyTriangles,
@@ -37,14 +29,15 @@ def cut_into_layers(
     edges: Array,
     error: float,
     executor: Executor | None,
-) -> LayersOfTriangles:
-    """The layers between ascending heights (l + 1,) of the model, which `turn` (3, 3) takes the lattice's axes to.
+) -> tuple[list[LayerSection], Array]:
+    """The sections in the middles of layers, and the volumes of all layers (l,).
 
+    The layers lie between ascending heights (l + 1,) of the model, which `turn` (3, 3) takes the lattice's axes to.
     error: distance of points that are left out from the chords.
     """
     if isinstance(filling, TriangulatedMatter):
         sections, volumes = _cut_filled(filling.fill(parts), turn, edges, error)
-        return LayersOfTriangles([sections], volumes)
+        return list(sections), volumes
     low, high = _find_heights(filling, turn)
     used = filling.choice.whole | filling.choice.cut
     height = max(
@@ -59,7 +52,7 @@ def cut_into_layers(
         tasks.append((filling, parts, choice, turn, edges[first : last + 1], error))
     with task_runner(executor, tasks[0]) as run_tasks:
         found = run_tasks(_cut_slab, tasks)
-    return LayersOfTriangles([sections for sections, _ in found], np.concatenate([volumes for _, volumes in found]))
+    return [section for sections, _ in found for section in sections], np.concatenate([own for _, own in found])
 
 
 def _find_heights(filling: TriangulatedLattice, turn: Array) -> tuple[Array, Array]:
@@ -73,11 +66,11 @@ def _find_heights(filling: TriangulatedLattice, turn: Array) -> tuple[Array, Arr
 
 def _cut_slab(
     filling: TriangulatedLattice, parts: BodyTriangles, choice: PieceChoice, turn: Array, edges: Array, error: float
-) -> tuple[MeshSections, Array]:
+) -> tuple[LayerContours, Array]:
     return _cut_filled(filling.fill(parts, choice), turn, edges, error)
 
 
-def _cut_filled(mesh: SolidMesh, turn: Array, edges: Array, error: float) -> tuple[MeshSections, Array]:
+def _cut_filled(mesh: SolidMesh, turn: Array, edges: Array, error: float) -> tuple[LayerContours, Array]:
     """Sections in the middles between heights (l + 1,), and the volumes there (l,), by the rule of Gauss with three sections."""
     points, middles, heights = mesh.points @ turn.T, 0.5 * (edges[:-1] + edges[1:]), np.diff(edges)
     sections = cut_mesh(points, mesh.triangles, middles, error)

@@ -18,7 +18,6 @@ from tpmscad._typing import Array, IntArray
 from tpmscad.brep.boundary_representation import Brep
 from tpmscad.brep.carriers import Carrier, Plane
 from tpmscad.brep.foot_surface import find_point_sides
-from tpmscad.brep.moments.legendre_series import integrate_pcurves_single_span, is_single_span
 from tpmscad.brep.moments.loop_integrals import N_MOMENTS, composite_curve_rule, integrate_pcurves
 from tpmscad.brep.moments.tensor_gauss import whole_moments
 from tpmscad.rigid_motion import Motion
@@ -55,9 +54,7 @@ def integrate_faces(brep: Brep) -> FaceMoments:
             surface = brep.carriers[int(keys[start, 0])]
             assert not isinstance(surface, Plane)
             pieces = [(brep.pcurves[int(p)], (low, high)) for _, p, low, high, _ in keys[start:stop].tolist()]
-            if isinstance(surface, BSplineSurface) and is_single_span(surface):
-                table[start:stop] = integrate_pcurves_single_span(surface, pieces)
-            elif isinstance(surface, BSplineSurface) and _start_axis(surface):
+            if isinstance(surface, BSplineSurface) and _start_axis(surface):
                 pieces = [(BSplineCurve(c.poles[:, ::-1], c.knots, c.degree), along) for c, along in pieces]
                 turned = integrate_pcurves(turn_surface(surface, swap=True), pieces, keys[start:stop, 4])
                 # loops run the other way round, and so does the normal
@@ -174,7 +171,7 @@ def _add_planar_faces(moments: Array, brep: Brep, planar_uses: IntArray, face: I
         dv = (speed @ np.swapaxes(edges.motion.rotation[e], 1, 2) @ axes)[:, :, 1] * weights * uses.sense[at][:, None]
         np.add.at(in_plane, f, np.stack([(p * dv).sum(axis=1) for p in (u, u**2 / 2, u * v)], axis=1))
     at = np.unique(face[planar_uses])
-    moments[at] = _lift_planar_moments(in_plane[at], frames[at])
+    moments[at] = lift_planar_moments(in_plane[at], frames[at])
 
 
 def _plane_frames(brep: Brep) -> Array:
@@ -195,7 +192,7 @@ def _plane_frames(brep: Brep) -> Array:
     return frames
 
 
-def _lift_planar_moments(in_plane: Array, frames: Array) -> Array:
+def lift_planar_moments(in_plane: Array, frames: Array) -> Array:
     """Moments in space (n, 16) of planar faces from their in-plane integrals of 1, u, v (n, 3)."""
     o, n, area = frames[:, 0], frames[:, 3], in_plane[:, :1]
     x = area * o + np.einsum("na,nai->ni", in_plane[:, 1:3], frames[:, 1:3])

@@ -38,6 +38,9 @@ GAUSS_POINTS_FEW_SPANS = 10
 GAUSS_POINTS_MANY_SPANS = 6
 """Gauss points on each knot span if there are at least `MANY_SPANS_THRESHOLD` of them."""
 
+MIN_AREA_POINTS = 16
+"""Least Gauss points on each knot interval along u: the area density contains a square root and is no polynomial."""
+
 MANY_SPANS_THRESHOLD = 4
 """Knot spans from which on fewer Gauss points suffice on each."""
 
@@ -61,17 +64,33 @@ def integrate_pcurves(surface: BSplineSurface | Quadric, spans: PcurveSpans, fir
     face and not beyond any of them; the first knot, or 0, by default. Over a closed loop they make no difference but for the
     work, the rounding, and the gaps of up to 1e-8 between the ends of pcurves, which count times F.
     """
-    u, v, dv_weights, span_of_node = pcurve_gauss_nodes(surface, spans)
-    result = np.zeros((len(spans), N_MOMENTS))
+    return integrate_at_nodes(surface, *pcurve_gauss_nodes(surface, spans), len(spans), first_knots)
+
+
+def integrate_at_nodes(
+    surface: BSplineSurface | Quadric,
+    u: Array,
+    v: Array,
+    dv_weights: Array,
+    part: NDArray[np.int64],
+    n_parts: int,
+    first_knots: Array | None = None,
+) -> Array:
+    """The sums of F dv over quadrature nodes, for the 16 moments and each part of a loop: (n_parts, 16).
+
+    u, v, dv_weights, part (m,): of each node the parameters, the weight times dv/dt, and the part it lies on.
+    first_knots (n_parts,): as in `integrate_pcurves`.
+    """
+    result = np.zeros((n_parts, N_MOMENTS))
     for start in range(0, len(u), NODES_PER_BATCH):
         at = slice(start, start + NODES_PER_BATCH)
-        first = None if first_knots is None else first_knots[span_of_node[at]]
+        first = None if first_knots is None else first_knots[part[at]]
         inner = (
             _antiderivative_on_spline(surface, u[at], v[at], first)
             if isinstance(surface, BSplineSurface)
             else _antiderivative_on_quadric(surface, u[at], v[at], first)
         )
-        np.add.at(result, span_of_node[at], dv_weights[at, None] * inner)
+        np.add.at(result, part[at], dv_weights[at, None] * inner)
     return result
 
 
@@ -192,9 +211,7 @@ def _antiderivative_on_spline(surface: BSplineSurface, u: Array, v: Array, first
         axis=2,
     )  # the poles of S and of S_v along u, at every v: (n, U, 6)
     degree = surface.degree_u
-    x, w = gauss_legendre_unit(2 * degree + 1)
-    unit = np.repeat([0.0, 1.0], degree + 1)
-    values, slopes = (design_matrix(unit, degree, x, order) for order in (0, 1))
+    values, slopes, w = _bernstein_rule(degree, max(2 * degree + 1, MIN_AREA_POINTS))
     breaks = np.unique(surface.knots_u)
     result = np.zeros((len(u), N_MOMENTS))
     for low, high in zip(breaks[:-1], breaks[1:], strict=True):
@@ -205,17 +222,27 @@ def _antiderivative_on_spline(surface: BSplineSurface, u: Array, v: Array, first
         support = slice(
             first := int(np.searchsorted(surface.knots_u, low, side="right")) - 1 - degree, first + degree + 1
         )
-        conversion = _bernstein_conversion(surface.knots_u, degree, low, high)[:, support]
+        conversion = _bernstein_conversion(surface.knots_u.tobytes(), degree, low, high)[:, support]
         own = _restrict_bernstein(np.tensordot(conversion, ruled[at, support], (1, 1)), part)
         own = own.reshape(degree + 1, -1)
-        along = (values @ own).reshape(len(x), -1, 6)
-        normal = _cross((slopes @ own).reshape(len(x), -1, 6)[..., :3], along[..., 3:])
+        along = (values @ own).reshape(len(w), -1, 6)
+        normal = _cross((slopes @ own).reshape(len(w), -1, 6)[..., :3], along[..., 3:])
         result[at] += sum_moments(np.swapaxes(along[..., :3], 0, 1), np.swapaxes(normal, 0, 1), w)
     return result
 
 
-def _bernstein_conversion(knots: Array, degree: int, low: float, high: float) -> Array:
-    """Matrix from the poles on all knots to the Bernstein coefficients on one knot interval."""
+@lru_cache(maxsize=64)
+def _bernstein_rule(degree: int, points: int) -> tuple[Array, Array, Array]:
+    """Bernstein polynomials and their derivatives (points, degree + 1) at Gauss points on [0, 1], and the weights."""
+    x, w = gauss_legendre_unit(points)
+    unit = np.repeat([0.0, 1.0], degree + 1)
+    return design_matrix(unit, degree, x), design_matrix(unit, degree, x, 1), w
+
+
+@lru_cache(maxsize=1024)
+def _bernstein_conversion(knot_bytes: bytes, degree: int, low: float, high: float) -> Array:
+    """Matrix from the poles on all knots to the Bernstein coefficients on one knot interval; patches of a lattice share it."""
+    knots = np.frombuffer(knot_bytes)
     x = 0.5 - 0.5 * np.cos(np.pi * (np.arange(degree + 1) + 0.5) / (degree + 1))
     own = design_matrix(np.repeat([0.0, 1.0], degree + 1), degree, x)
     return np.asarray(np.linalg.solve(own, design_matrix(knots, degree, low + (high - low) * x)))

@@ -6,45 +6,23 @@ ends of a side in a fixed order.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
 from tpmscad._compiled_loops import njit_cached
-from tpmscad._typing import Array, IntArray
-from tpmscad.brep.sections.polygon_regions import mark_kept
+from tpmscad._typing import Array, BoolArray, IntArray
+from tpmscad.brep.sections.layer_contours import LayerContours
+from tpmscad.brep.sections.polygon_regions import choose_points
 from tpmscad.errors import TrimmingError
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class MeshSections:
-    """Contours (n, 2) one after another, counter-clockwise round the solid: starts (c + 1,), and the plane of each, (c,).
-
-    areas, perimeters: of each plane, (l,), before points were left out.
-    """
-
-    points: Array
-    starts: IntArray
-    level: IntArray
-    areas: Array
-    perimeters: Array
-
-    def __iter__(self) -> Iterator[tuple[list[Array], float, float]]:
-        """The contours, area and perimeter of each plane."""
-        first = np.searchsorted(self.level, np.arange(len(self.areas) + 1))
-        for i, (area, length) in enumerate(zip(self.areas.tolist(), self.perimeters.tolist(), strict=True)):
-            ends = self.starts[first[i] : first[i + 1] + 1]
-            yield [self.points[a:b] for a, b in zip(ends[:-1].tolist(), ends[1:].tolist(), strict=True)], area, length
-
-
-def cut_mesh(points: Array, triangles: IntArray, levels: Array, error: float) -> MeshSections:
+def cut_mesh(points: Array, triangles: IntArray, levels: Array, error: float) -> LayerContours:
     """The sections of a mesh at ascending heights (l,), with fewer points, all others within `error` of the chords.
 
     TrimmingError if the mesh is open at one of them.
     """
-    found = MeshSections(*_cut_triangles(points, triangles, levels, error))
+    found = LayerContours(*_cut_triangles(points, triangles, levels, error))
     if (found.areas != found.areas).any():
         raise TrimmingError("the triangles are open in the plane of a layer")
     return found
@@ -92,66 +70,27 @@ def _cross_triangle(points: Array, corners: IntArray, level: float) -> Any:
 
 @njit_cached
 def _cut_triangles(points: Array, triangles: IntArray, levels: Array, error: float) -> Any:
-    counts = np.zeros(len(levels) + 1, np.int64)
-    for t in range(len(triangles)):
-        first, last = _list_levels(points, triangles[t], levels)
-        for at in range(first, last):
-            counts[at + 1] += 1
-    begins = np.cumsum(counts)
-    crossing, filled = np.empty(begins[-1], np.int32), begins[:-1].copy()
-    for t in range(len(triangles)):
-        first, last = _list_levels(points, triangles[t], levels)
-        for at in range(first, last):
-            crossing[filled[at]] = t
-            filled[at] += 1
-    contours, starts, of = np.empty((begins[-1], 2)), [0], [0]
-    areas, perimeters, total = np.zeros(len(levels)), np.zeros(len(levels)), 0
+    """The fields of `LayerContours`; the area of a level at which the mesh is open is not a number."""
+    crossing, begins = _sort_by_level(points, triangles, levels)
+    contours, starts, of, total = np.empty((len(crossing), 2)), [0], [0], 0
+    areas, perimeters = np.zeros(len(levels)), np.zeros(len(levels))
     for at in range(len(levels)):
-        n = begins[at + 1] - begins[at]
-        xy, following = np.empty((n, 2)), np.empty(n, np.int64)
-        start, end = np.empty(n, np.int64), np.empty(n, np.int64)
-        size = 4
-        while size < 2 * n:
-            size *= 2
-        table = np.full(size, -1)
-        for s in range(n):
-            corners = triangles[crossing[begins[at] + s]]
-            xy[s, 0], xy[s, 1], _, _, start[s], end[s] = _cross_triangle(points, corners, levels[at])
-            slot = _hash(start[s], size)
-            while table[slot] >= 0:
-                slot = (slot + 1) % size
-            table[slot] = s
-        taken = np.zeros(n, np.bool_)
-        for s in range(n):
-            slot = _hash(end[s], size)
-            while table[slot] >= 0 and (start[table[slot]] != end[s] or taken[table[slot]]):
-                slot = (slot + 1) % size
-            if table[slot] < 0:
-                areas[at] = np.nan
-                break
-            following[s] = table[slot]
-            taken[table[slot]] = True
-        if np.isnan(areas[at]):
+        xy, following = _link_sections(points, triangles[crossing[begins[at] : begins[at + 1]]], levels[at])
+        n = len(xy)
+        if n > 0 and following[0] < 0:
+            areas[at] = np.nan
             continue
         path, seen = np.empty((n + 1, 2)), np.zeros(n, np.bool_)
         for first in range(n):
             if seen[first]:
                 continue
-            length, s = 0, first
-            while not seen[s]:
-                seen[s] = True
-                nearer = length > 0 and xy[s, 0] == path[length - 1, 0] and xy[s, 1] == path[length - 1, 1]
-                if not nearer:
-                    path[length] = xy[s]
-                    length += 1
-                s = following[s]
-            path[length] = path[0]
+            length = _follow_contour(xy, following, first, seen, path)
             area = 0.0
             for k in range(length):
                 area += 0.5 * (path[k, 0] * path[k + 1, 1] - path[k + 1, 0] * path[k, 1])
                 perimeters[at] += np.hypot(path[k + 1, 0] - path[k, 0], path[k + 1, 1] - path[k, 1])
             areas[at] += area
-            kept = _thin_contour(path[: length + 1], error)
+            kept = choose_points(path[: length + 1], error)
             if kept.sum() < 3:
                 continue
             for k in range(length):
@@ -164,26 +103,70 @@ def _cut_triangles(points: Array, triangles: IntArray, levels: Array, error: flo
 
 
 @njit_cached
+def _sort_by_level(points: Array, triangles: IntArray, levels: Array) -> Any:
+    """The triangles that cross each level, level after level, and where each begins, with the end (l + 1,)."""
+    counts = np.zeros(len(levels) + 1, np.int64)
+    for t in range(len(triangles)):
+        first, last = _list_levels(points, triangles[t], levels)
+        for at in range(first, last):
+            counts[at + 1] += 1
+    begins = np.cumsum(counts)
+    crossing, filled = np.empty(begins[-1], np.int32), begins[:-1].copy()
+    for t in range(len(triangles)):
+        first, last = _list_levels(points, triangles[t], levels)
+        for at in range(first, last):
+            crossing[filled[at]] = t
+            filled[at] += 1
+    return crossing, begins
+
+
+@njit_cached
+def _link_sections(points: Array, triangles: IntArray, level: float) -> Any:
+    """Where the sections of triangles (n, 3) that cross a level start, (n, 2), and the one that follows each, (n,).
+
+    The first one is -1 if the mesh is open there.
+    """
+    n, size = len(triangles), 4
+    xy, following = np.empty((n, 2)), np.empty(n, np.int64)
+    start, end = np.empty(n, np.int64), np.empty(n, np.int64)
+    while size < 2 * n:
+        size *= 2
+    table = np.full(size, -1)  # sections by the side that they start on, with open addressing
+    for s in range(n):
+        xy[s, 0], xy[s, 1], _, _, start[s], end[s] = _cross_triangle(points, triangles[s], level)
+        slot = _hash(start[s], size)
+        while table[slot] >= 0:
+            slot = (slot + 1) % size
+        table[slot] = s
+    taken = np.zeros(n, np.bool_)
+    for s in range(n):
+        slot = _hash(end[s], size)
+        while table[slot] >= 0 and (start[table[slot]] != end[s] or taken[table[slot]]):
+            slot = (slot + 1) % size
+        if table[slot] < 0:
+            following[0] = -1
+            break
+        following[s] = table[slot]
+        taken[table[slot]] = True
+    return xy, following
+
+
+@njit_cached
+def _follow_contour(xy: Array, following: IntArray, first: int, seen: BoolArray, path: Array) -> int:
+    """The number of points of the contour from a section on, which are written to `path`, with the first one again at the end."""
+    length, s = 0, first
+    while not seen[s]:
+        seen[s] = True
+        if length == 0 or xy[s, 0] != path[length - 1, 0] or xy[s, 1] != path[length - 1, 1]:
+            path[length] = xy[s]
+            length += 1
+        s = following[s]
+    path[length] = path[0]
+    return length
+
+
+@njit_cached
 def _hash(key: int, size: int) -> Any:
     word = np.uint64(key)
     word = (word ^ (word >> np.uint64(33))) * np.uint64(0xFF51AFD7ED558CCD)
     return np.int64((word ^ (word >> np.uint64(33))) % np.uint64(size))
-
-
-@njit_cached
-def _thin_contour(path: Array, error: float) -> Any:
-    """Which points (n,) of a closed contour (n + 1, 2) stay, as in `thin_polygon`."""
-    n = len(path) - 1
-    kept = np.zeros(n + 1, np.bool_)
-    kept[0] = kept[n] = True
-    if n < 3:
-        return kept[:n]
-    far, most = 0, 0.0
-    for k in range(n):
-        away = (path[k, 0] - path[0, 0]) ** 2 + (path[k, 1] - path[0, 1]) ** 2
-        if away > most:
-            far, most = k, away
-    kept[far] = True
-    mark_kept(path, 0, far, error, kept)
-    mark_kept(path, far, n, error, kept)
-    return kept[:n]

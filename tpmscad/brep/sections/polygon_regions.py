@@ -8,14 +8,14 @@ are closed and do not intersect themselves.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 
 from tpmscad._compiled_loops import njit_cached
 from tpmscad._lazy_import import import_extra
 from tpmscad._typing import Array, BoolArray
-from tpmscad.brep.loops import signed_area
+from tpmscad.index_ranges import list_following
 
 Region = list[Array]
 """Closed polygons."""
@@ -77,18 +77,42 @@ def mark_kept(
 
 def thin_polygon(polygon: Array, error: float) -> Array:
     """A closed polygon (n, 2) with fewer points, as `thin_curve`; the first point and the one farthest from it stay."""
-    far = int(np.argmax(((polygon - polygon[0]) ** 2).sum(axis=1)))
-    if far == 0:
-        return polygon
-    halves = polygon[: far + 1], np.concatenate([polygon[far:], polygon[:1]])
-    return np.concatenate([thin_curve(half, error)[:-1] for half in halves])
+    return polygon[choose_points(np.concatenate([polygon, polygon[:1]]), error)]
+
+
+@njit_cached
+def choose_points(path: Array, error: float) -> Any:  # pragma: no cover - compiled
+    """Which points (n,) of a closed contour (n + 1, 2) stay, as in `thin_polygon`."""
+    n = len(path) - 1
+    kept = np.zeros(n + 1, np.bool_)
+    kept[0] = kept[n] = True
+    if n < 3:
+        return kept[:n]
+    far, most = 0, 0.0
+    for k in range(n):
+        away = (path[k, 0] - path[0, 0]) ** 2 + (path[k, 1] - path[0, 1]) ** 2
+        if away > most:
+            far, most = k, away
+    kept[far] = True
+    mark_kept(path, 0, far, error, kept)
+    mark_kept(path, far, n, error, kept)
+    return kept[:n]
 
 
 def signed_areas(region: Sequence[Array]) -> float:
     """Area of a region: that of outer polygons without holes."""
-    return float(sum(map(signed_area, region)))
+    (x0, y0), (x1, y1) = (ends.T for ends in _list_sides(region))
+    return 0.5 * float(x0 @ y1 - x1 @ y0)
 
 
 def region_length(region: Sequence[Array]) -> float:
     """Length of the boundary of a region."""
-    return float(sum(np.linalg.norm(p - np.roll(p, -1, axis=0), axis=1).sum() for p in region))
+    begin, end = _list_sides(region)
+    return float(np.hypot(*(end - begin).T).sum())
+
+
+def _list_sides(region: Sequence[Array]) -> tuple[Array, Array]:
+    """Both ends (n, 2) of all sides of the polygons, from the middle of the points."""
+    points = np.concatenate([np.zeros((0, 2)), *region])
+    points -= points.sum(axis=0) / max(len(points), 1)
+    return points, points[list_following(np.cumsum([0, *map(len, region)]))]

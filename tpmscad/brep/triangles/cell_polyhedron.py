@@ -11,6 +11,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from tpmscad._typing import Array, IntArray
+from tpmscad.brep.loops import follow_paths
 from tpmscad.brep.sections.periodic_section import close_along_sides
 from tpmscad.brep.triangles.closed_mesh import is_closed, load_manifold, weld_points
 from tpmscad.brep.triangles.repeated_pieces import SURFACE, RepeatedPieces, directed_sides
@@ -90,22 +91,16 @@ class _Nodes:
 
 def _chain(sides: IntArray) -> tuple[list[list[int]], list[list[int]]]:
     """Open paths and closed loops of directed sides (n, 2), as nodes."""
-    following = dict(sides.tolist())
-    if len(following) < len(sides):
+    nodes, ends = np.unique(sides, return_inverse=True)
+    tail, head = ends.reshape(-1, 2).T
+    if len(np.unique(tail)) < len(tail):
         raise TrimmingError("triangles of a cell meet in a point of its side")
-    starts = sorted(set(following) - set(following.values()))
-    arcs = [_follow(following, start) for start in starts]
-    loops = []
-    while following:
-        loops.append(_follow(following, next(iter(following)))[:-1])
-    return arcs, loops
-
-
-def _follow(following: dict[int, int], start: int) -> list[int]:
-    path = [start]
-    while path[-1] in following:
-        path.append(following.pop(path[-1]))
-    return path
+    following = np.full(len(nodes), -1)
+    following[tail] = head
+    order, starts = follow_paths(following)
+    paths = [nodes[path].tolist() for path in np.split(order, starts[1:-1]) if len(path)]
+    n_open = int((following < 0).sum())  # these come first
+    return paths[:n_open], paths[n_open:]
 
 
 def _find_open_sides(triangles: IntArray, n: int) -> IntArray:

@@ -212,6 +212,20 @@ def load_manifold() -> Any:
     return import_extra("manifold3d", "triangles without a solid", "triangles")
 
 
+def unite_meshes(parts: Sequence[tuple[Array, IntArray]]) -> SolidMesh:
+    """The union of closed meshes, points (n, 3) and triangles (m, 3) each, all of one face; TrimmingError if one is open."""
+    manifold = load_manifold()
+    solids = [
+        manifold.Manifold(manifold.Mesh64(np.ascontiguousarray(points), np.ascontiguousarray(triangles, np.uint64)))
+        for points, triangles in parts
+    ]
+    if failed := [each.status().name for each in solids if each.status() != manifold.Error.NoError]:
+        raise TrimmingError(f"a mesh is not closed: {failed[0]}")
+    result = manifold.Manifold.batch_boolean(solids, manifold.OpType.Add).to_mesh64()
+    triangles = narrow_indices(result.tri_verts)
+    return SolidMesh(np.array(result.vert_properties), triangles, narrow_indices(np.zeros(len(triangles))))
+
+
 def combine_meshes(first: SolidMesh, second: SolidMesh, operation: Operation) -> SolidMesh:
     """The intersection, union or difference of two closed meshes, with the faces of the triangles that their pieces come from.
 

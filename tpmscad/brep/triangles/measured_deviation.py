@@ -13,7 +13,7 @@ SIAM J. Numer. Anal. 21 (1984), 604, who takes the longest side). Sides on edges
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -328,8 +328,7 @@ def _halve(
 
     A triangle without a neighbour is divided in three at its centre.
     """
-    m, n, twin = len(mesh.triangles), len(mesh.points), mesh.twin
-    inside = twin[far] >= 0
+    inside = mesh.twin[far] >= 0
     alone = far[~inside.any(axis=1)]
     far, inside = far[inside.any(axis=1)], inside[inside.any(axis=1)]
     corners = mesh.points[mesh.triangles[far]]
@@ -337,23 +336,38 @@ def _halve(
     score = middles[far] + 1e-3 * bound[far, None] * length / length.max(axis=1, keepdims=True)
     choice = np.where(inside, score, -1.0).argmax(axis=1)
     side = 3 * far + choice
-    other = twin.ravel()[side]
-    side, first = np.unique(np.minimum(side, other), return_index=True)
-    # a side is halved if no better one of either triangle is
-    rank = np.empty(len(side))
-    rank[np.lexsort((side, score[np.arange(len(far)), choice][first]))] = np.arange(len(side))
-    pair = np.stack([side // 3, twin.ravel()[side] // 3], axis=1)
-    best = np.full(m, -1.0)
-    np.maximum.at(best, pair.ravel(), np.repeat(rank, 2))
-    side = side[(best[pair] <= rank[:, None]).all(axis=1)]
-    other = twin.ravel()[side]
+    side, first = np.unique(np.minimum(side, mesh.twin.ravel()[side]), return_index=True)
+    best = choose_apart(mesh, side, score[np.arange(len(far)), choice][first])
+    mesh, changed = split_sides(mesh, surfaces, side[best], np.full(int(best.sum()), 0.5))
+    if not len(alone):
+        return mesh, changed
+    mesh, divided = split_triangles(mesh, surfaces, alone, mesh.uv[mesh.triangles[alone]].mean(axis=1))
+    return mesh, np.concatenate([changed, divided])
 
-    ab, ba = side, other
-    (t, k), (s, j) = divmod(ab, 3), divmod(ba, 3)
+
+def choose_apart(mesh: FaceTriangles, side: IntArray, score: Array) -> BoolArray:
+    """Which of distinct sides (n,) that have twins to split: those with a greater score (n,) than others of both triangles."""
+    rank = np.empty(len(side))
+    rank[np.lexsort((side, score))] = np.arange(len(side))
+    pair = np.stack([side // 3, mesh.twin.ravel()[side] // 3], axis=1)
+    best = np.full(len(mesh.triangles), -1.0)
+    np.maximum.at(best, pair.ravel(), np.repeat(rank, 2))
+    return np.asarray((best[pair] <= rank[:, None]).all(axis=1))
+
+
+def split_sides(
+    mesh: FaceTriangles, surfaces: Surfaces, side: IntArray, share: Array
+) -> tuple[FaceTriangles, IntArray]:
+    """Sides (n,) that have twins split at shares (n,) of the way along them; and the numbers of the triangles that changed.
+
+    No two of the sides are of one triangle.
+    """
+    m, n, twin = len(mesh.triangles), len(mesh.points), mesh.twin
+    (t, k), (s, j) = divmod(side, 3), divmod(twin.ravel()[side], 3)
     a, b, c = (mesh.triangles[t, (k + i) % 3] for i in range(3))
     d = mesh.triangles[s, (j + 2) % 3]
     fresh = n + np.arange(len(side))
-    uv = 0.5 * (mesh.uv[a] + mesh.uv[b])
+    uv = mesh.uv[a] + share[:, None] * (mesh.uv[b] - mesh.uv[a])
     t2, s2 = m + np.arange(len(side)), m + len(side) + np.arange(len(side))
     outer = [twin[one, (at + step) % 3] for one, at in ((t, k), (s, j)) for step in (1, 2)]  # bc, ca, ad, db
     moved = np.arange(3 * m)
@@ -371,30 +385,30 @@ def _halve(
     face = np.concatenate([mesh.face, mesh.face[t], mesh.face[s]])
     points = surfaces(mesh.face[t], uv)[0]
     halved = FaceTriangles(np.concatenate([mesh.points, points]), np.concatenate([mesh.uv, uv]), triangles, face, new)
-    changed = np.concatenate([t, s, t2, s2])
-    return (halved, changed) if not len(alone) else _divide_alone(halved, surfaces, alone, changed)
+    return halved, np.concatenate([t, s, t2, s2])
 
 
-def _divide_alone(
-    mesh: FaceTriangles, surfaces: Surfaces, alone: IntArray, changed: IntArray
+def split_triangles(
+    mesh: FaceTriangles, surfaces: Surfaces, which: IntArray, uv: Array
 ) -> tuple[FaceTriangles, IntArray]:
-    """Triangles that are all of their face divided in three at the centre; and the numbers of all that changed."""
+    """Triangles (n,) divided in three at parameters (n, 2) within them; and the numbers of the triangles that changed."""
     m, n = len(mesh.triangles), len(mesh.points)
-    a, b, c = mesh.triangles[alone].T
-    fresh, second, third = n + np.arange(len(alone)), m + np.arange(len(alone)), m + len(alone) + np.arange(len(alone))
-    uv = mesh.uv[mesh.triangles[alone]].mean(axis=1)
-    rim = np.full(len(alone), -1)
+    a, b, c = mesh.triangles[which].T
+    fresh, second, third = n + np.arange(len(which)), m + np.arange(len(which)), m + len(which) + np.arange(len(which))
+    moved = np.arange(3 * m)
+    moved[3 * which + 1], moved[3 * which + 2] = 3 * second, 3 * third
+    twin = np.where(mesh.twin >= 0, moved[np.maximum(mesh.twin, 0)], -1)
+    ab, bc, ca = twin[which].T
     triangles = np.concatenate([mesh.triangles, np.stack([b, c, fresh], axis=1), np.stack([c, a, fresh], axis=1)])
-    triangles[alone] = np.stack([a, b, fresh], axis=1)
-    twin = np.concatenate(
-        [
-            mesh.twin,
-            np.stack([rim, 3 * third + 2, 3 * alone + 1], axis=1),
-            np.stack([rim, 3 * alone + 2, 3 * second + 1], axis=1),
-        ]
+    triangles[which] = np.stack([a, b, fresh], axis=1)
+    twin[which] = np.stack([ab, 3 * second + 2, 3 * third + 1], axis=1)
+    of_second = np.stack([bc, 3 * third + 2, 3 * which + 1], axis=1)
+    of_third = np.stack([ca, 3 * which + 2, 3 * second + 1], axis=1)
+    divided = FaceTriangles(
+        np.concatenate([mesh.points, surfaces(mesh.face[which], uv)[0]]),
+        np.concatenate([mesh.uv, uv]),
+        triangles,
+        np.concatenate([mesh.face, mesh.face[which], mesh.face[which]]),
+        np.concatenate([twin, of_second, of_third]),
     )
-    twin[alone] = np.stack([rim, 3 * second + 2, 3 * third + 1], axis=1)
-    face = np.concatenate([mesh.face, mesh.face[alone], mesh.face[alone]])
-    points = np.concatenate([mesh.points, surfaces(mesh.face[alone], uv)[0]])
-    divided = replace(mesh, points=points, uv=np.concatenate([mesh.uv, uv]), triangles=triangles, face=face, twin=twin)
-    return divided, np.concatenate([changed, alone, second, third])
+    return divided, np.concatenate([which, second, third])

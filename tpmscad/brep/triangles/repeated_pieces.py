@@ -208,56 +208,29 @@ def close_walls(
     """
     n, k = mid.shape[:2]
     points = mid.reshape(-1, 3)
-    inner = points - np.floor(points / cell) * cell
-    inner = np.where(cell - inner < weld_tol, 0.0, inner)
-    near = cKDTree(inner, boxsize=cell).query_pairs(weld_tol, output_type="ndarray")
-    _, first, base_of = np.unique(label_linked(len(points), near), return_index=True, return_inverse=True)
-    base = points[first]
-    shift = np.rint((points - base[base_of]) / cell).astype(np.int64)
+    first, base_of = _find_translates(points, cell, weld_tol)
+    shift = np.rint((points - points[first[base_of]]) / cell).astype(np.int64)
+    places = np.column_stack([base_of, shift])
     found = np.where((outward > 0)[:, None, None], triangles[:, None], triangles[:, None, :, ::-1])
     placed = (found + k * np.arange(n)[:, None, None]).reshape(2, -1, 3)
-    piece = (np.arange(n)[:, None] * (int(block.max()) + 1) + block).ravel()
+    count = int(block.max()) + 1
+    piece = (np.arange(n)[:, None] * count + block).ravel()
     walls, pieces = [], []
     for corners in placed:  # a side of a patch may be a point
-        distinct = [
-            (base_of[corners[:, i]] != base_of[corners[:, i - 1]])
-            | (shift[corners[:, i]] != shift[corners[:, i - 1]]).any(axis=1)
-            for i in range(3)
-        ]
-        kept = np.logical_and.reduce(distinct)
+        around = places[corners]
+        kept = (around != np.roll(around, 1, axis=1)).any(axis=2).all(axis=1)
         walls.append(corners[kept])
         pieces.append(piece[kept])
-    corners, piece = walls[1], pieces[1]
-    # directed sides of the triangles, without those that a triangle of the same patch has the other way
-    sides = directed_sides(corners)
-    of = np.repeat(piece, 3)
-    ends = np.concatenate([base_of[sides], (shift[sides[:, 1]] - shift[sides[:, 0]])], axis=1)
-    against = np.concatenate([ends[:, 1::-1], -ends[:, 2:]], axis=1)
-    start = shift[sides]
-    own, other = (np.column_stack([of, table, start[:, i]]) for i, table in ((0, ends), (1, against)))
-    _, label = np.unique(np.concatenate([own, other]), axis=0, return_inverse=True)
-    open_ = ~np.isin(label.ravel()[: len(own)], label.ravel()[len(own) :])
-    sides, of, ends, against, start = sides[open_], of[open_], ends[open_], against[open_], start[open_]
-    _, label = np.unique(np.concatenate([ends, against]), axis=0, return_inverse=True)
-    label, against_label = np.split(label.ravel(), 2)
-    order = np.argsort(label)
-    at = np.searchsorted(label[order], against_label)
-    partner = order[np.minimum(at, len(order) - 1)]
-    if len(np.unique(label)) < len(label) or (label[partner] != against_label).any():
-        raise TrimmingError("the patches of a cell do not meet their neighbours side by side")
-    step = start[:, 0] - start[partner, 1]
+    sides, of, beyond, step = _pair_open_sides(walls[1], pieces[1], places)
     a, b = sides.T
     one = np.stack([2 * a, 2 * b, 2 * b + 1], axis=1)
     two = np.stack([2 * a, 2 * b + 1, 2 * a + 1], axis=1)
-    everything = np.concatenate([2 * walls[0][:, ::-1], 2 * corners + 1, one, two])
-    n_surface = len(walls[0]) + len(corners)
-    beyond = np.concatenate([np.full(n_surface, SURFACE), of[partner], of[partner]])
-    beyond_shift = np.concatenate([np.zeros((n_surface, 3), np.int64), step, step])
-    columns = np.column_stack([np.repeat(base_of, 2), np.tile([0, 1], len(points)), np.repeat(shift, 2, axis=0)])
+    everything = np.concatenate([2 * walls[0][:, ::-1], 2 * walls[1] + 1, one, two])
+    n_surface = len(walls[0]) + len(walls[1])
+    columns = np.insert(np.repeat(places, 2, axis=0), 1, np.tile([0, 1], len(points)), axis=1)
     node, index = np.unique(columns, axis=0, return_inverse=True)
     both = np.moveaxis(arms, 0, 2).reshape(-1, 2, 3)
-    count = n * (int(block.max()) + 1)
-    low, high = np.full((count, 3), np.inf), np.full((count, 3), -np.inf)
+    low, high = np.full((n * count, 3), np.inf), np.full((n * count, 3), -np.inf)
     for corners, of_wall, wall in zip(walls, pieces, (0, 1), strict=True):
         for scale in reach:
             ends_of = (points + scale * both[:, wall])[corners]
@@ -267,11 +240,48 @@ def close_walls(
         cell=cell,
         low=low,
         high=high,
-        base=base,
+        base=points[first],
         arm=both[first],
         node=node,
         triangles=index.ravel()[everything],
         piece=np.concatenate([*pieces, of, of]),
-        beyond=beyond,
-        beyond_shift=beyond_shift,
+        beyond=np.concatenate([np.full(n_surface, SURFACE), beyond, beyond]),
+        beyond_shift=np.concatenate([np.zeros((n_surface, 3), np.int64), step, step]),
     )
+
+
+def _find_translates(points: Array, cell: Array, tol: float) -> tuple[IntArray, IntArray]:
+    """The first of each class of points (n, 3) that are whole cells apart, within a tolerance, and the class of each (n,)."""
+    inner = points - np.floor(points / cell) * cell
+    inner = np.where(cell - inner < tol, 0.0, inner)
+    near = cKDTree(inner, boxsize=cell).query_pairs(tol, output_type="ndarray")
+    _, first, label = np.unique(label_linked(len(points), near), return_index=True, return_inverse=True)
+    return first, label.ravel()
+
+
+def _pair_open_sides(
+    corners: IntArray, piece: IntArray, places: IntArray
+) -> tuple[IntArray, IntArray, IntArray, IntArray]:
+    """The directed sides (s, 2) of triangles (m, 3) of pieces (m,) that no triangle of the same piece has the other way.
+
+    places (n, 4): class and shift in cells of each point. Returns also the piece of each side, the piece beyond it, and the cell
+    of that seen from its own, (s, 3). TrimmingError if a side has no partner, or several.
+    """
+    base, shift = places[:, 0], places[:, 1:]
+    sides, of = directed_sides(corners), np.repeat(piece, 3)
+    ends = np.concatenate([base[sides], shift[sides[:, 1]] - shift[sides[:, 0]]], axis=1)
+    against = np.concatenate([ends[:, 1::-1], -ends[:, 2:]], axis=1)
+    start = shift[sides]
+    own, other = (np.column_stack([of, table, start[:, i]]) for i, table in ((0, ends), (1, against)))
+    _, label = np.unique(np.concatenate([own, other]), axis=0, return_inverse=True)
+    of_own, of_other = np.split(label.ravel(), 2)
+    is_open = ~np.isin(of_own, of_other)
+    sides, of, ends, against, start = sides[is_open], of[is_open], ends[is_open], against[is_open], start[is_open]
+    _, label = np.unique(np.concatenate([ends, against]), axis=0, return_inverse=True)
+    label, against_label = np.split(label.ravel(), 2)
+    order = np.argsort(label)
+    at = np.searchsorted(label[order], against_label)
+    partner = order[np.minimum(at, len(order) - 1)]
+    if len(np.unique(label)) < len(label) or (label[partner] != against_label).any():
+        raise TrimmingError("the patches of a cell do not meet their neighbours side by side")
+    return sides, of, of[partner], start[:, 0] - start[partner, 1]

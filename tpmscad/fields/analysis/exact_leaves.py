@@ -9,12 +9,14 @@ from typing import Self
 import numpy as np
 
 from tpmscad._typing import Array
-from tpmscad.fields.field import ConstantField, Field, ScaledField, SumField
+from tpmscad.fields.field import ConstantField, Field, MinMaxField, ScaledField, SumField
+from tpmscad.fields.kinds.beam_lattices import BeamsField
 from tpmscad.fields.kinds.coordinate_transforms import AffineTransformedField
 from tpmscad.fields.kinds.cores import CoreField
 from tpmscad.fields.kinds.linear_extension import LinearExtension
 from tpmscad.fields.kinds.primitive_regions import CylinderRegion, HalfSpaceRegion, SphereRegion
 from tpmscad.fields.kinds.strut_graphs import StrutsField, change_struts
+from tpmscad.fields.kinds.triangle_meshes import MeshField
 
 SIMILARITY_RTOL = 1e-12
 """Relative difference of a matrix from a rotation times a factor, up to which it is one."""
@@ -73,13 +75,13 @@ class QuadricLeaf(ExactLeaf):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class StrutLeaf(ExactLeaf):
-    """The solid of struts of one diameter on a graph."""
+    """The solid of struts on a graph."""
 
     struts: StrutsField
 
     def offset(self, distance: float) -> Self | None:
         """See `ExactLeaf`."""
-        if self.struts.radius + distance <= 0:
+        if float(self.struts.radii.min()) + distance <= 0:
             return None
         return replace(self, struts=change_struts(self.struts, distance=distance))
 
@@ -143,7 +145,12 @@ def _(field: CylinderRegion) -> Exact | None:
 
 @find_exact.register
 def _(field: StrutsField) -> Exact | None:
-    return StrutLeaf(field) if field.radii.min() == field.radii.max() else None
+    return StrutLeaf(field)
+
+
+@find_exact.register
+def _(field: BeamsField) -> Exact | None:
+    return find_exact(field.field)
 
 
 @find_exact.register
@@ -181,3 +188,15 @@ def _(field: AffineTransformedField) -> Exact | None:
     if np.abs(rotation @ rotation.T - np.eye(3)).max() > SIMILARITY_RTOL:
         return None
     return found.move(rotation, np.array(field.shift), factor).scale_values(field.factor)
+
+
+def is_of_struts(field: Field) -> bool:
+    """Whether a field is of struts and triangle meshes alone, combined and complemented; struts may be moved."""
+    match field:
+        case MeshField():
+            return True
+        case MinMaxField(first, second):
+            return is_of_struts(first) and is_of_struts(second)
+        case BeamsField(inner):
+            return is_of_struts(inner)
+    return isinstance(find_exact(field), StrutLeaf) or (isinstance(field, ScaledField) and is_of_struts(field.field))

@@ -20,11 +20,12 @@ import numpy as np
 
 from tpmscad._typing import BoolArray
 from tpmscad.fields.field import Field, MinMaxField, ScaledField, SumField, multiply_fields
+from tpmscad.fields.kinds.beam_lattices import BeamsField
 from tpmscad.fields.kinds.booleans import RoundedMinMaxField, join_extremes
 from tpmscad.fields.kinds.coordinate_transforms import AffineTransformedField
 from tpmscad.fields.kinds.linear_extension import LinearExtension
 from tpmscad.fields.kinds.primitive_regions import BoxRegion, CylinderRegion, HalfSpaceRegion
-from tpmscad.fields.kinds.strut_graphs import StrutsField, split_by_diameter
+from tpmscad.fields.kinds.strut_graphs import StrutsField, split_by_node_radius
 
 T = TypeVar("T")
 
@@ -114,7 +115,12 @@ def _(field: MinMaxField, values: bool = False) -> Field:
 
 @expose_extremes.register
 def _(field: StrutsField, values: bool = False) -> Field:
-    return join_extremes(-1, split_by_diameter(field))
+    return join_extremes(-1, split_by_node_radius(field))
+
+
+@expose_extremes.register
+def _(field: BeamsField, values: bool = False) -> Field:
+    return expose_extremes(field.field, values)
 
 
 @expose_extremes.register

@@ -12,6 +12,7 @@ import numpy as np
 
 from tpmscad._typing import Array
 from tpmscad.fields.field import ConstantField, Field, MinMaxField, ScaledField, SumField
+from tpmscad.fields.kinds.beam_lattices import BeamsField
 from tpmscad.fields.kinds.coordinate_transforms import AffineTransformedField
 from tpmscad.fields.kinds.cores import CoreField
 from tpmscad.fields.kinds.primitive_regions import BoxRegion, CylinderRegion, HalfSpaceRegion, SphereRegion
@@ -37,7 +38,7 @@ def bound_slope(field: Field, lo: Array, hi: Array) -> float:
             return bound_slope(first, lo, hi) + bound_slope(second, lo, hi)
         case MinMaxField(first, second):
             return max(bound_slope(first, lo, hi), bound_slope(second, lo, hi))
-        case ClippedField(inner):
+        case ClippedField(inner) | BeamsField(inner):
             return bound_slope(inner, lo, hi)
         case RampField(parameter, start, end, low, high, smooth):
             steepness = abs((high - low) / (end - start)) * (SMOOTH_STEP_SLOPE if smooth else 1.0)

@@ -289,9 +289,11 @@ def _require_understood(name: str, model: ThreemfModel) -> None:
             else []
         )
         what = " and ".join(held) or f"nothing of the extension {namespace or prefix!r}"
+        is_beams = namespace is not None and "beamlattice" in namespace
+        remedy = "read beams with fields.beams, or" if is_beams else "in the program that made it"
         raise InvalidRequest(
-            f"{name} holds {what}, which it requires to be understood and which is not read yet: save the shape as triangles "
-            "alone in the program that made it"
+            f"{name} holds {what}, which it requires to be understood and which is not read as triangles: {remedy} save the shape "
+            "as triangles alone"
         )
 
 

@@ -18,20 +18,21 @@ from scipy.spatial import cKDTree
 from tpmscad._compiled_loops import njit_cached
 from tpmscad._typing import Array, IntArray
 from tpmscad.api.argument_kinds import choice_of
-from tpmscad.api.public_calls import validate_call
+from tpmscad.api.public_calls import call_for_array, validate_call
 from tpmscad.api.shared_kinds import (
     ANGLE,
     CELL_COUNTS,
+    END_VALUES,
+    GRADED_THICKNESS,
     LENGTHS,
     NOT_NEGATIVE,
     PAIR_ROWS,
     POINT_ROWS,
-    POSITIVE,
-    POSITIVE_VALUES,
 )
 from tpmscad.errors import InvalidRequest, format_point
 from tpmscad.fields.field import Field
 from tpmscad.fields.kinds.coordinate_transforms import IDENTITY
+from tpmscad.fields.kinds.expressions import expression
 from tpmscad.fields.tape.evaluation import FieldJet, Triple, stack_points
 from tpmscad.memory_limit import require_memory
 from tpmscad.strut_cells import DEFAULT_ANGLE, KINDS, LARGEST_ANGLE, make_cell
@@ -54,7 +55,7 @@ STRAIGHT = 1e-9
 CHANGED_FIELDS = 64
 """Moved and offset fields that are kept: each is asked for several times, and has a grid of its own."""
 
-STRUT_DIAMETERS = POSITIVE.or_else(POSITIVE_VALUES)
+STRUT_DIAMETERS = GRADED_THICKNESS.or_else(END_VALUES)
 
 NodeRadius = Annotated[
     float,
@@ -77,13 +78,27 @@ class _NearStruts(NamedTuple):
     members: IntArray
 
 
-def _find_near(points: Array, edges: IntArray, radii: Array, margin: float) -> _NearStruts:
-    """The grid of the struts of radii (m,) between points, with a margin around these."""
-    low, high = points.min(axis=0) - margin, points.max(axis=0) + margin
-    counts = np.maximum(((high - low) / (high - low).max() * CELLS_ALONG_GRID).astype(np.int64), 1)
-    size = (high - low) / counts
-    start = points[edges[:, 0]]
-    return _NearStruts(low, size, counts, *_list_near(low, size, counts, start, points[edges[:, 1]] - start, radii))
+@njit_cached  # type: ignore[untyped-decorator]  # numba has no types
+def _nearest_part(
+    dx: float, dy: float, dz: float, ax: float, ay: float, az: float, first: float, last: float
+) -> float:  # pragma: no cover - compiled
+    """Where on the axis a = (ax, ay, az) the ball lies that is nearest to a point d, as a fraction of the axis from its start.
+
+    The radii of the balls grow along the axis from `first` to `last`; they fill a cone that touches both.
+    """
+    square = ax * ax + ay * ay + az * az
+    if square == 0.0:
+        return 0.0
+    t = (dx * ax + dy * ay + dz * az) / square
+    if first != last:
+        length = np.sqrt(square)
+        sine = (first - last) / length
+        if abs(sine) >= 1.0:  # one ball holds all others
+            return 0.0 if first > last else 1.0
+        # the normal of the cone leans against the axis by the same angle everywhere
+        away = np.sqrt(max(dx * dx + dy * dy + dz * dz - t * t * square, 0.0))
+        t -= away * sine / (np.sqrt(1.0 - sine * sine) * length)
+    return min(max(t, 0.0), 1.0)
 
 
 @njit_cached  # type: ignore[untyped-decorator]  # numba has no types
@@ -129,26 +144,42 @@ def _select_near(
         s = among[m]
         dx, dy, dz = point[0] - start[s, 0], point[1] - start[s, 1], point[2] - start[s, 2]
         ax, ay, az = along[s, 0], along[s, 1], along[s, 2]
-        t = min(max((dx * ax + dy * ay + dz * az) / (ax * ax + ay * ay + az * az), 0.0), 1.0)
-        distances[m] = np.sqrt((dx - t * ax) ** 2 + (dy - t * ay) ** 2 + (dz - t * az) ** 2) - radii[s]
+        t = _nearest_part(dx, dy, dz, ax, ay, az, radii[s, 0], radii[s, 1])
+        dx, dy, dz = dx - t * ax, dy - t * ay, dz - t * az
+        distances[m] = np.sqrt(dx * dx + dy * dy + dz * dz) - radii[s, 0] - t * (radii[s, 1] - radii[s, 0])
     return among[distances <= distances.min() + reach]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class StrutsField(Field):
-    """Distance to the struts (m, 2) between points (n, 3), less their radii (m,), or to the points, less `node_radius`."""
+    """Distance to the struts (m, 2) between points (n, 3), and to balls at the points.
+
+    radii (m, 2): of each strut at its start and its end, between which it is a cone that touches the balls of these radii. balls
+    (n,): radii at the points, at least those of the struts there.
+    """
 
     points: Array
     edges: IntArray
     radii: Array
-    node_radius: float
+    balls: Array
     near: _NearStruts
 
     @property
-    def radius(self) -> float:
-        """The radius of all struts, which must be of one."""
-        assert self.radii.min() == self.radii.max()
-        return float(self.radii[0])
+    def diameters(self) -> Array:
+        """The diameter of each strut at its start and its end, (m, 2)."""
+        return 2 * self.radii
+
+    @property
+    def is_even(self) -> bool:
+        """Whether all struts have one diameter throughout, and all balls one radius."""
+        return bool(self.radii.min() == self.radii.max() and self.balls.min() == self.balls.max())
+
+    @property
+    def node_radii(self) -> Array:
+        """The radius (n,) of all ends of struts at each point, which must be of one there."""
+        found = greatest_radii(len(self.points), self.edges, self.radii)
+        assert np.array_equal(found[self.edges], self.radii)
+        return found
 
     def at(self, x: Array, y: Array, z: Array) -> Array:
         """Values at coordinates that broadcast."""
@@ -157,14 +188,9 @@ class StrutsField(Field):
     def jet(self, x: Array, y: Array, z: Array) -> FieldJet:
         """Value and partial derivatives at coordinates that broadcast; on an axis the gradient is a unit vector across."""
         points, shape = stack_points(x, y, z)
-        start = self.points[self.edges[:, 0]]
         values, gradients = _measure_struts(
             np.ascontiguousarray(points),
-            start,
-            self.points[self.edges[:, 1]] - start,
-            self.points,
-            self.radii,
-            self.node_radius,
+            *_list_parts(self.points, self.edges, self.radii, self.balls),
             *self.near,
         )
         gx, gy, gz = (gradients[:, axis].reshape(shape) for axis in range(3))
@@ -176,14 +202,30 @@ class StrutsField(Field):
         return f"StrutsField({len(self.points)} points, {len(self.edges)} struts, {diameter})"
 
 
+def _list_parts(points: Array, edges: IntArray, radii: Array, balls: Array) -> tuple[Array, Array, Array]:
+    """Starts (k, 3), vectors (k, 3) and radii at both ends (k, 2) of struts, and of the balls that are larger than their ends."""
+    more = np.flatnonzero(balls > greatest_radii(len(points), edges, radii))
+    start = points[edges[:, 0]]
+    return (
+        np.concatenate([start, points[more]]),
+        np.concatenate([points[edges[:, 1]] - start, np.zeros((len(more), 3))]),
+        np.concatenate([radii, np.column_stack([balls[more], balls[more]])]),
+    )
+
+
+def greatest_radii(count: int, edges: IntArray, radii: Array) -> Array:
+    """The greatest radius of the ends of struts at each of so many points."""
+    ends = np.zeros(count)
+    np.maximum.at(ends, edges, radii)
+    return ends
+
+
 @njit_cached  # type: ignore[untyped-decorator]  # numba has no types
 def _measure_struts(
     points: Array,
     start: Array,
     along: Array,
-    nodes: Array,
     radii: Array,
-    node_radius: float,
     low: Array,
     size: Array,
     counts: IntArray,
@@ -192,7 +234,6 @@ def _measure_struts(
 ) -> tuple[Array, Array]:
     """Values (n,) and gradients (n, 3) at points (n, 3)."""
     values, gradients = np.empty(len(points)), np.zeros((len(points), 3))
-    thinnest = radii.min()
     for k in range(len(points)):
         x, y, z = points[k, 0], points[k, 1], points[k, 2]
         best, distance, nearest = np.inf, 0.0, -1
@@ -206,43 +247,28 @@ def _measure_struts(
             s = members[each] if within else each
             dx, dy, dz = x - start[s, 0], y - start[s, 1], z - start[s, 2]
             ax, ay, az = along[s, 0], along[s, 1], along[s, 2]
-            t = min(max((dx * ax + dy * ay + dz * az) / (ax * ax + ay * ay + az * az), 0.0), 1.0)
+            t = _nearest_part(dx, dy, dz, ax, ay, az, radii[s, 0], radii[s, 1])
             dx, dy, dz = dx - t * ax, dy - t * ay, dz - t * az
             length = np.sqrt(dx * dx + dy * dy + dz * dz)
-            if length - radii[s] < best:
-                best, distance, nearest = length - radii[s], length, s
+            value = length - radii[s, 0] - t * (radii[s, 1] - radii[s, 0])
+            if value < best:
+                best, distance, nearest = value, length, s
                 gradients[k, 0], gradients[k, 1], gradients[k, 2] = dx, dy, dz
         values[k] = best
-        if node_radius > thinnest:
-            best = np.inf
-            node = 0
-            for n in range(len(nodes)):
-                dx, dy, dz = x - nodes[n, 0], y - nodes[n, 1], z - nodes[n, 2]
-                square = dx * dx + dy * dy + dz * dz
-                if square < best:
-                    best, node = square, n
-            if np.sqrt(best) - node_radius < values[k]:
-                distance = np.sqrt(best)
-                values[k] = distance - node_radius
-                gradients[k, 0], gradients[k, 1], gradients[k, 2] = (
-                    x - nodes[node, 0],
-                    y - nodes[node, 1],
-                    z - nodes[node, 2],
-                )
         if distance > 0:
             for c in range(3):
                 gradients[k, c] /= distance
         else:  # any unit vector across
+            axis = along[nearest]
+            length = np.sqrt((axis**2).sum())
             least = 0
             for c in range(1, 3):
-                if abs(along[nearest, c]) < abs(along[nearest, least]):
+                if abs(axis[c]) < abs(axis[least]):
                     least = c
-            length = np.sqrt((along[nearest] ** 2).sum())
-            part = along[nearest, least] / length
+            part = axis[least] / length if length > 0 else 0.0
             for c in range(3):
-                gradients[k, c] = ((1.0 if c == least else 0.0) - part * along[nearest, c] / length) / np.sqrt(
-                    1 - part * part
-                )
+                tilt = part * axis[c] / length if length > 0 else 0.0
+                gradients[k, c] = ((1.0 if c == least else 0.0) - tilt) / np.sqrt(1 - part * part)
     return values, gradients
 
 
@@ -251,7 +277,10 @@ def struts(
     points: Annotated[Any, POINT_ROWS, "Nodes (n, 3), model units."],
     edges: Annotated[Any, PAIR_ROWS, "The two nodes of each strut, by their numbers from 0: (m, 2)."],
     diameter: Annotated[
-        float | Any, STRUT_DIAMETERS, "Diameter of all struts, or a sequence (m,) of one for each edge, model units."
+        float | Any,
+        STRUT_DIAMETERS,
+        "Diameter, model units: of all struts, of each edge (m,), or at both ends of each (m, 2), between which it is a cone; or "
+        "a function of points (n, 3), a field, or a formula of x, y and z, asked at the nodes.",
     ],
     node_radius: NodeRadius = 0.0,
 ) -> StrutsField:
@@ -270,8 +299,9 @@ def struts(
 
     Notes
     -----
-    `tpmscad.solidify` and `tpmscad.infill` make exact solids of cylinders and balls of it. Struts of each diameter are one
-    operand there, which is cut by the others; balls at nodes are for struts of one diameter.
+    `tpmscad.solidify` and `tpmscad.infill` make exact solids of it, of cylinders, of cones that touch the balls at both ends, and
+    of balls. Struts that have one radius in each node are one operand there, which is cut by the others. Solids are refused where
+    struts touch outside their nodes; `infill_triangles` and `infill_layers` take them.
 
     Examples
     --------
@@ -303,23 +333,50 @@ def struts(
         again = int(np.setdiff1d(np.arange(len(edges)), first)[0])
         i, j = edges[again].tolist()
         raise InvalidRequest(f"edge {again} joins nodes {i} and {j} once more: give each strut once")
-    diameters = np.asarray(diameter, float)
+    diameters = _grade_diameters(diameter, points)[edges] if _is_graded(diameter) else np.asarray(diameter, float)
     if diameters.ndim and len(diameters) != len(edges):
         raise InvalidRequest(
-            f"diameter has {len(diameters)} values for {len(edges)} edges: give one number, or one for each edge"
+            f"diameter has {len(diameters)} values for {len(edges)} edges: give one number, one for each edge, or a pair"
         )
-    radii = np.broadcast_to(diameters / 2, len(edges)).copy()
+    radii = np.broadcast_to(diameters[:, None] / 2 if diameters.ndim == 1 else diameters / 2, (len(edges), 2)).copy()
+    turned = edges[:, 0] > edges[:, 1]
+    radii[turned] = radii[turned][:, ::-1]
     if node_radius <= radii.min():
         ordered, radii = _join_straight(points, ordered, radii)
-    return _make_field(points, ordered, radii, node_radius)
+    return build_struts(points, ordered, radii, np.full(len(points), float(node_radius)))
 
 
-def _make_field(points: Array, edges: IntArray, radii: Array, node_radius: float) -> StrutsField:
-    """The field of struts and the points that they reach."""
+def _is_graded(diameter: Any) -> bool:
+    """Whether a diameter is a function of the place."""
+    return callable(diameter) or isinstance(diameter, str)
+
+
+def _grade_diameters(diameter: Any, points: Array) -> Array:
+    """The diameters (n,) at nodes (n, 3) by a function, a field or a formula; InvalidRequest where one is not positive."""
+    found = call_for_array("diameter", expression(diameter) if isinstance(diameter, str) else diameter, points)
+    if found.shape != (len(points),):
+        raise InvalidRequest(
+            f"diameter returned an array of shape {found.shape} for {len(points)} nodes: give one for each"
+        )
+    wrong = np.flatnonzero(~(found > 0) | ~np.isfinite(found))
+    if len(wrong):
+        place = format_point(points[wrong[0]], 5)
+        raise InvalidRequest(f"diameter is {found[wrong[0]]:g} at the node {place}, and must be positive at all nodes")
+    return found
+
+
+def build_struts(points: Array, edges: IntArray, radii: Array, balls: Array) -> StrutsField:
+    """The field of struts with radii (m, 2) at their ends and balls of at least the radii (n,), and of the points they reach."""
     used, numbers = np.unique(edges, return_inverse=True)
-    points, edges, node_radius = points[used], numbers.reshape(-1, 2), max(node_radius, float(radii.min()))
-    margin = 2 * max(node_radius, float(radii.max()))
-    return StrutsField(points, edges, radii, node_radius, _find_near(points, edges, radii, margin))
+    points, edges = points[used], numbers.reshape(-1, 2)
+    balls = np.maximum(balls[used], greatest_radii(len(points), edges, radii))
+    margin = 2 * float(balls.max())
+    low, high = points.min(axis=0) - margin, points.max(axis=0) + margin
+    counts = np.maximum(((high - low) / (high - low).max() * CELLS_ALONG_GRID).astype(np.int64), 1)
+    size = (high - low) / counts
+    parts = _list_parts(points, edges, radii, balls)
+    near = _NearStruts(low, size, counts, *_list_near(low, size, counts, *parts))
+    return StrutsField(points, edges, radii, balls, near)
 
 
 @lru_cache(maxsize=CHANGED_FIELDS)
@@ -333,7 +390,7 @@ def change_struts(
     """The struts with nodes at matrix p + shift, their radii and that of the balls times a factor and greater by a distance."""
     points = field.points @ np.array(matrix).T + np.array(shift)
     radii = factor * field.radii + distance
-    return _make_field(points, field.edges, radii, factor * field.node_radius + distance)
+    return build_struts(points, field.edges, radii, factor * field.balls + distance)
 
 
 def map_struts(field: StrutsField, function: Callable[[Array], Array]) -> StrutsField:
@@ -345,32 +402,60 @@ def map_struts(field: StrutsField, function: Callable[[Array], Array]) -> Struts
     _, number = connected_components(links, directed=False)
     _, first = np.unique(number, return_index=True)
     edges, kept = np.unique(np.sort(number[field.edges], axis=1), axis=0, return_index=True)
-    return _make_field(points[first], edges, field.radii[kept], field.node_radius)
+    balls = np.zeros(len(first))
+    np.maximum.at(balls, number, field.balls)
+    return build_struts(points[first], edges, field.radii[kept], balls)
 
 
-def split_by_diameter(field: StrutsField) -> list[StrutsField]:
-    """Fields of struts of one diameter each, thin ones first, whose minimum is the field."""
-    if field.radii.min() == field.radii.max():
+def split_by_node_radius(field: StrutsField) -> list[StrutsField]:
+    """Fields whose minimum is the field, in each of which all struts that meet in a point have one radius there.
+
+    Struts that have the same radius where they meet stay together. InvalidRequest if these are linked so that one set has two
+    radii in one point.
+    """
+    ends = greatest_radii(len(field.points), field.edges, field.radii)
+    balls = np.where(field.balls > ends, field.balls, 0.0)
+    if np.array_equal(ends[field.edges], field.radii):
         return [field]
-    return [
-        _make_field(
-            field.points, field.edges[field.radii == radius], field.radii[field.radii == radius], field.node_radius
-        )
-        for radius in np.unique(field.radii)
-    ]
+    keys = np.column_stack([field.edges.ravel(), field.radii.ravel()])
+    joints, joint = np.unique(keys, axis=0, return_inverse=True)
+    start, end = joint.reshape(-1, 2).T
+    links = coo_array((np.ones(len(start)), (start, end)), shape=(len(joints),) * 2)
+    count, label = connected_components(links, directed=False)
+    points_of: list[set[int]] = [set() for _ in range(count)]
+    for (point, radius), own in zip(joints.tolist(), label.tolist(), strict=True):
+        if int(point) in points_of[own]:
+            place = format_point(field.points[int(point)], 5)
+            raise InvalidRequest(
+                f"struts of two diameters, one of them {2 * radius:g}, meet near {place}, and struts that have one diameter "
+                "where they meet link them: give all there one diameter, or make triangles or layers"
+            )
+        points_of[own].add(int(point))
+    sets: list[tuple[set[int], list[int]]] = []
+    for own in sorted(range(count), key=lambda k: -len(points_of[k])):
+        for taken, members in sets:
+            if taken.isdisjoint(points_of[own]):
+                taken |= points_of[own]
+                members.append(own)
+                break
+        else:
+            sets.append((set(points_of[own]), [own]))
+    of_edge = label[start]
+    chosen = [np.isin(of_edge, members) for _, members in sets]
+    return [build_struts(field.points, field.edges[own], field.radii[own], balls) for own in chosen]
 
 
 def _join_straight(points: Array, edges: IntArray, radii: Array) -> tuple[IntArray, Array]:
-    """The edges and radii with one in place of two equal ones that continue each other at a node without others."""
-    at: dict[int, dict[int, float]] = {}
-    for (i, j), radius in zip(edges.tolist(), radii.tolist(), strict=True):
-        at.setdefault(i, {})[j] = radius
-        at.setdefault(j, {})[i] = radius
+    """The edges and radii with one in place of two equal cylinders that continue each other at a node without others."""
+    at: dict[int, dict[int, tuple[float, float]]] = {}
+    for (i, j), (first, last) in zip(edges.tolist(), radii.tolist(), strict=True):
+        at.setdefault(i, {})[j] = first, last
+        at.setdefault(j, {})[i] = last, first
     for node in list(at):
         if len(at[node]) != 2:
             continue
         i, j = sorted(at[node])
-        if at[node][i] != at[node][j]:
+        if len({*at[node][i], *at[node][j]}) > 1:
             continue
         back, on = points[i] - points[node], points[j] - points[node]
         cross = np.linalg.norm(np.cross(back, on))
@@ -385,7 +470,12 @@ def _join_straight(points: Array, edges: IntArray, radii: Array) -> tuple[IntArr
 def strut_lattice(
     structure: Annotated[str, choice_of(*KINDS), "Kind of cell."],
     cell: Annotated[float | Sequence[float], LENGTHS, "Edge length of the cell, or one for each axis, model units."],
-    diameter: Annotated[float, POSITIVE, "Diameter of the struts, model units."],
+    diameter: Annotated[
+        float | str | Callable[[Array], Array],
+        GRADED_THICKNESS,
+        "Diameter of the struts, model units; or a function of points (n, 3), a field, or a formula of x, y and z, asked at the "
+        "nodes, between which struts are cones.",
+    ],
     cells: Annotated[int | Sequence[int], CELL_COUNTS, "Number of cells along every axis, or along each."] = (1, 1, 1),
     node_radius: NodeRadius = 0.0,
     angle: Annotated[float, ANGLE, "Degrees by which struts of `re-entrant` lean inwards, up to 30."] = DEFAULT_ANGLE,

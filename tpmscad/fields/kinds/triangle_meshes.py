@@ -115,7 +115,11 @@ def mesh(
     >>> round(float(octahedron((3.0, 3.0, 3.0))), 2)
     2.31
     """
-    found = read_triangle_mesh(source)
+    return interpolate_mesh(read_triangle_mesh(source), spacing)
+
+
+def interpolate_mesh(found: TriangleMesh, spacing: float | None = None) -> MeshField:
+    """The signed distance of a closed mesh as a smooth field, sampled at a spacing, or at one that is chosen."""
     tree = build_triangle_tree(found.vertices, found.triangles)
     size = float(np.ptp(found.vertices, axis=0).max())
     grid, notes = (_Grid(found, tree, spacing), ()) if spacing is not None else _choose_grid(found, tree, size)

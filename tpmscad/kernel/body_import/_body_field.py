@@ -9,22 +9,19 @@ from dataclasses import dataclass
 from typing import Annotated, Any
 
 import numpy as np
-from OCP.BRepBuilderAPI import BRepBuilderAPI_MakeVertex
-from OCP.BRepExtrema import BRepExtrema_DistShapeShape
-from OCP.gp import gp_Pnt
 from OCP.TopoDS import TopoDS_Face, TopoDS_Solid
 
 from tpmscad._typing import Array
 from tpmscad.api.public_calls import validate_call
 from tpmscad.api.shared_kinds import POSITIVE, SHAPE
-from tpmscad.errors import InvalidRequest, KernelError
+from tpmscad.errors import InvalidRequest
 from tpmscad.fields.field import Field
 from tpmscad.fields.kinds.sampled_data import SampledField, interpolate_samples
 from tpmscad.fields.tape.evaluation import FieldJet, stack_points
 from tpmscad.kernel.body_import.cad_body import CadBody, read_body
 from tpmscad.kernel.measure.shape_sampling import contains_points
+from tpmscad.kernel.measure.skin_depth import SkinDepth
 from tpmscad.kernel.occt.bounding_boxes import enclosing_box
-from tpmscad.kernel.occt.construction import make_compound
 from tpmscad.kernel.occt.exploration import faces_of
 
 TABLE_MARGIN_SPACINGS = 2.0
@@ -71,15 +68,7 @@ class BodyDistance(Field):
 
     def _distances(self, points: Array) -> tuple[Array, Array]:
         """Signed distances (n,) and foot points (n, 3) of points (n, 3)."""
-        measure = BRepExtrema_DistShapeShape()
-        measure.LoadS2(make_compound(self.faces))
-        value, feet = np.empty(len(points)), np.empty((len(points), 3))
-        for i, (x, y, z) in enumerate(points.tolist()):
-            at = gp_Pnt(x, y, z)
-            measure.LoadS1(BRepBuilderAPI_MakeVertex(at).Vertex())
-            if not measure.Perform():
-                raise KernelError("distance to the body", f"no foot point for ({x:g}, {y:g}, {z:g})", self.solid)
-            value[i], feet[i] = measure.Value(), measure.PointOnShape2(1).Coord()
+        value, feet = SkinDepth(self.solid, self.faces).find_feet(points)
         within = np.flatnonzero(((points > self.low) & (points < self.high)).all(axis=1))
         inside = within[contains_points(self.solid, points[within], value[within])]
         value[inside] = -value[inside]

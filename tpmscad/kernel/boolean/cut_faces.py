@@ -41,22 +41,15 @@ ON_BODY_TOL = 1e-5
 splits; skins are many times as thick."""
 
 
-def label_cut_solids(
-    solids: Sequence[Any], placements: Sequence[Brep], body: CadBody, *, has_skin: bool = False
-) -> OcctSolids:
-    """Solids that the kernel made of a lattice's patches and a body, with the label of each face.
-
-    placements: the patches as they lie in the solids, several where the lattice was moved differently for parts of the body.
-    """
+def label_cut_solids(solids: Sequence[Any], patches: Brep, body: CadBody, *, has_skin: bool = False) -> OcctSolids:
+    """Solids that the kernel made of a lattice's patches and a body, with the label of each face."""
     counts = [len(faces_of(solid)) for solid in solids]
     faces = [face for solid in solids for face in faces_of(solid)]
     points, names = interior_points(faces), body.face_labels
     labels = [""] * len(faces)
     splines = [i for i, face in enumerate(faces) if _is_b_spline(face)]
-    for patches in placements:
-        sought = [i for i in splines if not labels[i]]
-        for i, tag in zip(sought, find_patch_tags(patches, points[sought]), strict=True):
-            labels[i] = "" if tag is None else LABEL_OF_TAG.get(tag, tag)
+    for i, tag in zip(splines, find_patch_tags(patches, points[splines]), strict=True):
+        labels[i] = "" if tag is None else LABEL_OF_TAG.get(tag, tag)
     others = [i for i, label in enumerate(labels) if not label]
     owners = find_body_faces([faces[i] for i in others], points[others], faces_of(body.shape))
     for i, owner in zip(others, owners.tolist(), strict=True):

@@ -1,4 +1,4 @@
-"""Open faces of a body, the inner faces of its skin, and the subtraction of voids that only the kernel knows."""
+"""Open faces of a body, the faces of what is deeper than its skin, and the subtraction of voids that only the kernel knows."""
 
 from __future__ import annotations
 
@@ -10,16 +10,15 @@ import numpy as np
 from OCP.BRep import BRep_Tool
 from OCP.BRepClass import BRepClass_FaceClassifier
 from OCP.BRepClass3d import BRepClass3d
-from OCP.Geom import Geom_ElementarySurface, Geom_Plane
-from OCP.TopAbs import TopAbs_OUT, TopAbs_SHELL, TopAbs_VERTEX
-from OCP.TopoDS import TopoDS_Face, TopoDS_Shape, TopoDS_Solid
+from OCP.Geom import Geom_Plane
+from OCP.TopAbs import TopAbs_OUT, TopAbs_SHELL
+from OCP.TopoDS import TopoDS_Face, TopoDS_Solid
 
 from tpmscad.brep.carriers import Plane
 from tpmscad.errors import InvalidRequest, format_point
 from tpmscad.kernel.body_import.cad_body import CadBody
 from tpmscad.kernel.boolean.boolean_operations import sort_by_volume, subtract_solid
-from tpmscad.kernel.measure.shape_sampling import sample_edge, sample_faces
-from tpmscad.kernel.measure.skin_depth import SkinDepth
+from tpmscad.kernel.measure.shape_sampling import sample_edge
 from tpmscad.kernel.occt import convert
 from tpmscad.kernel.occt.construction import make_solid
 from tpmscad.kernel.occt.exploration import ShapeKey, edges_of, faces_of, list_subshapes, orientation_sign, unwrap
@@ -86,47 +85,15 @@ def resolve_open_faces(body: CadBody, faces: Iterable[Any], name: str = "open_fa
     return tuple(found)
 
 
-def find_skin_faces(
-    voids: Sequence[TopoDS_Solid], inner: Sequence[CadBody], open_faces: Sequence[TopoDS_Face]
-) -> list[TopoDS_Face]:
-    """The faces of the voids that lie on the boundary of the offset bodies, without those in open faces.
-
-    On planes and quadrics they are known by their surfaces, since those of a lattice are splines; among splines the distance
-    of their vertices and of a point inside them from the offset bodies decides.
-    """
+def find_skin_faces(parts: Sequence[TopoDS_Solid], open_faces: Sequence[TopoDS_Face]) -> list[TopoDS_Face]:
+    """The faces of the parts of a body deeper than its skin, without those in open faces."""
     planes = [outward_plane(face) for face in open_faces]
-    free_form = [f for body in inner for f in faces_of(body.shape) if _is_spline(f)]
-    near = _NearFaces(SkinDepth(inner[0].shape, free_form)) if free_form else None
-    found = []
-    for face in (face for void in voids for face in faces_of(void)):
-        if any(_is_in_opening(face, plane, of) for plane, of in zip(planes, open_faces, strict=True)):
-            continue
-        if not _is_spline(face) or (near is not None and near.holds(face)):
-            found.append(face)
-    return found
-
-
-class _NearFaces:
-    """Whether faces lie on others to OPENING_TOL; vertices that faces share are measured once."""
-
-    def __init__(self, depth: SkinDepth) -> None:
-        self.depth = depth
-        self._vertices: dict[ShapeKey, bool] = {}
-
-    def holds(self, face: TopoDS_Face) -> bool:
-        """Whether all vertices of a face, and a point inside it, lie on the others."""
-        if not all(self._is_near(vertex) for vertex in list_subshapes(face, TopAbs_VERTEX)):
-            return False
-        points = sample_faces([face], np.inf).points[:1]
-        return len(points) > 0 and bool(self.depth.distances(points)[0] < OPENING_TOL)
-
-    def _is_near(self, vertex: TopoDS_Shape) -> bool:
-        key = ShapeKey(vertex)
-        if key not in self._vertices:
-            tolerance = max(OPENING_TOL, BRep_Tool.Tolerance_s(convert.as_vertex(vertex)))
-            at = np.array([BRep_Tool.Pnt_s(convert.as_vertex(vertex)).Coord()])
-            self._vertices[key] = bool(self.depth.distances(at)[0] < tolerance)
-        return self._vertices[key]
+    return [
+        face
+        for part in parts
+        for face in faces_of(part)
+        if not any(_is_in_opening(face, plane, of) for plane, of in zip(planes, open_faces, strict=True))
+    ]
 
 
 def count_closed_cavities(body: CadBody, open_faces: Sequence[TopoDS_Face]) -> int:
@@ -139,11 +106,6 @@ def count_closed_cavities(body: CadBody, open_faces: Sequence[TopoDS_Face]) -> i
 def is_plane(face: TopoDS_Face) -> bool:
     """Whether the kernel's surface of a face is a plane."""
     return isinstance(BRep_Tool.Surface_s(face), Geom_Plane)
-
-
-def _is_spline(face: TopoDS_Face) -> bool:
-    """Whether the face lies on neither a plane nor a quadric."""
-    return not isinstance(BRep_Tool.Surface_s(face), Geom_Plane | Geom_ElementarySurface)
 
 
 def _shells(solid: TopoDS_Solid) -> list[Any]:

@@ -16,8 +16,9 @@ from OCP.TopoDS import TopoDS_Edge, TopoDS_Face
 
 from tpmscad._typing import Array, BoolArray, IntArray
 from tpmscad.brep.boundary_representation import Brep, drop_unused_geometry, join_breps, select_faces
-from tpmscad.brep.face_classes import group_congruent_faces
+from tpmscad.brep.face_classes import group_congruent_faces, group_translated_faces
 from tpmscad.brep.linked_items import label_linked
+from tpmscad.brep.triangles.height_extrema import divide_at_extrema
 from tpmscad.brep.triangles.measured_deviation import bound_chords, divide_curves
 from tpmscad.index_ranges import expand_ranges
 from tpmscad.kernel.build.edges import straight_edges
@@ -151,11 +152,14 @@ def _is_turned(face: TopoDS_Face) -> bool:
     return bool((orientation_sign(face) < 0) != (np.linalg.det(matrix[:, :3]) < 0))
 
 
-def outline_built_solids(built: Sequence[BrepSolids], resolution: float) -> FaceOutlines:
-    """The faces of solids that were built from arrays; one of each class of congruent faces becomes a face of OCCT."""
+def outline_built_solids(built: Sequence[BrepSolids], resolution: float, *, upright: bool = False) -> FaceOutlines:
+    """The faces of solids that were built from arrays; one of each class of congruent faces becomes a face of OCCT.
+
+    upright: whether the faces of a class are translated copies only.
+    """
     brep, number = _share_items([of.brep for of in built])
     faces, uses = brep.faces, brep.uses
-    classes = group_congruent_faces(brep, resolution)
+    classes = (group_translated_faces if upright else group_congruent_faces)(brep, resolution)
     start = np.append(faces.use_start[faces.loop_start[:-1]], len(uses))
     source = classes.first[classes.label]
     face, other = expand_ranges(start[source], start[source + 1])
@@ -249,8 +253,13 @@ def _share_items(breps: Sequence[Brep]) -> tuple[Brep, IntArray]:
     return select_faces(brep, np.array(first_of)), np.array(number)
 
 
-def divide_edges(outlines: FaceOutlines, deviation: float, angle: float, least: IntArray) -> EdgeDivision:
-    """The nodes of edges, divided alike where congruent faces use them; `least` (e,) chords or more."""
+def divide_edges(
+    outlines: FaceOutlines, deviation: float, angle: float, least: IntArray, extremum_tol: float | None = None
+) -> EdgeDivision:
+    """The nodes of edges, divided alike where congruent faces use them; `least` (e,) chords or more.
+
+    extremum_tol: where the height exceeds that of both neighbours by more, there is a node, too.
+    """
     own, curves = outlines.own_edges, outlines.curves
     label, against = _link_edges(outlines)
     turned = label > against
@@ -261,7 +270,10 @@ def divide_edges(outlines: FaceOutlines, deviation: float, angle: float, least: 
     span = np.array([BRep_Tool.Range_s(outlines.edges[e]) for e in own.tolist()]).reshape(-1, 2)
     limit = np.full(len(first), EDGE_FRACTION * deviation)
     symmetric = (label == against)[own[first]]
-    shares = divide_curves(curves.select(first), span[first], limit, angle, needed, symmetric)
+    distinct = curves.select(first)
+    shares = divide_curves(distinct, span[first], limit, angle, needed, symmetric)
+    if extremum_tol is not None:
+        shares = divide_at_extrema(distinct, span[first], shares, extremum_tol)
     reverse = turned != turned[own[first]][klass]
     chords = np.array([len(each) - 1 for each in shares], np.int64)[klass]
     before = len(outlines.points) + np.cumsum(chords - 1) - (chords - 1)

@@ -16,7 +16,6 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from OCP.TopoDS import TopoDS_Edge, TopoDS_Face
 
 from tpmscad._typing import Array, BoolArray, IntArray
 from tpmscad.brep.linked_items import label_linked
@@ -47,7 +46,7 @@ from tpmscad.kernel.occt.exploration import (
     solids_of,
     unwrap,
 )
-from tpmscad.kernel.occt.geometry_evaluators import face_evaluator, pack_surfaces
+from tpmscad.kernel.occt.geometry_evaluators import SurfaceTable, face_evaluator, pack_surfaces
 from tpmscad.memory_limit import require_memory
 
 MAX_REFINEMENTS = 3
@@ -70,34 +69,6 @@ LEAST_DEFLECTION = 1e-5
 
 BYTES_PER_TRIANGLE = 250
 """Memory taken at the peak for each triangle, as measured."""
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class EdgeSegments:
-    """Chords between neighbouring nodes of edges: number of the edge (s,), both nodes (s, 2), their curve parameters (s, 2)."""
-
-    edge: IntArray
-    nodes: IntArray
-    parameters: Array
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class ParametricMesh:
-    """A closed mesh of a solid that knows where its corners lie on faces and edges.
-
-    mesh: also with triangles that a degenerate edge collapses to a line in space. faces: of the solid, in the order in which the
-    mesh numbers them. nodes: of the corners as each face numbers its own, before they are welded, (m, 3). uv: parameters of the
-    corners on the face, (m, 3, 2). segment: of each side of a triangle, from corner k to k + 1, the number of the edge segment
-    that it is, or -1 inside a face, (m, 3). edges: all but degenerate ones.
-    """
-
-    mesh: SolidMesh
-    faces: tuple[TopoDS_Face, ...]
-    nodes: IntArray
-    uv: Array
-    segment: IntArray
-    edges: tuple[TopoDS_Edge, ...]
-    segments: EdgeSegments
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -131,7 +102,7 @@ def measure_meshes(
     else:
         outlines = explore_faces([faces_of(solid) for solid in solids_of(unwrap(source))])
     for attempt in range(MAX_REFINEMENTS + 1):
-        triangulation = _triangulate(outlines, deviation / 2**attempt, angle, deviation)
+        triangulation = triangulate_outlines(outlines, deviation / 2**attempt, angle, deviation)
         expanded = triangulation.expand(outlines)
         reached = triangulation.reached + expanded.gap
         if outlines.motion is not None and triangulation.reached <= deviation < reached:
@@ -151,43 +122,16 @@ def measure_meshes(
     raise KernelError("triangulate", what, outlines.sources[triangulation.worst] if outlines.sources else None)
 
 
-def mesh_parametrically(shape: Any, deviation: float, angle: float) -> tuple[ParametricMesh, ...]:
-    """A mesh of each solid with parameters on faces and edges; chords of edges keep the deviation, triangles about do.
-
-    Raises KernelError if OCCT cannot close a mesh.
-    """
-    topods = unwrap(shape)
-    solids = [faces_of(solid) for solid in solids_of(topods)]
-    meshes = _mesh_groups(solids, deviation, angle)
-    if not meshes or any(count_open_sides(_drop_collapsed(each.mesh).triangles) for each in meshes):
-        raise KernelError(
-            "triangulate", f"no closed mesh within {deviation:g} of the faces: try another deviation", topods
-        )
-    return meshes
-
-
-def mesh_faces(faces: Sequence[TopoDS_Face], deviation: float, angle: float) -> list[ParametricMesh]:
-    """As `mesh_parametrically`, a mesh of each face by itself, which is open at the edges of the face only."""
-    return list(_mesh_groups([[face] for face in faces], deviation, angle))
-
-
-def _mesh_groups(groups: Sequence[Sequence[TopoDS_Face]], deviation: float, angle: float) -> tuple[ParametricMesh, ...]:
-    """The triangulated faces of each group as one mesh."""
-    outlines = explore_faces(groups)
-    found = _triangulate(outlines, deviation, angle, None)
-    expanded = found.expand(outlines)
-    return tuple(_collect_parametrically(number, outlines, found, expanded) for number in range(len(groups)))
-
-
 @dataclass(frozen=True, slots=True, eq=False)
-class _Triangulation:
+class FaceTriangulation:
     """Triangles of the representatives, their nodes sorted by these, with the nodes along each use of an edge and at poles.
 
-    begin: where the nodes of each begin, and their number. reached: greatest distance of triangles from faces and of chords from
-    edges. worst: the representative with the greatest distance.
+    surfaces: of the representatives. begin: where the nodes of each begin, and their number. reached: greatest distance of
+    triangles from faces and of chords from edges. worst: the representative with the greatest distance.
     """
 
     mesh: FaceTriangles
+    surfaces: SurfaceTable
     begin: IntArray
     lines: list[list[IntArray]]
     poles: list[list[tuple[IntArray, int]]]
@@ -262,10 +206,17 @@ class _ExpandedTriangles:
     gap: float
 
 
-def _triangulate(outlines: FaceOutlines, deviation: float, angle: float, limit: float | None) -> _Triangulation:
+def triangulate_outlines(
+    outlines: FaceOutlines,
+    deviation: float,
+    angle: float,
+    limit: float | None = None,
+    extremum_tol: float | None = None,
+) -> FaceTriangulation:
     """Triangles of the representatives, halved as far as that helps them to keep `limit`, if one is given.
 
-    Where OCCT finds loops of chords that cross, or leaves a face without triangles, edges are divided further.
+    extremum_tol: see `divide_edges`. Where OCCT finds loops of chords that cross, or leaves a face without triangles, edges are
+    divided further.
     """
     every = range(len(outlines.sources))
     least = count_least_chords(outlines)
@@ -274,7 +225,7 @@ def _triangulate(outlines: FaceOutlines, deviation: float, angle: float, limit: 
     deflection = np.maximum(deflection, LEAST_DEFLECTION * size)
     due, found, used = list(every), dict[int, FaceMesh](), dict[int, IntArray]()
     for _ in range(MAX_REFINEMENTS + 1):
-        division = divide_edges(outlines, deviation, angle, least)
+        division = divide_edges(outlines, deviation, angle, least, extremum_tol)
         due = [r for r in every if r in due or (division.chords[outlines.uses_of(r)] != used[r]).any()]
         used |= {r: division.chords[outlines.uses_of(r)] for r in due}
         lines = {r: [division.placed[e] for e in outlines.uses_of(r).tolist()] for r in due}
@@ -304,7 +255,7 @@ def _join(
     division: EdgeDivision,
     meshes: list[FaceMesh],
     limit: float | None,
-) -> _Triangulation:
+) -> FaceTriangulation:
     """The triangles of all representatives as one, halved until they keep the limit."""
     surfaces = pack_surfaces([face_evaluator(face) for face in outlines.sources])
     sizes = [len(mesh.uv) for mesh in meshes]
@@ -330,7 +281,7 @@ def _join(
     bound = np.zeros(len(meshes))
     if limit is not None:
         whole, bound = refine_triangles(whole, surfaces, len(meshes), limit)
-    return _sort_nodes(whole, begin, lines, poles, division, bound)
+    return _sort_nodes(whole, surfaces, begin, lines, poles, division, bound)
 
 
 def _find_pole(points: Array, nodes: IntArray, at_vertex: dict[ShapeKey, int]) -> int:
@@ -341,12 +292,13 @@ def _find_pole(points: Array, nodes: IntArray, at_vertex: dict[ShapeKey, int]) -
 
 def _sort_nodes(
     mesh: FaceTriangles,
+    surfaces: SurfaceTable,
     begin: IntArray,
     lines: list[list[IntArray]],
     poles: list[list[tuple[IntArray, int]]],
     division: EdgeDivision,
     bound: Array,
-) -> _Triangulation:
+) -> FaceTriangulation:
     """The triangulation with its nodes face by face, those that halving has added behind the others of their face."""
     owner = np.zeros(len(mesh.points), np.int64)
     owner[mesh.triangles] = mesh.face[:, None]
@@ -355,8 +307,9 @@ def _sort_nodes(
     number = np.empty(len(order), np.int64)
     number[order] = np.arange(len(order))
     limits = np.searchsorted(owner[order], np.arange(len(begin)))
-    return _Triangulation(
+    return FaceTriangulation(
         FaceTriangles(mesh.points[order], mesh.uv[order], number[mesh.triangles], mesh.face, mesh.twin),
+        surfaces,
         limits,
         [[number[line] for line in own] for own in lines],
         [[(number[nodes], int(number[node])) for nodes, node in own] for own in poles],
@@ -377,46 +330,6 @@ def _collect(faces: IntArray, turned: BoolArray, expanded: _ExpandedTriangles) -
     return SolidMesh(expanded.points[used], (np.cumsum(used) - 1)[triangles], face)
 
 
-def _collect_parametrically(
-    group: int, outlines: FaceOutlines, found: _Triangulation, expanded: _ExpandedTriangles
-) -> ParametricMesh:
-    """The mesh of a group of the faces, each of which stands for itself, with their parameters and edge segments."""
-    mesh, division = found.mesh, found.division
-    numbers, turned = outlines.solids[group]
-    edges = list(dict.fromkeys(e for f in numbers.tolist() for e in outlines.uses_of(f).tolist()))
-    start = dict(zip(edges, np.cumsum([0, *division.chords[edges].tolist()])[:-1].tolist(), strict=True))
-    rows = np.searchsorted(mesh.face, np.arange(len(outlines.sources) + 1))
-    nodes, uv, segment, count = [], [], [], 0
-    for f, back in zip(numbers.tolist(), turned.tolist(), strict=True):
-        begin = found.begin[f]
-        own = mesh.triangles[rows[f] : rows[f + 1]]
-        own = own[:, ::-1] if back else own
-        ends = np.concatenate([np.sort(np.stack([line[:-1], line[1:]], axis=1), axis=1) for line in found.lines[f]])
-        chords = np.concatenate([start[e] + np.arange(division.chords[e]) for e in outlines.uses_of(f).tolist()])
-        size = int(found.begin[f + 1] - begin)
-        segment.append(_find_segments(own - begin, ends - begin, chords, size))
-        uv.append(mesh.uv[own])
-        nodes.append(own - begin + count)
-        count += size
-    used = np.zeros(len(expanded.points), bool)
-    used[expanded.triangles[expand_ranges(expanded.start[numbers], expanded.start[numbers + 1])[1]]] = True
-    number = (np.cumsum(used) - 1)[expanded.same]
-    along = [division.nodes(outlines.ends[e], e) for e in edges]
-    at = [division.placed[e][0] for e in edges]
-    side_ends, parameters = (
-        np.concatenate([np.stack([values[:-1], values[1:]], axis=1) for values in rows]) for rows in (along, at)
-    )
-    return ParametricMesh(
-        _collect(numbers, turned, expanded),
-        tuple(outlines.sources[f] for f in numbers.tolist()),
-        np.concatenate(nodes),
-        np.concatenate(uv),
-        np.concatenate(segment),
-        tuple(outlines.edges[e] for e in edges),
-        EdgeSegments(np.repeat(np.arange(len(edges)), division.chords[edges]), number[side_ends], parameters),
-    )
-
-
 def count_open_sides(triangles: IntArray) -> int:
     """Number of sides of triangles (m, 3) that no other triangle runs through in the opposite direction exactly once."""
     tail, head = triangles.ravel().astype(np.int64), np.roll(triangles, -1, axis=1).ravel().astype(np.int64)
@@ -426,15 +339,6 @@ def count_open_sides(triangles: IntArray) -> int:
     if not repeated and np.array_equal(along, against):
         return 0
     return max(1, len(np.setxor1d(along, against)), repeated)
-
-
-def _find_segments(triangles: IntArray, ends: IntArray, numbers: IntArray, n: int) -> IntArray:
-    """Of each side of triangles (m, 3) on n nodes of a face, the number of the segment with its ends (k, 2), or -1: (m, 3)."""
-    keys = ends @ [n, 1]
-    order = np.argsort(keys)
-    sides = np.sort(np.stack([triangles, np.roll(triangles, -1, axis=1)], axis=-1), axis=-1) @ [n, 1]
-    at = np.minimum(np.searchsorted(keys[order], sides), len(keys) - 1)
-    return np.where(keys[order][at] == sides, numbers[order][at], -1)
 
 
 def _drop_collapsed(mesh: SolidMesh) -> SolidMesh:

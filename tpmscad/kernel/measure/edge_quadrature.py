@@ -11,6 +11,7 @@ from OCP.GeomAbs import GeomAbs_BSplineCurve
 from OCP.TopoDS import TopoDS_Edge
 
 from tpmscad._typing import Array
+from tpmscad.kernel.occt import convert
 from tpmscad.kernel.occt.exploration import ShapeKey, evaluate_pointwise, orientation_sign
 from tpmscad.splines.quadrature import composite_gauss_legendre
 
@@ -65,5 +66,8 @@ def curve_breaks(curve: BRepAdaptor_Curve) -> Array:
 def nodes_on_intervals(curve: BRepAdaptor_Curve, breaks: Array, points: int) -> CurveNodes:
     """Gauss nodes on every interval between the breaks."""
     t, weights = composite_gauss_legendre(breaks, points)
+    if curve.GetType() == GeomAbs_BSplineCurve and not (curve.IsRational() or curve.IsPeriodic()):
+        spline = convert.curve_from_occt(curve.BSpline())
+        return CurveNodes(t, weights, spline(t), spline(t, 1))
     places, tangents = evaluate_pointwise(curve, t)
     return CurveNodes(t, weights, places, tangents)

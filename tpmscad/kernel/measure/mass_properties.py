@@ -1,9 +1,8 @@
-"""Moments (area, volume, first moments) of OCCT faces by Gauss quadrature on their own geometry.
+"""Moments (area, volume, first moments) of OCCT faces along their loops, by Green's theorem.
 
-Untrimmed spline patches are integrated on tensor Gauss grids, many at once. Trimmed spline faces, planar faces and faces on
-quadrics are reduced to line integrals by Green's theorem (`spline_face_moments`, `quadric_face_moments`). The volume is exact to
-round-off, the area to about 1e-9. Extrusions are made faces of splines first. Faces on other surfaces (revolutions,
-rational splines) are left to OCCT's adaptive quadrature, whose error may reach 3e-8 on trimmed tori.
+The loops are those of the edges' curves in space (`loop_nodes`), the integrals those of `brep.moments.loop_integrals`. The
+volume is exact to round-off, the area to about 1e-9. Extrusions are made faces of splines first. Faces on other surfaces
+(revolutions, rational splines) are left to OCCT's adaptive quadrature, whose error may reach 3e-8 on trimmed tori.
 
 BRepGProp in place of this module would meet all tolerances of lattices when it is given a relative error, but takes twice as long
 (docs/measurements.md, `face_moments`).
@@ -12,14 +11,14 @@ BRepGProp in place of this module would meet all tolerances of lattices when it 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any, TypeVar
 
 import numpy as np
 from OCP.BRep import BRep_Tool
-from OCP.BRepAdaptor import BRepAdaptor_Curve2d
+from OCP.BRepAdaptor import BRepAdaptor_Surface
 from OCP.BRepBuilderAPI import BRepBuilderAPI_NurbsConvert
 from OCP.BRepGProp import BRepGProp, BRepGProp_Domain, BRepGProp_Face, BRepGProp_Vinert
-from OCP.Geom import Geom_Plane, Geom_SurfaceOfLinearExtrusion
+from OCP.Geom import Geom_SurfaceOfLinearExtrusion
+from OCP.GeomAbs import GeomAbs_Cone, GeomAbs_Cylinder, GeomAbs_Plane, GeomAbs_Sphere, GeomAbs_Torus
 from OCP.gp import gp_Pnt, gp_Trsf, gp_Vec
 from OCP.GProp import GProp_GProps
 from OCP.TopAbs import TopAbs_FORWARD
@@ -27,43 +26,23 @@ from OCP.TopLoc import TopLoc_Location
 from OCP.TopoDS import TopoDS_Face, TopoDS_Shape
 
 from tpmscad._typing import Array
+from tpmscad.brep.carriers import Carrier, Plane
+from tpmscad.brep.moments.integral_properties import lift_planar_moments
+from tpmscad.brep.moments.loop_integrals import integrate_at_nodes
 from tpmscad.kernel.measure.edge_quadrature import EdgeNodeCache
-from tpmscad.kernel.measure.quadric_face_moments import quadric_face_moments, recognise_quadric
-from tpmscad.kernel.measure.spline_face_moments import (
-    TrimmedSplineFace,
-    gauss_grid,
-    moment_integrands,
-    trimmed_face_moments,
-)
+from tpmscad.kernel.measure.loop_nodes import find_loop_nodes
 from tpmscad.kernel.occt import convert
 from tpmscad.kernel.occt.bounding_boxes import box_center, box_corners, box_of_edges
-from tpmscad.kernel.occt.exploration import edges_of, faces_of, orientation_sign
+from tpmscad.kernel.occt.exploration import faces_of, orientation_sign
+from tpmscad.kernel.recognise.edge_curves import UnsupportedFace
+from tpmscad.kernel.recognise.face_carriers import evaluate_mid_face, recognise_carrier
 from tpmscad.splines.bspline import BSplineSurface
 
-T = TypeVar("T")
-
-MIN_AREA_POINTS = 16
-"""Least Gauss points per knot cell and direction: the area density contains a square root and is no polynomial."""
+ELEMENTARY = (GeomAbs_Plane, GeomAbs_Cylinder, GeomAbs_Cone, GeomAbs_Sphere, GeomAbs_Torus)
 
 OCCT_QUADRATURE_REL_TOL = 1e-13
 """Relative error requested of OCCT for faces on other surfaces. At 1e-9 turned arcs of splines were off by 2e-7, at 1e-11 by
 3e-9, all in the same time."""
-
-BORDER_FRACTION = 1e-9
-"""Distance from the patch's side, as a fraction of its parameter range, up to which an edge lies on that side. At 1e-6 a body
-that touches the lattice along sides of patches cost 3e-8 of the volume: the slivers between were counted."""
-
-FACES_PER_BATCH = 64
-"""Faces evaluated at once; more faces need more memory and are no faster."""
-
-
-SplineSpaceKey = tuple[bytes, bytes, int, int]
-"""Knots and degrees of a surface; surfaces with the same key are evaluated together."""
-
-
-def _batches(items: list[T]) -> list[list[T]]:
-    """Consecutive groups of at most FACES_PER_BATCH items."""
-    return [items[start : start + FACES_PER_BATCH] for start in range(0, len(items), FACES_PER_BATCH)]
 
 
 def face_moments(faces: Sequence[TopoDS_Face]) -> Array:
@@ -71,43 +50,46 @@ def face_moments(faces: Sequence[TopoDS_Face]) -> Array:
 
     Summed over a closed boundary they are the area, the volume, and the volume times the centroid.
     """
-    result = np.empty((len(faces), 5))
     nodes_of = EdgeNodeCache()
-    whole: dict[SplineSpaceKey, list[tuple[int, BSplineSurface]]] = {}
-    trimmed: dict[SplineSpaceKey, list[tuple[int, TrimmedSplineFace]]] = {}
-    for i, face in enumerate(faces):
-        geometry = BRep_Tool.Surface_s(face)
-        is_integrated = isinstance(geometry, Geom_Plane) or convert.is_plain_spline(geometry)
-        quadric = None if is_integrated else recognise_quadric(face)
-        if quadric is None and isinstance(geometry, Geom_SurfaceOfLinearExtrusion):
-            face = _as_spline_face(face)
-            geometry = BRep_Tool.Surface_s(face)
-        if isinstance(geometry, Geom_Plane):
-            result[i] = _planar_face_moments(face, geometry, nodes_of)
-        elif convert.is_plain_spline(geometry):
-            surface = convert.surface_from_occt(geometry)
-            edges = edges_of(face)
-            space = (surface.knots_u.tobytes(), surface.knots_v.tobytes(), surface.degree_u, surface.degree_v)
-            if _covers_patch(edges, face, surface):
-                whole.setdefault(space, []).append((i, surface))
-            else:
-                trimmed.setdefault(space, []).append((i, TrimmedSplineFace(surface, edges, face)))
-        elif quadric is not None:
-            result[i] = orientation_sign(face) * quadric_face_moments(face, quadric, nodes_of)
-        else:
-            result[i] = _occt_face_moments(face)
-    for patches in whole.values():
-        for chunk in _batches(patches):
-            result[[i for i, _ in chunk]] = _untrimmed_moments([s for _, s in chunk])
-    for (_, _, degree_u, degree_v), parts in trimmed.items():
-        points = max(3 * degree_u, MIN_AREA_POINTS), max(3 * degree_v, MIN_AREA_POINTS)
-        for chunk in _batches(parts):
-            directions = np.array([orientation_sign(part.face) for _, part in chunk])[:, None]
-            moments = trimmed_face_moments([part for _, part in chunk], nodes_of, points)
-            result[[i for i, _ in chunk]] = directions * moments
-    outward = np.array([orientation_sign(face) for face in faces])
-    result[:, 1:] *= outward[:, None]
-    return result
+    return np.array([_integrate_face(face, nodes_of) for face in faces]).reshape(-1, 5)
+
+
+def _integrate_face(face: TopoDS_Face, nodes_of: EdgeNodeCache) -> Array:
+    """The five moments of a face."""
+    face, surface = _find_surface(face)
+    if surface is None:
+        return _occt_face_moments(face)
+    u, v, dv = find_loop_nodes(face, surface, nodes_of).T
+    side = orientation_sign(face)
+    if not isinstance(surface, BSplineSurface):
+        _, point, normal, _ = evaluate_mid_face(face)
+        side *= 1 if normal @ surface.gradient(point) > 0 else -1
+    if isinstance(surface, Plane):
+        in_plane = np.stack([u, u**2 / 2, u * v]) @ dv
+        frame = np.stack([surface.origin, surface.x_axis, surface.y_axis, surface.normal])
+        (moments,) = lift_planar_moments(in_plane[None], frame[None])
+    else:
+        start = None if isinstance(surface, BSplineSurface) else np.array([u.min()])
+        (moments,) = integrate_at_nodes(surface, u, v, dv, np.zeros(len(u), np.int64), 1, start)
+    # loops run round the face's own normal, of which only the area takes the side
+    return np.concatenate([[side * moments[0], moments[4:13:4].sum() / 3.0], moments[13:] / 4.0])
+
+
+def _find_surface(face: TopoDS_Face) -> tuple[TopoDS_Face, Carrier | None]:
+    """A face and the plane, quadric or spline on which it is integrated; None for other surfaces.
+
+    An extrusion is made a face of a spline: OCCT's Gauss quadrature does not split extrusions at the knots of their curves, and
+    volumes were found off by 4 to 9 % at any tolerance asked for.
+    """
+    if BRepAdaptor_Surface(face, False).GetType() in ELEMENTARY:
+        try:
+            return face, recognise_carrier(face, 1.0)
+        except UnsupportedFace:
+            return face, None
+    if isinstance(BRep_Tool.Surface_s(face), Geom_SurfaceOfLinearExtrusion):
+        face = convert.as_face(BRepBuilderAPI_NurbsConvert(face, True).Shape().Oriented(face.Orientation()))
+    geometry = BRep_Tool.Surface_s(face)
+    return face, convert.surface_from_occt(geometry) if convert.is_plain_spline(geometry) else None
 
 
 def solid_moments(solid: TopoDS_Shape) -> Array:
@@ -125,60 +107,8 @@ def solid_moments(solid: TopoDS_Shape) -> Array:
     return np.asarray(moments)
 
 
-def _as_spline_face(face: TopoDS_Face) -> TopoDS_Face:
-    """The face on a B-spline surface in place of an extrusion.
-
-    OCCT's Gauss quadrature does not split extrusions at the knots of their curves: volumes were found off by 4 to 9 % at any
-    tolerance asked for.
-    """
-    return convert.as_face(BRepBuilderAPI_NurbsConvert(face, True).Shape().Oriented(face.Orientation()))
-
-
-def _untrimmed_moments(surfaces: Sequence[BSplineSurface]) -> Array:
-    """Moments of untrimmed patches with the same knots and degrees: (F, 5)."""
-    s = surfaces[0]
-    # 2 p points integrate the densities of volume and centroid, of degrees 3 p - 1 and 4 p - 1, exactly
-    nodes = gauss_grid(s, (max(2 * s.degree_u, MIN_AREA_POINTS), max(2 * s.degree_v, MIN_AREA_POINTS)))
-    f = moment_integrands(np.stack([s.poles for s in surfaces]), nodes)
-    return np.einsum("a,b,fabk->fk", *nodes.weights, f, optimize=True)
-
-
-def _covers_patch(edges: Sequence[Any], face: TopoDS_Face, surface: BSplineSurface) -> bool:
-    """True if the face is an untrimmed patch: four edges, each along a different side of the parameter rectangle."""
-    if len(edges) != 4:
-        return False
-    (u0, u1), (v0, v1) = surface.domain
-    sides = set()
-    for edge in edges:
-        curve = BRepAdaptor_Curve2d(edge, face)
-        low, high = curve.FirstParameter(), curve.LastParameter()
-        ends = np.array([curve.Value(t).Coord() for t in (low, 0.5 * (low + high), high)])
-        for axis, (bottom, top) in enumerate(((u0, u1), (v0, v1))):
-            span = top - bottom
-            for side, bound in enumerate((bottom, top)):
-                if (np.abs(ends[:, axis] - bound) < BORDER_FRACTION * span).all():
-                    sides.add((axis, side))
-    return len(sides) == 4
-
-
-def _planar_face_moments(face: TopoDS_Face, plane: Geom_Plane, nodes_of: EdgeNodeCache) -> Array:
-    """Moments of a planar face from the curves of its edges: (5,)."""
-    frame = plane.Pln().Position()
-    x_axis, y_axis = (np.array(d.Coord()) for d in (frame.XDirection(), frame.YDirection()))
-    origin = np.array(frame.Location().Coord())
-    m = np.zeros(3)  # integrals of 1, u and v
-    face_sign = orientation_sign(face)  # the edges of a reversed face are reversed too
-    for edge in edges_of(face):
-        nodes, sign = nodes_of(edge)
-        u, v = (nodes.points - origin) @ x_axis, (nodes.points - origin) @ y_axis
-        m += np.stack([u, u**2 / 2, u * v]) @ (face_sign * sign * nodes.weights * (nodes.tangents @ y_axis))
-    height = origin @ np.cross(x_axis, y_axis)
-    first = m[0] * origin + m[1] * x_axis + m[2] * y_axis
-    return np.concatenate([[m[0], height * m[0] / 3.0], height * first / 4.0])
-
-
 def _occt_face_moments(face: TopoDS_Face) -> Array:
-    """Moments by OCCT's adaptive quadrature, over the forward orientation of the face: (5,)."""
+    """The five moments by OCCT's adaptive quadrature."""
     forward = convert.as_face(face.Oriented(TopAbs_FORWARD))
     area = GProp_GProps()
     BRepGProp.SurfaceProperties_s(forward, area, OCCT_QUADRATURE_REL_TOL)
@@ -187,4 +117,5 @@ def _occt_face_moments(face: TopoDS_Face) -> Array:
     cone = BRepGProp_Vinert(BRepGProp_Face(forward), domain, gp_Pnt(0.0, 0.0, 0.0), OCCT_QUADRATURE_REL_TOL)
     volume = cone.Mass()
     centre = np.array(cone.CentreOfMass().Coord()) * volume if volume else np.zeros(3)
-    return np.array([area.Mass(), volume, *centre])
+    outward = orientation_sign(face)
+    return np.array([area.Mass(), outward * volume, *(outward * centre)])

@@ -56,7 +56,13 @@ class SkinDepth:
 
     def distances(self, points: Array) -> Array:
         """Distances (n,) of points (n, 3) from the nearest face, without sign."""
-        return np.array([self._distance(point) for point in points.tolist()]).reshape(-1)
+        return self.find_feet(points)[0]
+
+    def find_feet(self, points: Array) -> tuple[Array, Array]:
+        """The same, and the nearest points (n, 3) of the faces."""
+        found = [(self._distance(point), *self._measure.PointOnShape2(1).Coord()) for point in points.tolist()]
+        rows = np.array(found).reshape(-1, 4)
+        return rows[:, 0], rows[:, 1:]
 
     def __call__(self, points: Array) -> Array:
         """Depths (n,) of points (n, 3), negative outside the solid."""
@@ -74,7 +80,7 @@ class SkinDepth:
         """Distance of a point; the foot is then known."""
         self._measure.LoadS1(BRepBuilderAPI_MakeVertex(gp_Pnt(*point)).Vertex())
         if not self._measure.Perform():
-            raise KernelError("depth below the skin", f"no foot point for {format_point(point)}", self.solid)
+            raise KernelError("distance from faces", f"no foot point for {format_point(point)}", self.solid)
         return float(self._measure.Value())
 
     def _side_of_foot(self) -> float | None:

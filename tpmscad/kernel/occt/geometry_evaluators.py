@@ -178,27 +178,6 @@ class RevolutionEvaluator(PackedSurface):
         kind = ROUND if self.round else INCLINED
         return (kind, kind), 0, (NO_KNOTS, NO_KNOTS), np.concatenate([self.frame, [[self.first, self.second, 0.0]]])
 
-    def bound_heights(self, low: Array, high: Array) -> tuple[float, float]:
-        """Heights between which the part over the parameters from low to high (2,) lies; not the narrowest ones."""
-        origin, x, y, axis = self.frame[:, 2].tolist()
-        v = np.array([low[1], high[1]])
-        if self.round:
-            cosine, sine = _bound_cosine(v), _bound_cosine(v - 0.5 * np.pi)
-            r, z = self.first + self.second * cosine, self.second * sine
-        else:
-            r, z = self.first + v * np.sin(self.second), v * np.cos(self.second)
-        across = np.hypot(x, y) * _bound_cosine(np.array([low[0], high[0]]) - np.arctan2(y, x))
-        products, lifts = np.outer(r, across), z * axis
-        return origin + float(products.min() + lifts.min()), origin + float(products.max() + lifts.max())
-
-
-def _bound_cosine(angles: Array) -> Array:
-    """The least and the greatest cosine between two ascending angles (2,): (2,)."""
-    low, high = np.cos(angles).min(), np.cos(angles).max()
-    turns = angles / np.pi
-    crests = np.arange(np.ceil(turns[0]), min(np.floor(turns[1]), np.ceil(turns[0]) + 1) + 1)
-    return np.array([-1.0 if (crests % 2 == 1).any() else low, 1.0 if (crests % 2 == 0).any() else high])
-
 
 class PackedCurve:
     """A curve that tables hold."""

@@ -8,18 +8,19 @@ at the limit.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+from OCP.TopoDS import TopoDS_Face
 
 from tpmscad._typing import Array, IntArray
-from tpmscad.kernel.export.solid_mesh import ParametricMesh, mesh_parametrically
+from tpmscad.kernel.export.edge_division import explore_faces
+from tpmscad.kernel.export.solid_mesh import FaceTriangulation, triangulate_outlines
 from tpmscad.kernel.measure.mass_properties import face_moments
 from tpmscad.kernel.occt.bounding_boxes import box_diagonal
-from tpmscad.kernel.occt.exploration import orientation_sign, unwrap
-from tpmscad.kernel.occt.geometry_evaluators import face_evaluator, pack_surfaces
+from tpmscad.kernel.occt.exploration import faces_of, orientation_sign, solids_of, unwrap
 
 MESH_ANGLE = 0.25
 """Radians between neighbouring facets of the triangulation that carries the quadrature."""
@@ -68,11 +69,14 @@ def measure_overhang(shape: Any, build_direction: Array, limit: float) -> Overha
 
     Raises KernelError if OCCT cannot triangulate the shape.
     """
-    meshes = mesh_parametrically(shape, MESH_DEVIATION_DIAGONALS * box_diagonal(unwrap(shape)), MESH_ANGLE)
-    points = np.concatenate([mesh.mesh.points for mesh in meshes])
+    deviation = MESH_DEVIATION_DIAGONALS * box_diagonal(unwrap(shape))
+    outlines = [explore_faces([faces_of(solid)]) for solid in solids_of(unwrap(shape))]
+    meshes = [(triangulate_outlines(each, deviation, MESH_ANGLE), each.sources) for each in outlines]
+    points = np.concatenate([found.mesh.points for found, _ in meshes])
     height = points @ build_direction
     plate = float(height.min()) + PLATE_DIAGONALS * float(np.linalg.norm(np.ptp(points, axis=0)))
-    found = [_measure_solid(mesh, build_direction, np.sin(np.radians(limit)) + LIMIT_SINE, plate) for mesh in meshes]
+    sine = np.sin(np.radians(limit)) + LIMIT_SINE
+    found = [_measure_solid(mesh, faces, build_direction, sine, plate) for mesh, faces in meshes]
     steepest = max(found, key=lambda one: one.angle)
     return Overhang(
         sum(one.area for one in found), steepest.angle, steepest.place, sum(one.plate_area for one in found)
@@ -80,11 +84,11 @@ def measure_overhang(shape: Any, build_direction: Array, limit: float) -> Overha
 
 
 class _Slopes:
-    """Sine of the overhang angle and area density on the faces of a mesh, at parameters (n, 2) of faces (n,)."""
+    """Sine of the overhang angle and area density on triangulated faces, at parameters (n, 2) of faces (n,)."""
 
-    def __init__(self, mesh: ParametricMesh, build_direction: Array) -> None:
-        self.surfaces = pack_surfaces([face_evaluator(face) for face in mesh.faces])
-        self.sign = np.array([orientation_sign(face) for face in mesh.faces])
+    def __init__(self, found: FaceTriangulation, faces: Sequence[TopoDS_Face], build_direction: Array) -> None:
+        self.surfaces = found.surfaces
+        self.sign = np.array([orientation_sign(face) for face in faces])
         self.build_direction = build_direction
 
     def __call__(self, face: IntArray, uv: Array) -> tuple[Array, Array]:
@@ -108,18 +112,21 @@ class _Slopes:
         return 0.5 * np.abs(a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0]) * density
 
 
-def _measure_solid(mesh: ParametricMesh, build_direction: Array, sine: float, plate: float) -> Overhang:
+def _measure_solid(
+    found: FaceTriangulation, faces: Sequence[TopoDS_Face], build_direction: Array, sine: float, plate: float
+) -> Overhang:
     """Overhang of one solid; `plate` is the height up to which faces stand on the build plate."""
-    slope, face, uv, count = _Slopes(mesh, build_direction), mesh.mesh.face, mesh.uv, len(mesh.faces)
-    on_plate = (mesh.mesh.points @ build_direction)[mesh.mesh.triangles].max(axis=1) <= plate
+    slope, mesh, count = _Slopes(found, faces, build_direction), found.mesh, len(faces)
+    face, uv = mesh.face, mesh.uv[mesh.triangles]
+    on_plate = (mesh.points @ build_direction)[mesh.triangles].max(axis=1) <= plate
     corner, area = slope.at_corners(face, uv), slope.areas(face, uv)
     total, free = np.bincount(face, area, count), np.flatnonzero(~on_plate)
     stands = np.bincount(face, area * (on_plate & (corner.max(axis=1) > 0.0)), count)
     leans = _integrate_beyond(slope, face[free], uv[free], corner[free], area[free], sine)
     needed = np.flatnonzero((total > 0.0) & ((leans > 0.0) | (stands > 0.0)))
-    exact = face_moments([mesh.faces[i] for i in needed.tolist()])[:, 0] / total[needed]
+    exact = face_moments([faces[i] for i in needed.tolist()])[:, 0] / total[needed]
     steepest = free[np.argsort(-corner[free].max(axis=1), kind="stable")[:STEEPEST_CANDIDATES]]
-    angle, place = _find_steepest(slope, face[steepest], uv[steepest], mesh.mesh.points[0])
+    angle, place = _find_steepest(slope, face[steepest], uv[steepest], mesh.points[0])
     return Overhang(float(leans[needed] @ exact), angle, place, float(stands[needed] @ exact))
 
 

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from tpmscad._typing import Array, BoolArray, IntArray
-from tpmscad.kernel.occt.geometry_evaluators import SurfaceTable
+from tpmscad.brep.triangles.measured_deviation import Surfaces
 from tpmscad.kernel.slicing.level_crossings import Crossings
 from tpmscad.memory_limit import require_memory
 
@@ -47,7 +47,7 @@ class Arcs:
     unresolved: IntArray
 
 
-def split_chords(crossings: Crossings, surfaces: SurfaceTable, levels: Array, chord_error: float, tol: float) -> Arcs:
+def split_chords(crossings: Crossings, surfaces: Surfaces, levels: Array, chord_error: float, tol: float) -> Arcs:
     """Split all segments on their faces until their sagitta is within the chord error."""
     points, marks = [crossings.point], [crossings.level]
     tails, heads, beyonds, lengths = [], [], [], []
@@ -107,7 +107,7 @@ def split_chords(crossings: Crossings, surfaces: SurfaceTable, levels: Array, ch
     )
 
 
-def _slopes(surfaces: SurfaceTable, face: IntArray, uv: Array, chord: Array) -> Array:
+def _slopes(surfaces: Surfaces, face: IntArray, uv: Array, chord: Array) -> Array:
     """Slopes against chords (n, 2), to their left, of contours at parameters (n, 2); infinite where the face is horizontal."""
     _, xu, xv = surfaces(face, uv)
     tangent = xv[:, 2, None] * xu[:, :2] - xu[:, 2, None] * xv[:, :2]
@@ -130,7 +130,7 @@ def _areas_beyond(at: Array, sagitta: Array, length: Array, slope_a: Array, slop
 
 
 def _find_middles(
-    surfaces: SurfaceTable, face: IntArray, uv_a: Array, uv_b: Array, height: Array, tol: float
+    surfaces: Surfaces, face: IntArray, uv_a: Array, uv_b: Array, height: Array, tol: float
 ) -> tuple[Array, Array, BoolArray]:
     """Parameters (n, 2) and point (n, 2) of the contour near the middle of segments, and whether it was found (n,)."""
     uv = 0.5 * (uv_a + uv_b)

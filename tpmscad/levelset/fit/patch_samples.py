@@ -1,8 +1,4 @@
-"""Points and normals of Bezier patches on grids of parameters, what is measured there, and, compiled, foot points.
-
-A foot point is the orthogonal projection of a point onto a patch, by a Gauss-Newton iteration from a given parameter, kept inside
-the patch: a parameter that would leave it stays, and the other takes its own best step.
-"""
+"""Points and normals of Bezier patches on grids of parameters, what is measured there, and distances by foot points."""
 
 from __future__ import annotations
 
@@ -10,9 +6,10 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 
-from tpmscad._compiled_loops import njit_cached
 from tpmscad._typing import Array, IntArray
+from tpmscad.brep.orthogonal_projection import project_to_surface
 from tpmscad.levelset.quadmesh.vectors import MIN_DIVISOR
+from tpmscad.splines.basis import bernstein_basis
 
 BasisAndSlopes = tuple[Array, Array]
 """Values and derivatives (m, degree + 1) of the basis functions in one parameter."""
@@ -50,9 +47,6 @@ def measure_samples(
     return distance.max(axis=1), mean_square, cosine.min(axis=1)
 
 
-FOOT_POINT_STEPS = 6
-"""Largest number of Gauss-Newton steps of a projection."""
-
 REST_STEP = 1e-7
 """A projection ends with a step of the parameters below this: the distance is then off by about its square."""
 
@@ -88,68 +82,13 @@ def foot_point_distances(poles: Array, patch: IntArray, points: Array, u: Array,
 
     `poles` (m, p + 1, q + 1, 3) are those of all patches.
     """
-    arrays = (np.ascontiguousarray(each) for each in (poles, patch.astype(np.int64), points))
-    return _project(*arrays, u.astype(float), v.astype(float))
+    p, q = poles.shape[1] - 1, poles.shape[2] - 1
 
+    def jet(s: Array, t: Array, rows: IntArray) -> tuple[Array, Array, Array]:
+        nets = poles[patch[rows]].reshape(len(rows), p + 1, 3 * (q + 1))
+        (bu, du), (bv, dv) = ([bernstein_basis(d, x, k)[:, None] for k in (0, 1)] for d, x in ((p, s), (q, t)))
+        along_v, slope = ((rows_u @ nets).reshape(len(s), q + 1, 3) for rows_u in (bu, du))
+        return (bv @ along_v)[:, 0], (bv @ slope)[:, 0], (dv @ along_v)[:, 0]
 
-@njit_cached
-def _bernstein(degree: int, t: float, values: Array, slopes: Array) -> None:  # pragma: no cover
-    """Bernstein polynomials at t and their derivatives, by the recursion over the degree."""
-    values[0] = 1.0
-    for d in range(1, degree + 1):
-        if d == degree:
-            slopes[0] = -degree * values[0]
-            for i in range(1, degree):
-                slopes[i] = degree * (values[i - 1] - values[i])
-            slopes[degree] = degree * values[degree - 1]
-        values[d] = t * values[d - 1]
-        for i in range(d - 1, 0, -1):
-            values[i] = (1.0 - t) * values[i] + t * values[i - 1]
-        values[0] *= 1.0 - t
-
-
-@njit_cached
-def _project(poles: Array, patch: IntArray, points: Array, u: Array, v: Array) -> Array:  # pragma: no cover
-    """The distances (n,); the parameters become those of the foot points."""
-    distances, p, q = np.empty(len(points)), poles.shape[1] - 1, poles.shape[2] - 1
-    bu, du, bv, dv = np.empty(p + 1), np.empty(p + 1), np.empty(q + 1), np.empty(q + 1)
-    residual, xu, xv = np.empty(3), np.empty(3), np.empty(3)
-    for n in range(len(points)):
-        net = poles[patch[n]]
-        for step in range(FOOT_POINT_STEPS + 1):
-            _bernstein(p, u[n], bu, du)
-            _bernstein(q, v[n], bv, dv)
-            for x in range(3):
-                at, along, across = 0.0, 0.0, 0.0
-                for i in range(p + 1):
-                    row, turned = 0.0, 0.0
-                    for j in range(q + 1):
-                        row += net[i, j, x] * bv[j]
-                        turned += net[i, j, x] * dv[j]
-                    at += bu[i] * row
-                    along += du[i] * row
-                    across += bu[i] * turned
-                residual[x], xu[x], xv[x] = points[n, x] - at, along, across
-            if step == FOOT_POINT_STEPS:
-                break
-            a, b, c, ru, rv = 0.0, 0.0, 0.0, 0.0, 0.0
-            for x in range(3):
-                a += xu[x] * xu[x]
-                b += xu[x] * xv[x]
-                c += xv[x] * xv[x]
-                ru += xu[x] * residual[x]
-                rv += xv[x] * residual[x]
-            a, c = max(a, MIN_DIVISOR), max(c, MIN_DIVISOR)
-            determinant = max(a * c - b * b, MIN_DIVISOR)
-            step_u, step_v = (c * ru - b * rv) / determinant, (a * rv - b * ru) / determinant
-            stuck_u = not 0.0 <= u[n] + step_u <= 1.0
-            stuck_v = not 0.0 <= v[n] + step_v <= 1.0
-            new_u = u[n] + (ru / a if stuck_v else step_u)
-            new_v = v[n] + (rv / c if stuck_u else step_v)
-            new_u, new_v = min(max(new_u, 0.0), 1.0), min(max(new_v, 0.0), 1.0)
-            moved = max(abs(new_u - u[n]), abs(new_v - v[n]))
-            u[n], v[n] = new_u, new_v
-            if moved <= REST_STEP:
-                break
-        distances[n] = np.sqrt(residual[0] ** 2 + residual[1] ** 2 + residual[2] ** 2)
-    return distances
+    u, v = project_to_surface(jet, points, u, v, ((0.0, 1.0), (0.0, 1.0)), REST_STEP)
+    return np.asarray(np.linalg.norm(points - jet(u, v, np.arange(len(points)))[0], axis=1))

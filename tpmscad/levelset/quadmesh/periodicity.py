@@ -1,27 +1,22 @@
-"""Translated copies in meshes of periodic fields, and octrees of periodic fields made from a part of the box.
+"""Translated copies in meshes of periodic fields.
 
-*Translated copies.* Where a whole number of leaves fits a period, the mesh repeats except near the box and near leaves split for
-its sake. Vertices whose neighbourhoods are translates of each other, `MATCHED_RINGS` rings deep, are moved to the same place of
+Where a whole number of leaves fits a period, the mesh repeats except near the box and near leaves split for its sake. Vertices
+whose neighbourhoods are translates of each other, `MATCHED_RINGS` rings deep, are moved to the same place of
 their periods. Of all curves or patches that are translates of each other by whole periods one is then fitted and measured; the
 others are this one, translated. Neighbourhoods are compared by hashes of their quantised positions, refined ring by ring (colour
 refinement in the manner of Weisfeiler and Leman), with the mixing function of splitmix64 (Steele, Lea and Flood 2014).
-
-*Octrees.* Which leaves must be split shows in two periods along each axis, one at either end of the box. A long box is therefore
-searched in a part with two periods, and a leaf between its ends is split where either end is.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from itertools import product
 
 import numpy as np
 from numpy.typing import NDArray
 
 from tpmscad._typing import Array, BoolArray, IntArray
 from tpmscad.fields.field import Field
-from tpmscad.fields.periods_and_directions import ROUND_OFF, count_whole
-from tpmscad.levelset.quadmesh import octree
+from tpmscad.fields.periods_and_directions import ROUND_OFF
 from tpmscad.levelset.quadmesh.dual_mesh import QuadMesh
 from tpmscad.levelset.quadmesh.octree import Octree
 from tpmscad.levelset.quadmesh.patch_network import PatchNetwork
@@ -35,9 +30,6 @@ TICKS_PER_PERIOD = 1 << 26
 
 TICK_OFFSET = 0.37
 """Offset of the quantisation, so that no fraction of a period at which leaves end lies on the limit between two ticks."""
-
-SEARCHED_PERIODS = 2
-"""Periods along an axis of the part of the box that is searched."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -146,36 +138,6 @@ def _return_to_sides(vertices: Array, ends: IntArray, plane: IntArray, tree: Oct
     axis, upper = np.divmod(plane[in_face], 2)
     result[ends[in_face].T, axis] = corners[upper, axis]
     return result
-
-
-def crop_to_searched_periods(field: Field, lo: Array, hi: Array) -> tuple[Array, IntArray]:
-    """Upper corner of the part to search, and the periods (3,) of the whole box along axes where it is longer, else 0."""
-    periods = field.periods()
-    if periods is None or min(periods) <= 0:
-        return hi, np.zeros(3, np.int64)
-    number = count_whole(lo, hi, np.array(periods))
-    shorter = number > SEARCHED_PERIODS
-    end = np.where(shorter, lo + SEARCHED_PERIODS * (hi - lo) / np.maximum(number, 1), hi)
-    return end, np.where(shorter, number, 0)
-
-
-def tile_octree(tree: Octree, hi: Array, periods: IntArray) -> Octree:
-    """The octree of a part of the box repeated up to `hi`, with `periods` (3,) in the box along axes where that is not 0.
-
-    A whole number of the largest leaves must fit a period. 2:1 balance may split a few leaves more than the part has.
-    """
-    cells = tree.shape // np.where(periods > 0, SEARCHED_PERIODS, 1)  # of the part's finest grid in a period
-    tiled = octree.uniform_octree(tree.lo, hi, cells * np.maximum(periods, 1) // tree.size.max())
-    while True:
-        ratio = tree.size.max() // tiled.size.max()
-        number, place = np.divmod(ratio * tiled.origin, cells)
-        least = np.full(len(tiled.size), tree.size.max())
-        for end in product((False, True), repeat=3):  # a leaf between the ends of the box takes the smaller of both
-            last = np.where(end, number > 0, number == periods - 1) & (periods > 0)
-            least = np.minimum(least, tree.size[tree.leaves_at(place + last * cells)])
-        if not (chosen := ratio * tiled.size > least).any():
-            return tiled
-        tiled = octree.split_leaves(tiled, chosen)
 
 
 def _find_whole_periods(field: Field, tree: Octree) -> Array:

@@ -19,10 +19,12 @@ from tpmscad.brep.solid_properties import measure_solid
 from tpmscad.brep.triangles.closed_mesh import SolidMesh, join_meshes
 from tpmscad.errors import CrossingSurfaces, InvalidRequest, KernelError, LevelSetError
 from tpmscad.fields.analysis.solid_bounds import bound_solid
+from tpmscad.fields.data.beam_files import is_beam_path
 from tpmscad.fields.data.field_notes import DEFAULT_TOL_SPACINGS, find_least_spacing
 from tpmscad.fields.data.triangle_distance import build_triangle_tree, sample_triangles
 from tpmscad.fields.data.triangle_mesh import is_mesh_object, is_mesh_path
 from tpmscad.fields.field import Field
+from tpmscad.fields.kinds.beam_lattices import beams
 from tpmscad.fields.kinds.data_domains import settle_data
 from tpmscad.fields.kinds.triangle_meshes import MeshField, mesh, resample_mesh
 from tpmscad.kernel.body_import.body_brep import FreeFormBody
@@ -164,6 +166,8 @@ def resolve_field(source: Any) -> Field | None:
     """The field of a body that is a field, a mesh, or the path of one; None for CAD bodies and primitive regions."""
     if isinstance(source, Field):
         return None if isinstance(source, PrimitiveRegion) else source
+    if is_beam_path(source):
+        return beams(source)
     return mesh(source) if is_mesh_path(source) or is_mesh_object(source) else None
 
 

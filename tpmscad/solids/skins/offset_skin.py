@@ -160,7 +160,7 @@ def check_eroded(parts: Sequence[CadBody], open_faces: Sequence[Any], skin: floa
     """
     if not parts:
         raise KernelError("offset by the skin", "the offset is empty")
-    inner = find_skin_faces([part.shape for part in parts], parts, open_faces)
+    inner = find_skin_faces([part.shape for part in parts], open_faces)
     for check in check_skin_thickness(measure_skin_thickness(inner, depth), skin):
         if not check.passed:
             raise KernelError("offset by the skin", check.shortfall)

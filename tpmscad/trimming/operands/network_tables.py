@@ -23,7 +23,6 @@ from tpmscad._typing import Array, BoolArray, IntArray
 from tpmscad.brep.boundary_representation import Brep
 from tpmscad.brep.carriers import Carrier, Plane
 from tpmscad.brep.foot_surface import span_powers
-from tpmscad.brep.moments.legendre_series import is_single_span
 from tpmscad.rigid_motion import Motion
 from tpmscad.splines.bspline import BSplineCurve, BSplineSurface
 from tpmscad.splines.curve_batch import evaluate_curves
@@ -248,7 +247,10 @@ def bound_faces(brep: Brep) -> tuple[Array, Array]:
     for members in np.split(order, np.cumsum(np.bincount(own, minlength=1))[:-1]):
         surface = surfaces[int(own[members[0]])]
         poles = surface.poles
-        if is_single_span(surface):  # nets of its quarters: its own may be twice as large as the surface
+        if surface.poles.shape[:2] == (
+            surface.degree_u + 1,
+            surface.degree_v + 1,
+        ):  # nets of its quarters: its own may be twice as large as the surface
             poles = _halving(surface.degree_v) @ np.tensordot(_halving(surface.degree_u), poles, 1)
         points = faces.motion[members][:, None].apply(poles.reshape(-1, 3))
         low[members], high[members] = points.min(axis=1), points.max(axis=1)

@@ -1,0 +1,110 @@
+"""Beams as exact solids, and as triangles: random graphs with cones, files of beams.
+
+    python -m benchmarks.beams [graphs | diameters] [COUNT]     # random graphs, by radii at nodes, or by any diameters
+    python -m benchmarks.beams FILE.3mf ...                     # triangles, layers and the solid of each
+
+Volumes are compared with samples of the field, in standard errors; the first Betti number with that of the graph.
+"""
+
+from __future__ import annotations
+
+import sys
+import time
+from pathlib import Path
+from typing import Any
+
+import build123d as bd
+import numpy as np
+
+import tpmscad
+from tpmscad import fields
+from tpmscad.fields.kinds.strut_graphs import StrutsField
+
+SAMPLES, AT_A_TIME = 4_000_000, 250_000
+
+
+def random_graph(rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
+    """Nodes of a shaken grid and beams between some neighbours, in one piece: 3 to about 400 beams."""
+    counts = rng.integers(2, 7, 3)
+    numbers = np.stack(np.meshgrid(*map(np.arange, counts), indexing="ij"), axis=-1).reshape(-1, 3)
+    points = 10.0 * numbers + rng.uniform(-2, 2, (len(numbers), 3))
+    near = [(i, j) for i in range(len(points)) for j in range(i) if np.abs(numbers[i] - numbers[j]).sum() <= 1]
+    far = [(i, j) for i in range(len(points)) for j in range(i) if np.abs(numbers[i] - numbers[j]).max() <= 1]
+    kept = {pair for pair in near if rng.random() < 0.9} | {pair for pair in far if rng.random() < 0.04}
+    return points, np.array(sorted(kept))
+
+
+def run_graphs(count: int, *, by_nodes: bool) -> None:
+    print("graph  beams  diameters  s      met    z     Betti 1, expected  faces")
+    for seed in range(count):
+        rng = np.random.default_rng(seed)
+        points, edges = random_graph(rng)
+        values = rng.uniform(0.8, 2.0, rng.integers(1, 100))
+        diameters = rng.choice(values, len(points))[edges] if by_nodes else rng.choice(values, (len(edges), 2))
+        field = fields.struts(points, edges, diameters)
+        low, high = field.points.min(axis=0) - 2, field.points.max(axis=0) + 2
+        began = time.process_time()
+        try:
+            model = tpmscad.solidify(field, (tuple(low), tuple(high)), tol=0.02, progress=False)
+        except tpmscad.TpmscadError as error:
+            print(f"{seed:5}  {len(edges):5}  refused after {time.process_time() - began:.1f} s: {error}", flush=True)
+            continue
+        seconds = time.process_time() - began
+        z = (model.volume - (found := sample_volume(field, low, high))[0]) / found[1]
+        pieces = model.certificate.betti[0]
+        expected = len(edges) - len(field.points) + pieces
+        print(
+            f"{seed:5}  {len(edges):5}  {len(np.unique(diameters)):9}  {seconds:5.1f}  {model.certificate.met!s:5}  {z:+.1f}  "
+            f"{model.certificate.betti[1]:7}, {expected:8}  {model.certificate.n_faces:5}",
+            flush=True,
+        )
+
+
+def sample_volume(field: Any, low: np.ndarray, high: np.ndarray) -> tuple[float, float]:
+    """The volume of a field by samples, and its standard error."""
+    rng, inside = np.random.default_rng(1), 0
+    for _ in range(SAMPLES // AT_A_TIME):
+        inside += int((field(rng.uniform(low, high, (AT_A_TIME, 3))) < 0).sum())
+    share, box = inside / SAMPLES, float(np.prod(high - low))
+    return box * share, box * float(np.sqrt(share * (1 - share) / SAMPLES))
+
+
+def run_file(path: Path) -> None:
+    print(tpmscad.check_step(path))
+    began = time.process_time()
+    found = fields.beams(path)
+    print(f"read in {time.process_time() - began:.1f} s")
+    struts: StrutsField = found.struts
+    low, high = (f(struts.points, axis=0) + s * float(struts.balls.max()) * 1.5 for f, s in ((np.min, -1), (np.max, 1)))
+    body = bd.Pos(*(0.5 * (low + high)).tolist()) * bd.Box(*(high - low).tolist())
+    tol = 0.02 * float(np.median(struts.radii))
+    began = time.process_time()
+    part = tpmscad.infill_triangles(body, struts, tol=tol, progress=False)
+    volume, error = sample_volume(struts, low, high)
+    print(
+        f"triangles in {time.process_time() - began:.1f} s, volume {part.volume:.6g}, by samples {volume:.6g} +- {error:.2g}"
+    )
+    began = time.process_time()
+    layers = tpmscad.infill_layers(
+        body, struts, tol=tol, height=float(np.ptp([low, high], axis=0)[2]) / 100, progress=False
+    )
+    print(f"100 layers in {time.process_time() - began:.1f} s, volume {layers.volume:.6g}")
+    began = time.process_time()
+    try:
+        model = tpmscad.solidify(struts, (tuple(low), tuple(high)), tol=tol, progress=False)
+        print(f"solid in {time.process_time() - began:.1f} s: {model}")
+    except tpmscad.TpmscadError as error_:
+        print(f"solid refused after {time.process_time() - began:.1f} s: {error_}")
+
+
+def main() -> None:
+    first, *rest = sys.argv[1:] or ["graphs"]
+    if first in ("graphs", "diameters"):
+        run_graphs(int(rest[0]) if rest else 20, by_nodes=first == "graphs")
+    else:
+        for path in (first, *rest):
+            run_file(Path(path))
+
+
+if __name__ == "__main__":
+    main()
