@@ -2,6 +2,7 @@
 
     python -m benchmarks.exchanger [--cells 2] [--size 1.3]
     python -m benchmarks.exchanger --openfoam FOLDER [--size 2 1.2] [--stubs 10] [--cell-size 0.1 0.07]
+    python -m benchmarks.exchanger --openings [--surface gyroid] [--case cylinder] [--transition 10] [--file PART + - CELL WALL]
 
 A cube of gyroid cells of 10 mm with a wall of 1 mm. Channel + is hot at its openings X-, channel - is cold at its openings X+;
 all else is adiabatic. The wall conducts 20 times as well as the fluids at rest. scikit-fem's second-order elements; the heat
@@ -10,6 +11,10 @@ through an interface is the sum of the wall's reactions at its nodes.
 With --openfoam, cases are written into the folder and run, if OpenFOAM is installed: a box of 30 x 20 x 20 in cross flow, whose
 channels open at two sides each, at each size, and a period of one channel of a gyroid at porosity 1/2 at each cell size, whose
 pressure drop is compared with the permeability by finite elements.
+
+With --openings, exchangers whose channels open at some faces only are made in several bodies: CPU seconds, whether the
+certificate is met, by how much the volumes miss the body's, the part of the body that is wall, the pieces of wall and channels,
+and the area of each opening. --file takes a CAD file instead, the plane faces at which the channels + and - open, cell and wall.
 """
 
 from __future__ import annotations
@@ -20,7 +25,9 @@ import resource
 import shutil
 import subprocess
 import time
+from collections.abc import Callable, Sequence
 from pathlib import Path
+from typing import Any
 
 import build123d as bd
 import numpy as np
@@ -32,6 +39,7 @@ from skfem.helpers import dot, grad
 import tpmscad
 from tests.meshing.mesh_facets import interior_facets
 from tpmscad._typing import Array
+from tpmscad.kernel.body_import.cad_body import read_bodies
 from tpmscad.meshing.library_meshes import skfem_order
 from tpmscad.meshing.openfoam_case import PASCAL_PER_UNIT, WATER_VISCOSITY
 from tpmscad.meshing.volume_mesh import VolumeMesh
@@ -120,7 +128,7 @@ def run_exchanger(folder: Path, sizes: list[float], stubs: float) -> None:
         tol=0.1,
         phase=(0.1, 0.2, 0.3),
         openings={"+": "<X,>X", "-": "<Y,>Y"},
-        transition=6,
+        transition=6,  # as measured; without it channels end with creases
         progress=False,
     )
     for size in sizes:
@@ -144,6 +152,69 @@ def run_period(folder: Path, sizes: list[float]) -> None:
             )
 
 
+def _make_cylinder() -> bd.Part:
+    """A cylinder of diameter 30 and height 30 with a port on each of four sides."""
+    ports = [bd.Rot(0, 0, 90 * k) * bd.Pos(14, 0, 0) * bd.Rot(0, 90, 0) * bd.Cylinder(5, 8) for k in range(4)]
+    return bd.Cylinder(15, 30) + ports
+
+
+def _make_shell() -> bd.Part:
+    """A half ring of 12 x 14 between radii of 18 and 30."""
+    ring = bd.Pos(24, 0, 0) * bd.Rectangle(12, 14)
+    return bd.revolve(bd.Rot(90, 0, 0) * ring, bd.Axis.Z, 180)
+
+
+CROSS, COUNTER = {"+": "<X,>X", "-": "<Y,>Y"}, {"+": "<Z,>Z", "-": "<X,>X"}
+
+CASES: dict[str, tuple[Callable[[], bd.Part], dict[str, Any]]] = {
+    "box 40x20x20": (lambda: bd.Box(40, 20, 20), {"openings": CROSS, "tol": 0.05}),
+    "box 20x10x10": (lambda: bd.Box(20, 10, 10), {"openings": CROSS, "tol": 0.2}),
+    "box 20x20x40, cross flow": (lambda: bd.Box(20, 20, 40), {"openings": COUNTER, "tol": 0.1}),
+    "box 20x20x40, counter flow": (
+        lambda: bd.Box(20, 20, 40),
+        {"openings": {"+": "<Z,>Z", "-": "<Z,>Z"}, "tol": 0.1},
+    ),
+    "box 33x27x21": (lambda: bd.Box(33, 27, 21), {"openings": CROSS, "cell": 12, "tol": 0.1}),
+    "cylinder with four ports": (_make_cylinder, {"openings": CROSS, "tol": 0.1}),
+    "half ring": (_make_shell, {"openings": {"+": "<Y", "-": "<Z,>Z"}, "tol": 0.1}),
+}
+"""Bodies, and what is asked of their exchangers besides a cell of 10 and a wall of 1."""
+
+
+def run_openings(surfaces: Sequence[str], case: str, transition: float | None, file: Sequence[str] | None) -> None:
+    """Print what is made of each body, or why it is not."""
+    cases = {name: made for name, made in CASES.items() if case in name}
+    if file:
+        path, plus, minus, cell, wall = file
+        size = {"cell": float(cell), "thickness": float(wall)}
+        cases = {path: (lambda: path, {"openings": {"+": plus, "-": minus}} | size)}
+    for name, (make, asked) in cases.items():
+        for surface in surfaces:
+            body, begun = make(), time.process_time()
+            options = {"cell": 10, "thickness": 1, "transition": transition, "progress": False} | asked
+            try:
+                made = tpmscad.fluid_domains(body, surface, **options)
+            except tpmscad.TpmscadError as error:
+                print(f"{name}, {surface}: {time.process_time() - begun:.1f} CPU s, {error}", flush=True)
+                continue
+            seconds, found = time.process_time() - begun, made.certificate
+            (read,) = read_bodies(body)
+            volume = read.volume
+            wall = made.wall.volume / made.volume
+            pieces = [len(model.certificate.pieces) for model in made.domains.values()]
+            areas = [
+                f"{domain} {area:.4g} on {contact.label}"
+                for contact in made.touches
+                for domain, area in contact.areas.items()
+                if domain != "wall"
+            ]
+            print(
+                f"{name}, {surface}: {seconds:.1f} CPU s, {'met' if found.met else found.shortfalls}, volume "
+                f"{made.volume / volume - 1:+.1e} off, {wall:.1%} wall, pieces {pieces}; {'; '.join(areas)}",
+                flush=True,
+            )
+
+
 def main() -> None:
     """Print the figures."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
@@ -152,7 +223,15 @@ def main() -> None:
     parser.add_argument("--cell-size", type=float, nargs="+", default=[0.1, 0.07])
     parser.add_argument("--stubs", type=float, default=0.0, help="length of a duct in front of every opening, mm")
     parser.add_argument("--openfoam", type=Path, help="folder of the cases")
+    parser.add_argument("--openings", action="store_true", help="exchangers with openings in several bodies")
+    parser.add_argument("--surface", nargs="+", default=["gyroid", "diamond", "primitive"])
+    parser.add_argument("--case", default="", help="a part of the name of those that are made")
+    parser.add_argument("--transition", type=float, help="length over which channels close, mm")
+    parser.add_argument("--file", nargs=5, metavar=("PART", "PLUS", "MINUS", "CELL", "WALL"), help="a CAD file")
     given = parser.parse_args()
+    if given.openings:
+        run_openings(given.surface, given.case, given.transition, given.file)
+        return
     if given.openfoam:
         if shutil.which("simpleFoam") is None:
             raise SystemExit("OpenFOAM is not installed: its cases are not run (apt-get install openfoam)")

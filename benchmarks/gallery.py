@@ -60,7 +60,7 @@ SCENES: dict[str, Scene] = {
     "voronoi_foam": Scene(view="*.step"),
     "trimmed": Scene(view="*schwarz_p.step"),
     "heat_exchanger": Scene({"cells": (5, 5, 8), "tol": 0.02}),
-    "exchanger_openings": Scene({"size": (20.0, 18.0, 16.0), "transition": 6.0, "tol": 0.1}, view="*.step"),
+    "exchanger_openings": Scene({"size": (20.0, 18.0, 16.0), "tol": 0.1}, view="*.step"),
     "counter_flow_exchanger": Scene({"cells": (2, 2, 4), "tol": 0.05}, view="*.step"),
     "layers": Scene({"cell": 1.0, "height": 0.05}),
     "nozzle": Scene({"cells": (10, 1, 5), "tol": 0.05}, view="*.step"),

@@ -1,4 +1,4 @@
-"""A cross-flow heat exchanger without baffles: each channel opens at two sides of a box, and closes towards the others."""
+"""A cross-flow heat exchanger without baffles: each channel opens at two sides of a box, and ends before the others."""
 
 from __future__ import annotations
 
@@ -13,21 +13,19 @@ from tpmscad.results.domain_results import FluidDomains
 OPENINGS = {"+": ["<X", ">X"], "-": ["<Y", ">Y"]}
 
 
-def exchanger(size: tuple[float, float, float], transition: float, tol: float) -> FluidDomains:
-    """Wall, channel + from side to side along x, and channel - along y, which close over `transition`; in mm."""
-    return tpmscad.fluid_domains(
-        bd.Box(*size), "gyroid", cell=10, thickness=1, tol=tol, openings=OPENINGS, transition=transition
-    )
+def exchanger(size: tuple[float, float, float], skin: float, tol: float) -> FluidDomains:
+    """Wall, channel + from side to side along x, and channel - along y, which end `skin` before other sides; in mm."""
+    return tpmscad.fluid_domains(bd.Box(*size), "gyroid", cell=10, thickness=1, tol=tol, openings=OPENINGS, skin=skin)
 
 
 def main(
     folder: str | Path = ".",
     size: tuple[float, float, float] = (16.0, 14.0, 12.0),
-    transition: float = 4.0,
+    skin: float = 1.0,
     tol: float = 0.2,
 ) -> dict[str, Any]:
     """Make, draw and write the exchanger; return what was measured on it."""
-    made = exchanger(size, transition, tol)
+    made = exchanger(size, skin, tol)
     print(made.summary())
     made.render(Path(folder) / "exchanger_openings.png", section="z=0", size=(640, 480))
     made.render(Path(folder) / "exchanger_openings_channels.png", hide="wall", size=(640, 480))

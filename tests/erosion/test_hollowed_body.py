@@ -7,13 +7,14 @@ import numpy as np
 import pytest
 
 from tpmscad.brep import connectivity
-from tpmscad.brep.boundary_representation import Brep, move_brep
+from tpmscad.brep.boundary_representation import Brep, move_brep, select_faces
 from tpmscad.brep.solid_properties import measure_solid
-from tpmscad.erosion.hollowed_body import hollow_body
+from tpmscad.erosion.hollowed_body import divide_by_voids, hollow_body
 from tpmscad.kernel.body_import.body_brep import brep_from_shape
 from tpmscad.kernel.build.solids import build_solids
 from tpmscad.kernel.measure.shape_report import is_valid
 from tpmscad.rigid_motion import Motion
+from tpmscad.solids.divided_body import select_domain
 
 pytestmark = pytest.mark.kernel
 
@@ -64,6 +65,19 @@ def test_volumes_subtract_and_the_boundary_closes(
     assert measured.betti == betti
     assert len(result.faces) == faces
     assert all(map(is_valid, build_solids(result).solids))
+
+
+def test_a_body_is_divided_into_voids_and_what_is_left_on_common_faces() -> None:
+    read, voids = tag_by_face(BOX), [block((1, 1, 1), (4, 7, 6)), block((5, 1, 1), (10, 7, 5))]
+    is_open = outermost(BOX, (TOP, RIGHT))[read.faces.tag]
+    divided = divide_by_voids(read, [brep_from_shape(void) for void in voids], is_open)
+    assert measure_solid(select_faces(divided.shared, divided.left)).volume == pytest.approx(480 - 90 - 120, rel=1e-12)
+    for void, own, direction in zip(voids, divided.voids, (TOP, RIGHT), strict=True):
+        common = np.intersect1d(own, divided.left)
+        assert measure_solid(select_domain(divided.shared, own, common)).volume == pytest.approx(void.volume, rel=1e-12)
+        (opening,) = np.setdiff1d(own, common)
+        tag = divided.shared.tags[divided.shared.faces.tag[opening]]
+        assert tag == str(np.flatnonzero(outermost(BOX, (direction,)))[0])
 
 
 def test_a_moved_and_mirrored_body_gives_the_same_solid() -> None:

@@ -37,20 +37,47 @@ VERTEX_MARGIN = 1.05
 """Factor on the distance of an edge's ends from its vertices: its tolerance must cover the distance, round-off included."""
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class HollowedBody:
+    """A body divided into voids and what is left of it, on common faces.
+
+    `left`: the faces of `shared` that bound what is left, with the sense that they have for it. `voids`: those that bound each
+    void, in common with what is left, whose sense they have, or in an open face, with its sense and tag.
+    """
+
+    shared: Brep
+    left: IntArray
+    voids: tuple[IntArray, ...]
+
+
 def hollow_body(body: Brep, voids: Sequence[Brep], is_open: BoolArray) -> Brep:
     """The body without disjoint voids inside it, which reach the outside through the open ones of its faces (F,).
 
     TrimmingError if a void meets an open face in a way that leaves no face.
     """
+    divided = divide_by_voids(body, voids, is_open)
+    return drop_unused_geometry(select_faces(divided.shared, divided.left))
+
+
+def divide_by_voids(body: Brep, voids: Sequence[Brep], is_open: BoolArray) -> HollowedBody:
+    """The body divided into such voids and what they leave of it; arguments and errors as of `hollow_body`."""
     joined = join_breps([body, *map(reverse_faces, voids)])
+    owner = np.repeat(np.arange(len(voids) + 1), [len(body.faces), *(len(void.faces) for void in voids)])
+    is_left = np.ones(len(joined.faces), bool)
     openings = np.flatnonzero(is_open)
-    if not len(openings):
-        return joined
-    opened = _OpenedFaces(joined, openings, len(body.faces))
-    kept = np.flatnonzero(opened.opening_of_face < 0)
-    whole = opened.bound_anew()
-    added = np.arange(len(joined.faces), len(whole.faces))
-    return drop_unused_geometry(select_faces(whole, np.concatenate([kept, added])))
+    if len(openings):
+        opened = _OpenedFaces(joined, openings, len(body.faces))
+        is_left = opened.opening_of_face < 0
+        whole = opened.bound_anew()
+        n_added = len(whole.faces) - len(joined.faces)
+        holes = opened.holes
+        whole.faces.sense[holes] *= -1
+        whole.faces.tag[holes] = whole.faces.tag[openings[opened.opening_of_face[holes]]]
+        kept = np.append(~np.isin(np.arange(len(joined.faces)), openings), np.ones(n_added, bool))
+        joined = select_faces(whole, np.flatnonzero(kept))
+        owner, is_left = (np.append(each, np.full(n_added, of))[kept] for each, of in ((owner, 0), (is_left, True)))
+    faces = tuple(np.flatnonzero(owner == k) for k in range(1, len(voids) + 1))
+    return HollowedBody(joined, np.flatnonzero(is_left), faces)
 
 
 def find_faces_in_openings(brep: Brep, planes: Sequence[Plane], outlines: Sequence[Array]) -> IntArray:

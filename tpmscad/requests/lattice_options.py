@@ -22,6 +22,7 @@ from tpmscad.api.shared_kinds import (
     LENGTHS,
     MAP,
     NAME_OR_FIELD,
+    NOT_NEGATIVE,
     ONE_SOLID,
     OPENINGS,
     POSITIVE,
@@ -200,14 +201,14 @@ class FluidDomainsOptions(PassiveOptions, BodyOptions):
     openings: Annotated[
         Mapping[str, Any] | None,
         OPENINGS,
-        "Faces at which the channels '+' and '-' open, as in `infill`'s open_faces; both may open at one. Towards all "
-        "other faces a channel closes gradually: the wall grows until it fills it. By default each opens wherever it "
-        "meets the body.",
+        "Faces at which the channels '+' and '-' open, as in `infill`'s open_faces; both may open at one. Behind all "
+        "other faces a channel ends, at the depth of `skin`. By default each opens wherever it meets the body.",
     ] = None
     transition: Annotated[
         float | None,
-        POSITIVE.described_as(example="10.0"),
-        "Length over which a channel closes, mm, behind the skin; by default the longest edge of the cell.",
+        NOT_NEGATIVE.described_as(example="10.0"),
+        "Length over which a channel closes behind the skin, mm: the wall grows until it fills it. By default 0, an abrupt "
+        "end with creases, or the longest edge of the cell if an opening is not plane.",
     ] = None
     skin: Annotated[
         float | None,

@@ -1,8 +1,8 @@
 """The three domains of a heat exchanger: the wall of a sheet lattice in a body, and the two channels that it separates.
 
-The wall is a lattice of constant thickness, or one that closes the channels at all faces but their openings (`closed_channels`).
 Lattice and body are cut by each other once (`divided_body`); common faces, edges and vertices are the same by construction. Where
-that fails, the kernel splits the body by the lattice's surfaces.
+that fails, the kernel splits the body by the lattice's surfaces. Channels that open at some faces only end a skin before the
+others (`ended_channels`), or are closed by a wall that grows over a length (`closed_channels`).
 """
 
 from __future__ import annotations
@@ -22,12 +22,13 @@ from tpmscad.kernel.body_import.cad_body import CadBody, read_body
 from tpmscad.kernel.boolean.body_split import SplitSolid, split_body
 from tpmscad.kernel.boolean.boolean_operations import OcctSolids, subtract_solid
 from tpmscad.kernel.boolean.cut_faces import label_cut_solids
+from tpmscad.kernel.boolean.hollow_body import is_plane
 from tpmscad.kernel.build.solids import BrepSolids
 from tpmscad.kernel.occt.exploration import faces_of
-from tpmscad.kernel.step.face_labels import LABEL_OF_TAG, OPENING, label_faces, label_outer_faces
+from tpmscad.kernel.step.face_labels import OPENING, label_faces, label_outer_faces
 from tpmscad.requests.channel_openings import ChannelOpenings, resolve_channel_openings
 from tpmscad.requests.lattice_options import FluidDomainsOptions
-from tpmscad.requests.lattice_request import lattice_in_body, resolve_lattice_request, rotation_matrix
+from tpmscad.requests.lattice_request import LatticeRequest, lattice_in_body, resolve_lattice_request, rotation_matrix
 from tpmscad.results.certificate import (
     Certificate,
     Check,
@@ -41,8 +42,10 @@ from tpmscad.results.model import Model
 from tpmscad.solids.bodies.body_choice import Body, find_body
 from tpmscad.solids.bodies.fitted_body import FittedBody
 from tpmscad.solids.bodies.kernel_body import KernelBody
+from tpmscad.solids.channel_reach import require_connected
 from tpmscad.solids.cut import CUT_REMEDY, KERNEL_BOOLEAN, TRIMMED_PATCHES, numerical_failures
-from tpmscad.solids.divided_body import divide_body
+from tpmscad.solids.divided_body import DividedBody, divide_body
+from tpmscad.solids.ended_channels import ChannelEnds, end_channels
 from tpmscad.solids.matter.closed_channels import build_closed_block
 from tpmscad.solids.matter.lattice_block import LatticeBlock, build_lattice_block
 from tpmscad.solids.passive_regions import PassiveRegions
@@ -83,12 +86,20 @@ def fluid_domains(options: FluidDomainsOptions) -> FluidDomains:
         body, kept = _read_passive(body, options)
         openings = _resolve_openings(options, body)
     turn = rotation_matrix(options.rotation)
-    if openings is None:
+    ends, length = None, 0.0
+    if openings is not None:
+        assert isinstance(body, KernelBody)
+        length = _resolve_transition(body, openings, options.transition, request)
+        if not length:
+            ends = ChannelEnds(openings, _resolve_skin(request, options.skin))
+            with stages("sample"):
+                require_connected(body, request, turn, ends)
+    if openings is None or not length:
         block = build_lattice_block(request, turn, body.cad, stages)
     else:
-        block = build_closed_block(request, turn, body.cad, openings, options.transition, options.skin, stages)
+        block = build_closed_block(request, turn, body.cad, openings, length, options.skin, stages)
     with stages("trim"):
-        found = _compute_domains(block, body, kept)
+        found = _compute_domains(block, body, kept, ends)
     block = replace(block, measures=body.join_measures(block.measures))
     touches = tuple(
         FaceContact(
@@ -107,7 +118,7 @@ def fluid_domains(options: FluidDomainsOptions) -> FluidDomains:
             trimmed_by=KERNEL_BOOLEAN if domain.brep is None else TRIMMED_PATCHES,
             is_fluid=name != WALL,
             envelope=body.envelope,
-            openings=frozenset() if name == WALL else _find_openings(domain, block),
+            openings=frozenset() if name == WALL else _find_openings(domain),
         )
         for name, domain in found.items()
     }
@@ -120,7 +131,8 @@ def fluid_domains(options: FluidDomainsOptions) -> FluidDomains:
 class DomainSolids:
     """The solids of a domain, largest first, its areas by face of the body, and notes on the method.
 
-    `brep` bounds the solids if the patches were trimmed; `moved` is the length of the lattice's translation, model units.
+    `brep` bounds the solids if the patches were trimmed; `moved` is the length of the lattice's translation, model units;
+    `checks` are those of the cut.
     """
 
     built: BrepSolids | OcctSolids
@@ -128,6 +140,7 @@ class DomainSolids:
     areas: Mapping[int, float]
     notes: tuple[str, ...]
     moved: float = 0.0
+    checks: tuple[Check, ...] = ()
 
 
 def _resolve_openings(options: FluidDomainsOptions, body: Body) -> ChannelOpenings | None:
@@ -143,6 +156,27 @@ def _resolve_openings(options: FluidDomainsOptions, body: Body) -> ChannelOpenin
     if isinstance(body, FittedBody):
         raise InvalidRequest(f"openings are faces of a CAD body; {body.name} has none: leave openings out")
     return resolve_channel_openings(body.cad, options.openings)
+
+
+def _resolve_transition(
+    body: KernelBody, openings: ChannelOpenings, transition: float | None, request: LatticeRequest
+) -> float:
+    """The length over which channels close: by default 0, or a cell if an opening is not plane, where no end is abrupt."""
+    if transition is not None:
+        return transition
+    own = faces_of(body.cad.shape)
+    return 0.0 if all(is_plane(own[number]) for number in openings.plus | openings.minus) else max(request.cell)
+
+
+def _resolve_skin(request: LatticeRequest, skin: float | None) -> float:
+    """The wall along faces where a channel does not open: as thick as the wall between the channels, if that has a thickness."""
+    if skin is not None:
+        return skin
+    if request.is_graded or request.levels is not None:
+        raise InvalidRequest(
+            "openings: the thickness of this wall varies: give skin=, the wall along faces where channels do not open"
+        )
+    return float(np.ptp(request.offset))
 
 
 def _read_passive(body: Body, options: FluidDomainsOptions) -> tuple[Body, tuple[CadBody, ...]]:
@@ -164,15 +198,23 @@ def _read_passive(body: Body, options: FluidDomainsOptions) -> tuple[Body, tuple
     return replace(body, cad=cad), passive.kept + passive.within
 
 
-def _find_openings(channel: DomainSolids, block: LatticeBlock) -> frozenset[str]:
-    """The labels of a channel's faces that do not lie on the lattice."""
+def _find_openings(channel: DomainSolids) -> frozenset[str]:
+    """The labels of a channel's faces on the body."""
     built = channel.built
     labels = chain(*built.labels) if isinstance(built, OcctSolids) else label_faces(built.brep)
-    return frozenset(labels) - {LABEL_OF_TAG.get(tag, tag) for tag in block.patches.tags}
+    return frozenset(label for label in labels if label.split(" ")[0] == OPENING)
 
 
-def _compute_domains(block: LatticeBlock, body: Body, kept: Sequence[CadBody]) -> dict[str, DomainSolids]:
-    """The three domains of a body: cut on the patches' own parameters if possible, else a CAD body is split by the kernel."""
+def _compute_domains(
+    block: LatticeBlock, body: Body, kept: Sequence[CadBody], ends: ChannelEnds | None
+) -> dict[str, DomainSolids]:
+    """The three domains of a body: cut on the patches' own parameters if possible, else a CAD body is split by the kernel.
+
+    The kernel splits no body in which channels end (`ends`), or solids are kept.
+    """
+    if ends is not None:
+        assert isinstance(body, KernelBody)
+        return _collect_domains(end_channels(body, block, ends, kept), block, body)
     methods = (BY_PARAMETERS, BY_KERNEL) if isinstance(body, KernelBody) and not kept else (BY_PARAMETERS,)
     outcome = Fallbacks(methods, remedy=CUT_REMEDY).run(block, body, kept)
     if not outcome.failures:
@@ -183,9 +225,15 @@ def _compute_domains(block: LatticeBlock, body: Body, kept: Sequence[CadBody]) -
 
 def _trim_domains(block: LatticeBlock, body: Body, kept: Sequence[CadBody] = ()) -> dict[str, DomainSolids]:
     """The three domains by a cut of the body's faces and the patches; MissingDomain if one is empty."""
-    read, result = body.read(block.measures.tol), {}
+    read = body.read(block.measures.tol)
     with numerical_failures():
         divided = divide_body(read.brep, block, kept)
+    return _collect_domains(replace(divided, notes=(*divided.notes, *read.notes)), block, body)
+
+
+def _collect_domains(divided: DividedBody, block: LatticeBlock, body: Body) -> dict[str, DomainSolids]:
+    """The three domains of a divided body, with their areas on its faces; MissingDomain if one is empty."""
+    result = {}
     for name in (WALL, PLUS, MINUS):
         if name not in divided.domains:
             raise _missing_domain(body, name, block)
@@ -193,9 +241,8 @@ def _trim_domains(block: LatticeBlock, body: Body, kept: Sequence[CadBody] = ())
         area = np.bincount(
             built.brep.faces.tag, integral_properties.integrate_faces(built.brep).area, len(built.brep.tags)
         )
-        on_body = dict(enumerate(area[: len(read.brep.tags)].tolist()))  # the tags of the first network come first
-        notes = (*divided.notes, *read.notes)
-        result[name] = DomainSolids(built, built.brep, on_body, notes, divided.moved)
+        on_body = {face: float(area[face]) for face in body.face_labels}  # the body's tags come first
+        result[name] = DomainSolids(built, built.brep, on_body, divided.notes, divided.moved, divided.checks)
     return result
 
 
@@ -270,7 +317,7 @@ def _certify_domains(
     That of the wall has the checks and notes of the channels too.
     """
     found: dict[str, Certificate] = {}
-    checks: list[Check] = []
+    checks = list(domains[WALL].checks)
     lines = [*body.notes, *domains[WALL].notes]
     for name in (PLUS, MINUS):
         domain = domains[name]
@@ -320,7 +367,7 @@ def _check_openings(
                 f"pieces of {name}",
                 n_pieces[name],
                 1,
-                f"{name} falls into {n_pieces[name]} pieces: use a smaller cell or transition, or shift the lattice by phase",
+                f"{name} falls into {n_pieces[name]} pieces: use a smaller cell, skin or transition, or another phase",
             )
         )
         for contact in contacts:
@@ -328,7 +375,8 @@ def _check_openings(
             if contact.face in opened:
                 checks.append(
                     require(
-                        area > 0, f"{name} does not reach {contact.label}, an opening: use a smaller cell or transition"
+                        area > 0,
+                        f"{name} does not reach {contact.label}, an opening: use a smaller cell, skin or transition",
                     )
                 )
             else:
@@ -338,5 +386,5 @@ def _check_openings(
 
 def _missing_domain(body: Body, name: str, block: LatticeBlock) -> MissingDomain:
     """The error for a body that contains no part of the domain `name` of a block."""
-    closed = ", or a shorter `transition`: the closings fill the channel" if block.closes_channels else ""
+    closed = ", or a smaller `skin` or `transition`: the closings fill the channel" if block.closes_channels else ""
     return MissingDomain(f"{body.name} holds no {name}: shift the lattice by `phase`, or use a smaller `cell`{closed}")

@@ -1,7 +1,8 @@
 """Pieces of a channel that only the cut by the body separates, and through which nothing flows: they become wall.
 
-A piece that meets at most one face of the body is a dead end, and so is a chip. The wall takes it in: the faces between both are
-dropped, and the piece's faces on the body become the wall's, with an edge where the two meet. Greater pieces stay what they are.
+A piece that meets no face of the body is a dead end, and so is a small one that meets one, and a chip. The wall takes it in: the
+faces between both are dropped, and the piece's faces on the body become the wall's, with an edge where the two meet. Greater
+pieces stay what they are.
 """
 
 from __future__ import annotations
@@ -55,6 +56,7 @@ def _find_dead_ends(
     volume = integral_properties.volume(integral_properties.integrate_faces(channel), shell)
     tag = channel.faces.tag
     n_faces = np.array([len(np.unique(tag[(shell == k) & (tag < n_body_tags)])) for k in range(count)])
-    limit = np.where(n_faces < 2, MAX_DEAD_END_VOLUME_FRACTION, CHIP_VOLUME_FRACTION) * volume.max()
+    fractions = np.array([np.inf, MAX_DEAD_END_VOLUME_FRACTION, CHIP_VOLUME_FRACTION])
+    limit = fractions[np.minimum(n_faces, 2)] * volume.max()
     is_dead = (volume > 0) & (volume <= limit)
     return is_dead[shell], volume[is_dead].tolist()

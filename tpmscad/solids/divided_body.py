@@ -22,6 +22,7 @@ from tpmscad.kernel.body_import.cad_body import CadBody
 from tpmscad.kernel.build.solids import BrepSolids, build_regions
 from tpmscad.kernel.measure.validity import is_brep_valid
 from tpmscad.kernel.step.face_labels import OPENING
+from tpmscad.results.certificate import Check
 from tpmscad.results.domain_results import MINUS, PLUS, WALL
 from tpmscad.solids.dead_ends import absorb_dead_ends
 from tpmscad.solids.matter.joined_matter import JoinedMatter
@@ -40,12 +41,13 @@ DIVIDED_NOTE = "trimmed on the patches' parameter domains"
 class DividedBody:
     """The solids of each domain; those whose solids are missing are not named.
 
-    `moved`: the length by which the lattice was moved, model units. `notes`: on the cut.
+    `moved`: the length by which the lattice was moved, model units. `notes` and `checks`: on the cut.
     """
 
     domains: Mapping[str, BrepSolids]
     moved: float
     notes: tuple[str, ...]
+    checks: tuple[Check, ...] = ()
 
 
 def divide_body(body: Brep, block: LatticeBlock, kept: Sequence[CadBody] = ()) -> DividedBody:
@@ -53,7 +55,7 @@ def divide_body(body: Brep, block: LatticeBlock, kept: Sequence[CadBody] = ()) -
 
     TrimmingError if the intersection is not resolved, or the kernel rejects a face.
     """
-    build = partial(_build_domains, n_body_tags=len(body.tags), absorbs=block.closes_channels)
+    build = partial(_build_divided, n_body_tags=len(body.tags), absorbs=block.closes_channels)
     if kept:
         found = JoinedMatter(block, kept).divide(body, build)
     else:
@@ -62,18 +64,29 @@ def divide_body(body: Brep, block: LatticeBlock, kept: Sequence[CadBody] = ()) -
     return DividedBody(domains, found.report.shifted, (DIVIDED_NOTE, *found.report.notes, *absorbed))
 
 
-def _build_domains(
+def _build_divided(
     cut: DividedNetwork, n_body_tags: int, absorbs: bool
 ) -> tuple[dict[str, BrepSolids], tuple[str, ...]]:
-    """The solids of the domains, on common faces, and a note on dead ends of channels that the wall has absorbed."""
-    shared = cut.shared
+    """The solids of the domains of a body that a lattice divides."""
     domain = _assign_channels(cut)
-    members, absorbed = [cut.within, *(cut.beyond[domain == name] for name in (PLUS, MINUS))], ()
+    members = [cut.within, *(cut.beyond[domain == name] for name in (PLUS, MINUS))]
+    return build_domains(cut.shared, members, cut.reversed_beyond, n_body_tags, absorbs)
+
+
+def build_domains(
+    shared: Brep, members: Sequence[IntArray], reversed_faces: IntArray, n_body_tags: int, absorbs: bool
+) -> tuple[dict[str, BrepSolids], tuple[str, ...]]:
+    """The solids of wall and channels, on common faces, and a note on dead ends of channels that the wall has absorbed.
+
+    members: the faces of each in `shared`, of which `reversed_faces` bound a channel with the opposite sense, and the first
+    `n_body_tags` tags are the body's. TrimmingError if a domain does not close, or the kernel rejects it.
+    """
+    absorbed: tuple[str, ...] = ()
     if absorbs:
-        members, absorbed = absorb_dead_ends(shared, members, cut.reversed_beyond, n_body_tags)
+        members, absorbed = absorb_dead_ends(shared, members, reversed_faces, n_body_tags)
     breps = []
     for number, own in enumerate(members):
-        part = select_domain(shared, own, cut.reversed_beyond if number else None)
+        part = select_domain(shared, own, reversed_faces if number else None)
         if number:
             own_tags = [OPENING] * n_body_tags + list(part.tags[n_body_tags:])
             part = replace(part, tags=tuple(own_tags))

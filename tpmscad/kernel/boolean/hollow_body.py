@@ -48,10 +48,11 @@ def subtract_voids(
     return solids
 
 
-def resolve_open_faces(body: CadBody, faces: Iterable[Any]) -> tuple[TopoDS_Face, ...]:
+def resolve_open_faces(body: CadBody, faces: Iterable[Any], name: str = "open_faces") -> tuple[TopoDS_Face, ...]:
     """Faces of the body for faces (build123d, CadQuery, TopoDS) or indices in the body's order, each once.
 
-    Raises InvalidRequest if a face does not belong to the body or is not planar, or if all are open.
+    name: of the argument, in messages. Raises InvalidRequest if a face does not belong to the body or is not planar, or if all
+    are open.
     """
     own = faces_of(body.shape)
     found: list[TopoDS_Face] = []
@@ -63,23 +64,23 @@ def resolve_open_faces(body: CadBody, faces: Iterable[Any]) -> tuple[TopoDS_Face
             face = next((f for f in own if isinstance(shape, TopoDS_Face) and f.IsSame(shape)), None)
         if face is None:
             raise InvalidRequest(
-                f"open_faces: {requested!r} is no face of {body.name}: pass faces of the same shape object, or indices "
+                f"{name}: {requested!r} is no face of {body.name}: pass faces of the same shape object, or indices "
                 f"from 0 to {len(own) - 1} in its order"
             )
-        if not isinstance(BRep_Tool.Surface_s(face), Geom_Plane):
+        if not is_plane(face):
             raise InvalidRequest(
-                f"open_faces: {requested!r} is not planar: keep the skin on it, and drill through it afterwards"
+                f"{name}: {requested!r} is not planar: keep the skin on it, and drill through it afterwards"
             )
         if not any(face.IsSame(f) for f in found):
             found.append(face)
     if len(found) == len(own):
-        raise InvalidRequest(f"open_faces: all {len(own)} faces of {body.name} are open: leave skin and open_faces out")
+        raise InvalidRequest(f"{name}: all {len(own)} faces of {body.name} are open: leave skin and {name} out")
     for one, other in combinations(found, 2):
         shared = {ShapeKey(edge) for edge in edges_of(one)} & {ShapeKey(edge) for edge in edges_of(other)}
         if shared and abs(outward_plane(one).normal @ outward_plane(other).normal) > 1 - PARALLEL_REL_TOL:
             where = format_point(sample_edge(next(iter(shared)).shape, 2)[1])
             raise InvalidRequest(
-                f"open_faces: two of the faces meet in one plane near {where}: unite them first, with clean() of the part"
+                f"{name}: two of the faces meet in one plane near {where}: unite them first, with clean() of the part"
             )
     return tuple(found)
 
@@ -102,6 +103,11 @@ def count_closed_cavities(body: CadBody, open_faces: Sequence[TopoDS_Face]) -> i
     return sum(not any(f.IsSame(o) for f in faces_of(shell) for o in open_faces) for shell in cavities)
 
 
+def is_plane(face: TopoDS_Face) -> bool:
+    """Whether the kernel's surface of a face is a plane."""
+    return isinstance(BRep_Tool.Surface_s(face), Geom_Plane)
+
+
 def _shells(solid: TopoDS_Solid) -> list[Any]:
     """Shells of a solid."""
     return [convert.as_shell(shell) for shell in list_subshapes(solid, TopAbs_SHELL)]
@@ -116,7 +122,7 @@ def outward_plane(face: TopoDS_Face) -> Plane:
 
 def _is_in_opening(face: TopoDS_Face, plane: Plane, opening: TopoDS_Face) -> bool:
     """True if a void's face lies in the open face."""
-    if not isinstance(BRep_Tool.Surface_s(face), Geom_Plane):
+    if not is_plane(face):
         return False
     points = np.concatenate([sample_edge(edge, 2) for edge in edges_of(face)])
     if np.abs(plane.distance(points)).max() > OPENING_TOL:
