@@ -7,7 +7,6 @@ from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
-import build123d as bd
 import numpy as np
 import pytest
 
@@ -170,6 +169,8 @@ def test_the_report_counts_beams(tmp_path: Path) -> None:
 @pytest.mark.kernel
 def test_triangles_of_conical_struts_have_the_volume_of_their_hulls() -> None:
     """A strut is the hull of two balls: two caps and a frustum."""
+    import build123d as bd
+
     pytest.importorskip("manifold3d")
     first, last, length = 1.0, 0.4, 6.0
     field = fields.struts([[0, 0, 0], [length, 0, 0]], [[0, 1]], [[2 * first, 2 * last]])

@@ -208,6 +208,27 @@ def test_an_infill_has_the_porosity_and_the_metrics_of_its_body(folder: Path) ->
     assert tpmscad.sweep([row], metrics=True).reused == 1
 
 
+def test_an_exchanger_has_the_figures_of_its_channels(folder: Path) -> None:
+    bd.export_step(bd.Box(20, 10, 10), "core.step")
+    (folder / "table.csv").write_text(
+        "kind,body,surface,cell,thickness,tol,openings\n"
+        'domains,core.step,gyroid,10,0.8,0.2,"+=<X,>X; -=<Y,>Y"\n'
+        "domains,core.step,gyroid,10,0.8,0.2,sideways\n"
+    )
+    with pytest.raises(InvalidRequest, match=r"row 2, column openings: .* names no channel"):
+        tpmscad.sweep("table.csv")
+    rows = (folder / "table.csv").read_text().splitlines()[:2]
+    (folder / "table.csv").write_text("\n".join(rows) + "\n")
+    (row,) = tpmscad.sweep("table.csv", output="exchangers.csv").rows
+    assert row["met"]
+    channels = row["volume_plus"] + row["volume_minus"]
+    assert row["volume"] + channels == pytest.approx(2000, rel=1e-9)
+    assert row["porosity"] == pytest.approx(channels / 2000)
+    assert 4 * row["volume_plus"] / row["wetted_area_plus"] == pytest.approx(row["hydraulic_diameter_plus"])
+    assert 0 < row["opening_area_plus"] < 2 * 100
+    assert tpmscad.sweep("table.csv", output="exchangers.csv").reused == 1
+
+
 def test_the_command_line_writes_the_results_and_tells_failures(
     folder: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

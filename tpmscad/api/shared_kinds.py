@@ -6,7 +6,7 @@ An argument is declared as the annotation of a parameter, `radius: Annotated[flo
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 
 from tpmscad.api.argument_kinds import (
     POINT,
@@ -89,13 +89,26 @@ def _read_flow(value: object) -> dict[str, str]:
 
 
 def _read_openings(value: object) -> dict[str, object]:
-    """A mapping of "+" and "-" to faces."""
+    """A mapping of "+" and "-" to faces; or text, the channels one after the other with a semicolon between them."""
+    if isinstance(value, str):
+        value = parse_openings(value.split(";"))
     if not isinstance(value, Mapping):
         raise WrongType("is no dictionary of channels and faces")
     unknown = [sign for sign in value if sign not in ("+", "-")]
     if unknown:
         raise InvalidValue(f"names a channel {unknown[0]!r}, and the channels are '+' and '-'")
     return {sign: read_iterable(faces) for sign, faces in value.items()}
+
+
+def parse_openings(texts: Sequence[str]) -> dict[str, str]:
+    """The faces of each channel of texts such as +=<X,>X."""
+    found: dict[str, list[str]] = {}
+    for text in texts:
+        channel, equals, faces = text.partition("=")
+        if not (equals and faces.strip()) or channel.strip() not in ("+", "-"):
+            raise InvalidValue(f"names no channel with its faces in {text!r}: write '+=<X,>X' or '-=<Y,>Y'")
+        found.setdefault(channel.strip(), []).append(faces.strip())
+    return {channel: ",".join(faces) for channel, faces in found.items()}
 
 
 def _read_pairs(value: object) -> object:
@@ -232,7 +245,11 @@ FUNCTION_OF_POINTS_OR_XYZ = ArgumentKind(
 NAME_OR_FIELD = TEXT.or_else(ArgumentKind("a field or a function of points", "", read_callable))
 MAP = ArgumentKind("one of tpmscad.maps or a function of points", "maps.cylinder(20)", read_callable)
 FACES = ArgumentKind("faces, their numbers, or text such as '>Z'", '">Z"', read_iterable)
-OPENINGS = ArgumentKind("faces by the channels '+' and '-'", '{"+": ["<X", ">X"], "-": ["<Y", ">Y"]}', _read_openings)
+OPENINGS = ArgumentKind(
+    "faces by the channels '+' and '-', or text such as '+=<X,>X; -=<Y,>Y'",
+    '{"+": ["<X", ">X"], "-": ["<Y", ">Y"]}',
+    _read_openings,
+)
 VIEW = TEXT.or_else(POINT).described_as(example='"iso"')
 TEXTS = TEXT.or_else(sequence_of(TEXT.read, "several", ""))
 FLOW = ArgumentKind("sides by the names of groups", '{"channel +": "X+"}', _read_flow)

@@ -113,17 +113,6 @@ def parse_size(text: str) -> tuple[int, int]:
     return int(width), int(height)
 
 
-def parse_openings(texts: list[str]) -> dict[str, str]:
-    """The faces of each channel of texts such as +=<X,>X."""
-    found: dict[str, list[str]] = {}
-    for text in texts:
-        channel, equals, faces = text.partition("=")
-        if not (equals and faces.strip()) or channel.strip() not in ("+", "-"):
-            raise typer.BadParameter(f"{text!r} is no channel with its faces: write '+=<X,>X' or '-=<Y,>Y'")
-        found.setdefault(channel.strip(), []).append(faces)
-    return {channel: ",".join(faces) for channel, faces in found.items()}
-
-
 def parse_graded(text: str) -> float | str:
     """A number, or the formula of a graded wall as it is, known by a coordinate."""
     try:

@@ -8,7 +8,9 @@ from typing import Annotated
 import typer
 
 import tpmscad
-from tpmscad.cli.derived_options import Request, parse_openings, take_options_of, take_output
+from tpmscad.api.argument_kinds import InvalidValue
+from tpmscad.api.shared_kinds import parse_openings
+from tpmscad.cli.derived_options import Request, take_options_of, take_output
 from tpmscad.cli.options import DomainsOutputOption, JobsOption, result_option
 from tpmscad.cli.output import (
     DOMAIN_SUFFIXES,
@@ -155,7 +157,10 @@ def make_parts(request: Request, writing: OutputRequest, slab: int, jobs: int) -
 def domains(request: Request, *, writing: OutputRequest) -> None:
     """Divide a solid into the wall of a sheet lattice and the two channels beside it, for heat exchangers."""
     if "openings" in request:
-        request["openings"] = parse_openings(request["openings"])
+        try:
+            request["openings"] = parse_openings(request["openings"])
+        except InvalidValue as error:
+            raise typer.BadParameter(f"--open {error}") from None
     make_and_write(
         f"{request['surface']} exchanger",
         lambda progress: tpmscad.fluid_domains(

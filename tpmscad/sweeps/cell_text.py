@@ -8,12 +8,13 @@ is read as the value.
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from pathlib import PurePath
 from typing import Any
 
 import numpy as np
 
-TEXT_COLUMNS = ("surface", "body", "recipe", "file", "open_faces", "keep", "clear")
+TEXT_COLUMNS = ("surface", "body", "recipe", "file", "open_faces", "openings", "keep", "clear")
 """Columns whose cells are text, even where it looks like a number."""
 
 BOOLEANS = {"true": True, "false": False}
@@ -71,6 +72,8 @@ def format_cell(value: Any) -> str:
     if isinstance(value, float | np.floating):
         number = float(value)
         return str(int(number)) if number.is_integer() and abs(number) < 1e15 else repr(number)
+    if isinstance(value, Mapping):  # openings of channels
+        return ";".join(f"{name}={format_cell(part)}" for name, part in value.items())
     if isinstance(value, list | tuple | np.ndarray):
         nested = any(isinstance(part, list | tuple | np.ndarray) for part in value)
         return (";" if nested else ",").join(map(format_cell, value))

@@ -17,7 +17,9 @@ from tpmscad.api.public_calls import translate_error
 from tpmscad.errors import NotMet, TpmscadError
 from tpmscad.recipe.blend_recipe import BlendRecipe
 from tpmscad.recipe.recipe_runs import BlendRun, SolidRun, read_recipe, run_blend_recipe
+from tpmscad.results.domain_results import MINUS, PLUS, FluidDomains
 from tpmscad.results.model import Model
+from tpmscad.solids._fluid_domains import fluid_domains
 from tpmscad.solids._infill import infill
 from tpmscad.solids._lattice import lattice
 from tpmscad.solids._struts import struts
@@ -38,6 +40,14 @@ FIGURES: Mapping[str, type] = {
     "smallest_wall": float,
     "smallest_pore": float,
     "hydraulic_diameter": float,
+    "volume_plus": float,
+    "volume_minus": float,
+    "wetted_area_plus": float,
+    "wetted_area_minus": float,
+    "hydraulic_diameter_plus": float,
+    "hydraulic_diameter_minus": float,
+    "opening_area_plus": float,
+    "opening_area_minus": float,
     "E1": float,
     "E2": float,
     "E3": float,
@@ -77,14 +87,14 @@ def run_design(
     figures: dict[str, Any] = {"met": False}
     try:
         model = MAKERS[function](parameters)
-        figures |= _measure(model, metrics)
+        figures |= _measure_domains(model) if isinstance(model, FluidDomains) else _measure(model, metrics)
         certificate = model.certificate
         if not certificate.met:
             raise NotMet("; ".join(certificate.shortfalls), certificate)
         if file is not None:
             model.export(file)
             figures["file"] = str(file)
-        if properties:
+        if properties and isinstance(model, Model):
             figures |= _homogenize(model)
         figures["met"] = True
     except Exception as error:  # whatever it is, it is the result of this row, and the others go on
@@ -121,6 +131,19 @@ def _measure(model: Model, metrics: bool) -> dict[str, Any]:
     return figures
 
 
+def _measure_domains(parts: FluidDomains) -> dict[str, Any]:
+    """What the certificate says of the wall of an exchanger, and the figures of its channels."""
+    figures = _measure(parts.wall, False) | {"porosity": 1.0 - parts.wall.volume / parts.volume}
+    diameters = parts.hydraulic_diameters
+    for suffix, name in (("plus", PLUS), ("minus", MINUS)):
+        channel, diameter = parts.domains[name], diameters.get(name)
+        figures[f"volume_{suffix}"] = channel.volume
+        figures[f"hydraulic_diameter_{suffix}"] = diameter
+        figures[f"wetted_area_{suffix}"] = None if diameter is None else 4.0 * channel.volume / diameter
+        figures[f"opening_area_{suffix}"] = sum(contact.areas.get(name, 0.0) for contact in parts.touches)
+    return figures
+
+
 def _homogenize(model: Model) -> dict[str, float]:
     """The homogenised properties of a model that repeats, with a solid of Young's modulus and conductivity 1."""
     found = homogenize(model, poisson_ratio=POISSON_RATIO, progress=False)
@@ -139,6 +162,10 @@ def _make_lattice(parameters: Mapping[str, Any]) -> Model:
 
 def _make_infill(parameters: Mapping[str, Any]) -> Model:
     return infill(**parameters, progress=False)
+
+
+def _make_domains(parameters: Mapping[str, Any]) -> FluidDomains:
+    return fluid_domains(**{name: value for name, value in parameters.items() if name != "kind"}, progress=False)
 
 
 def _make_struts(parameters: Mapping[str, Any]) -> Model:
@@ -160,8 +187,9 @@ def _be_silent(stage: str, done: float) -> None:
     """A progress that shows nothing."""
 
 
-MAKERS: dict[str, Callable[[Mapping[str, Any]], Model]] = {
+MAKERS: dict[str, Callable[[Mapping[str, Any]], Model | FluidDomains]] = {
     "lattice": _make_lattice,
+    "fluid_domains": _make_domains,
     "infill": _make_infill,
     "struts": _make_struts,
     "blend": _make_from_recipe,

@@ -1,10 +1,10 @@
 """The table of a sweep: one design a row, read and validated as a whole before any work.
 
-A column is a keyword of `tpmscad.lattice`; of `tpmscad.infill` in rows with a `body`; of `tpmscad.struts` in rows whose `kind`
-is one of struts. In rows with a `recipe`, a TOML file of `tpmscad blend` or `tpmscad solidify`, a column is the path of a key of
-that recipe, such as `tol` or `structures[0].level`, whose value it replaces. The column `file` names the file of the solid; in
-braces it takes other columns and the number of the row. An empty cell stands for the keyword's default. InvalidRequest names the
-row and the column of what is wrong.
+A column is a keyword of `tpmscad.lattice`; of `tpmscad.infill` in rows with a `body`; of `tpmscad.fluid_domains` in rows whose
+`kind` is "domains"; of `tpmscad.struts` in rows whose `kind` is one of struts. In rows with a `recipe`, a TOML file of `tpmscad
+blend` or `tpmscad solidify`, a column is the path of a key of that recipe, such as `tol` or `structures[0].level`, whose value it
+replaces. The column `file` names the file of the solid; in braces it takes other columns and the number of the row. An empty cell
+stands for the keyword's default. InvalidRequest names the row and the column of what is wrong.
 """
 
 from __future__ import annotations
@@ -27,6 +27,7 @@ from tpmscad.errors import InvalidRequest
 from tpmscad.files.file_formats import SUFFIXES
 from tpmscad.recipe.blend_recipe import BlendRecipe
 from tpmscad.recipe.recipe_runs import read_recipe
+from tpmscad.solids._fluid_domains import fluid_domains
 from tpmscad.solids._infill import infill
 from tpmscad.solids._lattice import lattice
 from tpmscad.solids._struts import struts
@@ -38,18 +39,22 @@ FILE = "file"
 NOT_IN_A_TABLE = ("map", "progress")
 """Keywords that take functions only."""
 
+DOMAINS = "domains"
+"""In the column kind: the row is an exchanger."""
+
 FUNCTIONS_TOLD = "it takes a function, which a table cannot hold: make such designs one by one"
 
 KEYWORDS: Mapping[str, Mapping[str, Argument]] = {
     function.__name__: {
         name: argument for name, argument in arguments_of(function).items() if name not in NOT_IN_A_TABLE
     }
-    for function in (infill, struts, lattice)
+    for function in (infill, fluid_domains, struts, lattice)
 }
 """The columns by the function that a row calls."""
 
 PURPOSES = {
     "infill": "a body: name its file in the column body",
+    "fluid_domains": f"exchangers: write {DOMAINS} in the column kind",
     "struts": "struts: name their cell in the column kind",
     "lattice": "a surface in a box, not a body or struts",
 }
@@ -166,7 +171,7 @@ def _read_parquet(path: Path) -> list[dict[str, Any]]:
 
 def _check_columns(columns: Sequence[str], has_recipes: bool) -> None:
     """InvalidRequest for a column that no row can use."""
-    known = list(dict.fromkeys([*KEYWORDS["lattice"], *KEYWORDS["infill"], *KEYWORDS["struts"], "recipe", FILE]))
+    known = list(dict.fromkeys([*(name for of in KEYWORDS.values() for name in of), "recipe", FILE]))
     for name in columns:
         if name in known or has_recipes:
             continue
@@ -185,23 +190,29 @@ def _read_design(number: int, row: Mapping[str, Any]) -> Design:
     if "recipe" in given:
         function, parameters = _read_recipe_row(number, given)
     else:
-        function = "infill" if "body" in given else "struts" if _names_struts(given) else "lattice"
+        function = _choose_function(given)
         missing = next((a.name for a in KEYWORDS[function].values() if a.is_required and a.name not in given), None)
         if missing is not None:
             meant = KEYWORDS[function][missing].kind.text
             if missing == "surface":
                 meant = f"the name of one, such as gyroid; or struts in the column kind: {', '.join(KINDS)}"
             raise InvalidRequest(f"row {number}, column {missing}: is empty; give {meant}")
-        parameters = {name: _read_keyword(number, function, name, value) for name, value in given.items()}
+        own = {name: value for name, value in given.items() if (name, value) != ("kind", DOMAINS)}
+        parameters = given | {name: _read_keyword(number, function, name, value) for name, value in own.items()}
         if "surface" in parameters:
             with _locate_errors(number, "surface"):
                 find_surface(parameters["surface"])
     return Design(number, function, parameters, _name_file(number, row.get(FILE), given))
 
 
-def _names_struts(given: Mapping[str, Any]) -> bool:
-    """Whether a row is one of struts, by its kind of cell."""
-    return "surface" not in given and isinstance(given.get("kind"), str) and given["kind"] in KINDS
+def _choose_function(given: Mapping[str, Any]) -> str:
+    """The function that makes a row: by its kind, or its body."""
+    kind = given.get("kind")
+    if kind == DOMAINS:
+        return "fluid_domains"
+    if "body" in given:
+        return "infill"
+    return "struts" if "surface" not in given and isinstance(kind, str) and kind in KINDS else "lattice"
 
 
 def _read_keyword(number: int, function: str, name: str, value: Any) -> Any:

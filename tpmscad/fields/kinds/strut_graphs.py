@@ -155,13 +155,14 @@ class StrutsField(Field):
     """Distance to the struts (m, 2) between points (n, 3), and to balls at the points.
 
     radii (m, 2): of each strut at its start and its end, between which it is a cone that touches the balls of these radii. balls
-    (n,): radii at the points, at least those of the struts there.
+    (n,): radii at the points, at least those of the struts there. parts: starts, vectors and radii of struts and larger balls.
     """
 
     points: Array
     edges: IntArray
     radii: Array
     balls: Array
+    parts: tuple[Array, Array, Array]
     near: _NearStruts
 
     @property
@@ -190,7 +191,7 @@ class StrutsField(Field):
         points, shape = stack_points(x, y, z)
         values, gradients = _measure_struts(
             np.ascontiguousarray(points),
-            *_list_parts(self.points, self.edges, self.radii, self.balls),
+            *self.parts,
             *self.near,
         )
         gx, gy, gz = (gradients[:, axis].reshape(shape) for axis in range(3))
@@ -376,7 +377,7 @@ def build_struts(points: Array, edges: IntArray, radii: Array, balls: Array) -> 
     size = (high - low) / counts
     parts = _list_parts(points, edges, radii, balls)
     near = _NearStruts(low, size, counts, *_list_near(low, size, counts, *parts))
-    return StrutsField(points, edges, radii, balls, near)
+    return StrutsField(points, edges, radii, balls, parts, near)
 
 
 @lru_cache(maxsize=CHANGED_FIELDS)
