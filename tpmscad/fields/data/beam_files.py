@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import locale
 import os
+import re
 import zipfile
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
@@ -18,6 +19,9 @@ from tpmscad._typing import Array, IntArray
 from tpmscad.atomic_file import atomic_write
 from tpmscad.errors import InvalidRequest, KernelError
 from tpmscad.fields.data.threemf_files import BALLS, BEAMS, PlacedObject, parse_model, read_package
+
+BEAM_ELEMENT = re.compile(rb"<(\w+:)?beam\s")
+"""What the model of a file with beams has; others declare the namespace of beams, too."""
 
 MODEL_PATH = "3D/3dmodel.model"
 """Of the files that lib3mf writes."""
@@ -64,7 +68,7 @@ def is_beam_path(source: Any) -> bool:
         return False
     with contextlib.suppress(zipfile.BadZipFile), zipfile.ZipFile(source) as archive:
         parts = [name for name in archive.namelist() if name.lower().endswith(".model")]
-        return any(BEAMS.encode() in archive.read(name) for name in parts)
+        return any(BEAM_ELEMENT.search(archive.read(name)) for name in parts)
     return False
 
 
