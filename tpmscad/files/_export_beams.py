@@ -47,8 +47,8 @@ def export_beams(
         field = field.struts
     if not isinstance(field, StrutsField):
         raise InvalidRequest(
-            f"{type(source).__name__} is no field of struts alone: give a field of struts, the beams of a file without clipping, or "
-            "a model of struts"
+            f"{type(source).__name__} is no field of struts alone: give a field of struts, the beams of a file without "
+            "clipping, or a model of struts"
         )
     balls = np.where(field.balls > greatest_radii(len(field.points), field.edges, field.radii), field.balls, 0.0)
     write_beam_file(path, BeamLattice(field.points, field.edges, field.radii, balls), path.stem)
