@@ -14,7 +14,7 @@ from tpmscad.brep.boundary_representation import Brep
 from tpmscad.brep.moments import integral_properties
 from tpmscad.brep.solid_properties import measure_solid
 from tpmscad.errors import InvalidRequest, TrimmingError
-from tpmscad.fields.kinds.strut_graphs import StrutsField, split_by_node_radius
+from tpmscad.fields.kinds.strut_graphs import StrutsField, map_struts, split_by_node_radius
 from tpmscad.lattices import strut_classes
 from tpmscad.lattices.strut_brep import build_strut_brep
 from tpmscad.lattices.strut_contacts import find_contact
@@ -299,3 +299,15 @@ def test_cones_that_leave_a_node_side_by_side_are_refused() -> None:
     ends = [[0, 0, 0], [10, 0, 0], [10, 1.0, 0]]
     with pytest.raises(TrimmingError, match="nearly one direction"):
         bound(fields.struts(ends, [[0, 1], [0, 2]], [[1.0, 4.0], [1.0, 0.5]]))
+
+
+def test_cones_keep_their_ends_where_a_map_lays_nodes_on_each_other() -> None:
+    """The third node becomes the first one, so that the strut between the second and the third begins at its other end."""
+    field = fields.struts([[0, 0, 0], [5, 1, 0], [10, 0, 0], [3, 3, 0]], [[0, 3], [1, 2]], [[2.0, 2.0], [1.0, 2.0]])
+    closed = map_struts(field, lambda p: np.column_stack([p[:, 0] % 10.0, p[:, 1:]]))
+    at_ends = dict(zip(closed.edges.ravel().tolist(), closed.diameters.ravel().tolist(), strict=True))
+    assert {tuple(closed.points[node].tolist()): diameter for node, diameter in at_ends.items()} == {
+        (0.0, 0.0, 0.0): 2.0,
+        (5.0, 1.0, 0.0): 1.0,
+        (3.0, 3.0, 0.0): 2.0,
+    }

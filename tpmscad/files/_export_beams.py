@@ -12,8 +12,9 @@ from tpmscad.api.shared_kinds import ANYTHING, PATH
 from tpmscad.atomic_file import validate_output_path
 from tpmscad.errors import InvalidRequest
 from tpmscad.fields.data.beam_files import BeamLattice, write_beam_file
+from tpmscad.fields.data.edge_radii import greatest_radii
 from tpmscad.fields.kinds.beam_lattices import BeamsField
-from tpmscad.fields.kinds.strut_graphs import StrutsField, greatest_radii
+from tpmscad.fields.kinds.strut_graphs import StrutsField
 from tpmscad.results.model import Model
 
 BEAM_SUFFIXES = (".3mf",)

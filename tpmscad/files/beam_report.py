@@ -10,6 +10,7 @@ import numpy as np
 
 from tpmscad._typing import BoxCorners
 from tpmscad.fields.data.beam_files import read_beam_file
+from tpmscad.fields.data.edge_radii import greatest_radii
 from tpmscad.result_display import fit_lines
 from tpmscad.results.result_summary import format_size, round_corners
 
@@ -90,9 +91,8 @@ def report_beams(path: Path) -> BeamReport:
     radii = np.concatenate([lattice.radii for lattice in found.lattices])
     ends, nodes = [], 0
     for lattice in found.lattices:
-        reach = np.zeros(len(lattice.points))
-        np.maximum.at(reach, lattice.edges, lattice.radii)
-        reach = np.maximum(reach, lattice.balls)[:, None]
+        ends_of_beams = greatest_radii(len(lattice.points), lattice.edges, lattice.radii)
+        reach = np.maximum(ends_of_beams, lattice.balls)[:, None]
         used = np.unique(lattice.edges)
         ends += [lattice.points[used] - reach[used], lattice.points[used] + reach[used]]
         nodes += len(used)

@@ -46,9 +46,6 @@ LEAST_OPENING = 1e-6
 """How far the cosine of the angle between two struts must stay below that of the difference of their half-angles: beyond that one
 cone lies within the other."""
 
-SAMPLES_PER_PIECE = 17
-"""Angles in each piece at which the ends of a cone are compared."""
-
 
 class Curves(Protocol):
     """Functions of an angle, by number."""

@@ -31,7 +31,6 @@ from tpmscad.errors import TrimmingError
 from tpmscad.lattices.strut_ends import (
     IN_PLANE,
     SAME_ANGLE,
-    SAMPLES_PER_PIECE,
     BallArcs,
     EndFrame,
     Star,
@@ -49,6 +48,12 @@ SAME_POINT = 1e-7
 
 PCURVE_TOL = 1e-10
 """In radii: greatest distance of a pcurve's image from its edge."""
+
+SAMPLES_PER_PIECE = 17
+"""Angles in each piece at which the ends of a cone are compared."""
+
+LEAST_REST = 1e-3
+"""Share of the distance from its apex at which a generator of a widening cone still ends: beyond, borders are far away."""
 
 PCURVE_DEGREE = 7
 SPAN_COUNTS = (1, 2, 4, 8, 16, 32, 64, 128)
@@ -134,10 +139,6 @@ class StrutEnd:
     def reaches(self, angles: Array) -> Array:
         """The same at many angles (n,) within the breaks."""
         return self.length_of(self.cone.curves.values(angles).max(axis=0))
-
-
-LEAST_REST = 1e-3
-"""Share of the distance from its apex at which a generator of a widening cone still ends: beyond, borders are far away."""
 
 
 def make_strut_ends(along: Array, stars: tuple[Star, Star]) -> tuple[StrutEnd, StrutEnd]:

@@ -18,13 +18,11 @@ import numpy as np
 from tpmscad._typing import Array, IntArray
 from tpmscad.atomic_file import atomic_write
 from tpmscad.errors import InvalidRequest, KernelError
-from tpmscad.fields.data.threemf_files import BALLS, BEAMS, PlacedObject, parse_model, read_package
+from tpmscad.fields.data.edge_radii import order_ends
+from tpmscad.fields.data.threemf_files import BALLS, BEAMS, MODEL_PATH, PlacedObject, parse_model, read_package
 
 BEAM_ELEMENT = re.compile(rb"<(\w+:)?beam\s")
 """What the model of a file with beams has; others declare the namespace of beams, too."""
-
-MODEL_PATH = "3D/3dmodel.model"
-"""Of the files that lib3mf writes."""
 
 SIMILARITY_RTOL = 1e-5
 """Relative difference of a transform from a rotation times a factor: files hold few digits."""
@@ -117,9 +115,7 @@ def _read_lattice(name: str, placed: PlacedObject) -> BeamLattice:
         balls[np.unique(number[edges])] = float(default)
     for ball in held.balls if mode in ("all", "mixed") else ():
         balls[number[int(ball["vindex"])]] = float(ball.get("r", default))
-    edges = number[edges]
-    turned = edges[:, 0] > edges[:, 1]
-    edges[turned], radii[turned] = edges[turned][:, ::-1], radii[turned][:, ::-1]
+    edges, radii = order_ends(number[edges], radii)
     _, kept = np.unique(np.column_stack([edges, radii]), axis=0, return_index=True)
     kept = np.sort(kept[edges[kept, 0] != edges[kept, 1]])
     clipping = given.get("clippingmode", "none")

@@ -39,6 +39,9 @@ SHAPE_EXTENSIONS = {
 }
 """Extensions of the 3MF Consortium that hold shapes: their names, and the elements that are counted."""
 
+MODEL_PATH = "3D/3dmodel.model"
+"""Of the model in an archive, as a rule."""
+
 NO_PART = ("support", "solidsupport")
 """Types of objects that are no part of what is made."""
 
@@ -208,7 +211,7 @@ def _find_root(parts: Mapping[str, bytes]) -> str:
         )
         if target and kind and kind[1].endswith(b"/3dmodel"):
             return posixpath.normpath(target[1].decode()).lower().strip("/")
-    return "3d/3dmodel.model"
+    return MODEL_PATH.lower()
 
 
 def _require_understood(name: str, model: ThreemfModel, understood: Sequence[str]) -> None:

@@ -8,14 +8,13 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
-from typing import Annotated, Any, NamedTuple
+from typing import Annotated, Any
 
 import numpy as np
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
-from tpmscad._compiled_loops import njit_cached
 from tpmscad._typing import Array, IntArray
 from tpmscad.api.argument_kinds import choice_of
 from tpmscad.api.public_calls import call_for_array, validate_call
@@ -30,9 +29,11 @@ from tpmscad.api.shared_kinds import (
     POINT_ROWS,
 )
 from tpmscad.errors import InvalidRequest, format_point
+from tpmscad.fields.data.edge_radii import greatest_radii, order_ends
 from tpmscad.fields.field import Field
 from tpmscad.fields.kinds.coordinate_transforms import IDENTITY
 from tpmscad.fields.kinds.expressions import expression
+from tpmscad.fields.kinds.strut_distances import NearStruts, find_near, measure_struts
 from tpmscad.fields.tape.evaluation import FieldJet, Triple, stack_points
 from tpmscad.memory_limit import require_memory
 from tpmscad.strut_cells import DEFAULT_ANGLE, KINDS, LARGEST_ANGLE, make_cell
@@ -42,12 +43,6 @@ BYTES_PER_PART_OF_CELL = 100
 
 SAME_NODE = 1e-9
 """In sizes of the graph: distance up to which nodes are one."""
-
-CELLS_ALONG_GRID = 24
-"""Cells along the longest edge of the grid by which near struts are found; 1000 struts then take as long as about 20."""
-
-BLOCK_CELLS = 6
-"""Cells along the edges of a block, whose near struts are sought among all: 25,200 struts take .5 s instead of 5."""
 
 STRAIGHT = 1e-9
 """Sine of the angle up to which two struts continue each other."""
@@ -65,91 +60,6 @@ NodeRadius = Annotated[
 ]
 
 
-class _NearStruts(NamedTuple):
-    """The struts whose surfaces may be nearest to a point of a grid's cell k: `members[first[k] : first[k + 1]]`, ascending.
-
-    low, size (3,): corner of the grid, edges of a cell; counts (3,): of cells. Beyond the grid all struts are asked.
-    """
-
-    low: Array
-    size: Array
-    counts: IntArray
-    first: IntArray
-    members: IntArray
-
-
-@njit_cached  # type: ignore[untyped-decorator]  # numba has no types
-def _nearest_part(
-    dx: float, dy: float, dz: float, ax: float, ay: float, az: float, first: float, last: float
-) -> float:  # pragma: no cover - compiled
-    """Where on the axis a = (ax, ay, az) the ball lies that is nearest to a point d, as a fraction of the axis from its start.
-
-    The radii of the balls grow along the axis from `first` to `last`; they fill a cone that touches both.
-    """
-    square = ax * ax + ay * ay + az * az
-    if square == 0.0:
-        return 0.0
-    t = (dx * ax + dy * ay + dz * az) / square
-    if first != last:
-        length = np.sqrt(square)
-        sine = (first - last) / length
-        if abs(sine) >= 1.0:  # one ball holds all others
-            return 0.0 if first > last else 1.0
-        # the normal of the cone leans against the axis by the same angle everywhere
-        away = np.sqrt(max(dx * dx + dy * dy + dz * dz - t * t * square, 0.0))
-        t -= away * sine / (np.sqrt(1.0 - sine * sine) * length)
-    return min(max(t, 0.0), 1.0)
-
-
-@njit_cached  # type: ignore[untyped-decorator]  # numba has no types
-def _list_near(
-    low: Array, size: Array, counts: IntArray, start: Array, along: Array, radii: Array
-) -> tuple[IntArray, IntArray]:
-    """The numbers of near struts of all cells, and where those of each begin; found among those near a block of cells."""
-    diagonal = np.sqrt((size**2).sum()) * (1 + 1e-9)
-    n_cells = counts[0] * counts[1] * counts[2]
-    begin, number = np.zeros(n_cells, np.int64), np.zeros(n_cells + 1, np.int64)
-    found = np.empty(n_cells * 4 + len(start), np.int64)
-    every, total = np.arange(len(start)), 0
-    blocks = (counts + BLOCK_CELLS - 1) // BLOCK_CELLS
-    for block in np.ndindex((blocks[0], blocks[1], blocks[2])):
-        first = np.array(block) * BLOCK_CELLS
-        last = np.minimum(first + BLOCK_CELLS, counts)
-        # the distance changes by as much as the place: of centres in a block by half its diagonal at most, of both
-        near = _select_near(low + 0.5 * (first + last) * size, BLOCK_CELLS * diagonal, every, start, along, radii)
-        for i in range(first[0], last[0]):
-            for j in range(first[1], last[1]):
-                for k in range(first[2], last[2]):
-                    cell = (i * counts[1] + j) * counts[2] + k
-                    own = _select_near(low + (np.array([i, j, k]) + 0.5) * size, diagonal, near, start, along, radii)
-                    while total + len(own) > len(found):
-                        found = np.concatenate((found, np.empty(len(found), np.int64)))
-                    found[total : total + len(own)] = own
-                    begin[cell], number[cell + 1] = total, len(own)
-                    total += len(own)
-    limits = np.cumsum(number)
-    members = np.empty(total, np.int64)
-    for cell in range(n_cells):
-        members[limits[cell] : limits[cell + 1]] = found[begin[cell] : begin[cell] + number[cell + 1]]
-    return limits, members
-
-
-@njit_cached  # type: ignore[untyped-decorator]  # numba has no types
-def _select_near(
-    point: Array, reach: float, among: IntArray, start: Array, along: Array, radii: Array
-) -> IntArray:  # pragma: no cover - compiled
-    """The struts `among` those given whose distance from a point exceeds the least one by `reach` at most."""
-    distances = np.empty(len(among))
-    for m in range(len(among)):
-        s = among[m]
-        dx, dy, dz = point[0] - start[s, 0], point[1] - start[s, 1], point[2] - start[s, 2]
-        ax, ay, az = along[s, 0], along[s, 1], along[s, 2]
-        t = _nearest_part(dx, dy, dz, ax, ay, az, radii[s, 0], radii[s, 1])
-        dx, dy, dz = dx - t * ax, dy - t * ay, dz - t * az
-        distances[m] = np.sqrt(dx * dx + dy * dy + dz * dz) - radii[s, 0] - t * (radii[s, 1] - radii[s, 0])
-    return among[distances <= distances.min() + reach]
-
-
 @dataclass(frozen=True, slots=True, eq=False)
 class StrutsField(Field):
     """Distance to the struts (m, 2) between points (n, 3), and to balls at the points.
@@ -163,7 +73,7 @@ class StrutsField(Field):
     radii: Array
     balls: Array
     parts: tuple[Array, Array, Array]
-    near: _NearStruts
+    near: NearStruts
 
     @property
     def diameters(self) -> Array:
@@ -189,7 +99,7 @@ class StrutsField(Field):
     def jet(self, x: Array, y: Array, z: Array) -> FieldJet:
         """Value and partial derivatives at coordinates that broadcast; on an axis the gradient is a unit vector across."""
         points, shape = stack_points(x, y, z)
-        values, gradients = _measure_struts(
+        values, gradients = measure_struts(
             np.ascontiguousarray(points),
             *self.parts,
             *self.near,
@@ -212,65 +122,6 @@ def _list_parts(points: Array, edges: IntArray, radii: Array, balls: Array) -> t
         np.concatenate([points[edges[:, 1]] - start, np.zeros((len(more), 3))]),
         np.concatenate([radii, np.column_stack([balls[more], balls[more]])]),
     )
-
-
-def greatest_radii(count: int, edges: IntArray, radii: Array) -> Array:
-    """The greatest radius of the ends of struts at each of so many points."""
-    ends = np.zeros(count)
-    np.maximum.at(ends, edges, radii)
-    return ends
-
-
-@njit_cached  # type: ignore[untyped-decorator]  # numba has no types
-def _measure_struts(
-    points: Array,
-    start: Array,
-    along: Array,
-    radii: Array,
-    low: Array,
-    size: Array,
-    counts: IntArray,
-    first: IntArray,
-    members: IntArray,
-) -> tuple[Array, Array]:
-    """Values (n,) and gradients (n, 3) at points (n, 3)."""
-    values, gradients = np.empty(len(points)), np.zeros((len(points), 3))
-    for k in range(len(points)):
-        x, y, z = points[k, 0], points[k, 1], points[k, 2]
-        best, distance, nearest = np.inf, 0.0, -1
-        i, j, m = (x - low[0]) / size[0], (y - low[1]) / size[1], (z - low[2]) / size[2]
-        within = 0 <= i < counts[0] and 0 <= j < counts[1] and 0 <= m < counts[2]
-        begin, end = 0, len(start)
-        if within:
-            cell = (int(i) * counts[1] + int(j)) * counts[2] + int(m)
-            begin, end = first[cell], first[cell + 1]
-        for each in range(begin, end):
-            s = members[each] if within else each
-            dx, dy, dz = x - start[s, 0], y - start[s, 1], z - start[s, 2]
-            ax, ay, az = along[s, 0], along[s, 1], along[s, 2]
-            t = _nearest_part(dx, dy, dz, ax, ay, az, radii[s, 0], radii[s, 1])
-            dx, dy, dz = dx - t * ax, dy - t * ay, dz - t * az
-            length = np.sqrt(dx * dx + dy * dy + dz * dz)
-            value = length - radii[s, 0] - t * (radii[s, 1] - radii[s, 0])
-            if value < best:
-                best, distance, nearest = value, length, s
-                gradients[k, 0], gradients[k, 1], gradients[k, 2] = dx, dy, dz
-        values[k] = best
-        if distance > 0:
-            for c in range(3):
-                gradients[k, c] /= distance
-        else:  # any unit vector across
-            axis = along[nearest]
-            length = np.sqrt((axis**2).sum())
-            least = 0
-            for c in range(1, 3):
-                if abs(axis[c]) < abs(axis[least]):
-                    least = c
-            part = axis[least] / length if length > 0 else 0.0
-            for c in range(3):
-                tilt = part * axis[c] / length if length > 0 else 0.0
-                gradients[k, c] = ((1.0 if c == least else 0.0) - tilt) / np.sqrt(1 - part * part)
-    return values, gradients
 
 
 @validate_call()
@@ -339,9 +190,8 @@ def struts(
         raise InvalidRequest(
             f"diameter has {len(diameters)} values for {len(edges)} edges: give one number, one for each edge, or a pair"
         )
-    radii = np.broadcast_to(diameters[:, None] / 2 if diameters.ndim == 1 else diameters / 2, (len(edges), 2)).copy()
-    turned = edges[:, 0] > edges[:, 1]
-    radii[turned] = radii[turned][:, ::-1]
+    radii = np.broadcast_to(diameters[:, None] / 2 if diameters.ndim == 1 else diameters / 2, (len(edges), 2))
+    ordered, radii = order_ends(edges, radii)
     if node_radius <= radii.min():
         ordered, radii = _join_straight(points, ordered, radii)
     return build_struts(points, ordered, radii, np.full(len(points), float(node_radius)))
@@ -371,12 +221,8 @@ def build_struts(points: Array, edges: IntArray, radii: Array, balls: Array) -> 
     used, numbers = np.unique(edges, return_inverse=True)
     points, edges = points[used], numbers.reshape(-1, 2)
     balls = np.maximum(balls[used], greatest_radii(len(points), edges, radii))
-    margin = 2 * float(balls.max())
-    low, high = points.min(axis=0) - margin, points.max(axis=0) + margin
-    counts = np.maximum(((high - low) / (high - low).max() * CELLS_ALONG_GRID).astype(np.int64), 1)
-    size = (high - low) / counts
     parts = _list_parts(points, edges, radii, balls)
-    near = _NearStruts(low, size, counts, *_list_near(low, size, counts, *parts))
+    near = find_near(points, 2 * float(balls.max()), *parts)
     return StrutsField(points, edges, radii, balls, parts, near)
 
 
@@ -402,10 +248,11 @@ def map_struts(field: StrutsField, function: Callable[[Array], Array]) -> Struts
     links = coo_array((np.ones(len(pairs)), (pairs[:, 0], pairs[:, 1])), shape=(len(points),) * 2)
     _, number = connected_components(links, directed=False)
     _, first = np.unique(number, return_index=True)
-    edges, kept = np.unique(np.sort(number[field.edges], axis=1), axis=0, return_index=True)
+    ordered, radii = order_ends(number[field.edges], field.radii)
+    edges, kept = np.unique(ordered, axis=0, return_index=True)
     balls = np.zeros(len(first))
     np.maximum.at(balls, number, field.balls)
-    return build_struts(points[first], edges, field.radii[kept], balls)
+    return build_struts(points[first], edges, radii[kept], balls)
 
 
 def split_by_node_radius(field: StrutsField) -> list[StrutsField]:

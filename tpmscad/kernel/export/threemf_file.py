@@ -17,10 +17,9 @@ from numpy.typing import NDArray
 from tpmscad._typing import Colour
 from tpmscad.atomic_file import atomic_write
 from tpmscad.errors import KernelError
-from tpmscad.fields.data.threemf_files import CORE, parse_model
+from tpmscad.fields.data.threemf_files import CORE, MODEL_PATH, parse_model
 from tpmscad.kernel.export.mesh_parts import MeshPart, check_read_meshes
 
-MODEL_PATH = "3D/3dmodel.model"
 CONTENT_TYPES = (
     '<?xml version="1.0" encoding="UTF-8"?>\n'
     '<Types xmlns="http://schemas.openxmlformats.org/package/2006/content-types">'
