@@ -79,7 +79,7 @@ class WallHeight:
         axes = [np.arange(TABLE_SIZE) * (edge / TABLE_SIZE) for edge in request.cell]
         return cls(request, rotation, (NormalDistance(phi) if request.levels is None else phi).on_grid(*axes))
 
-    def scaled(self, edge: float) -> WallHeight:
+    def with_cell(self, edge: float) -> WallHeight:
         """That of a wall of the same thickness, with a cubic cell of another edge."""
         factor = edge / self.request.cell[0]
         return replace(self, request=replace(self.request, cell=(edge,) * 3), table=factor * self.table)
@@ -125,7 +125,11 @@ def _find_remedies(body: KernelBody, samples: BodySamples, wall: WallHeight, end
     )
     edges = _list_smaller(request.cell[0]) if len(set(request.cell)) == 1 else []
     edge = next(
-        (e for e in edges if _is_wall_possible(request, e) and find_fault(body, samples, wall.scaled(e), ends) is None),
+        (
+            e
+            for e in edges
+            if _is_wall_possible(request, e) and find_fault(body, samples, wall.with_cell(e), ends) is None
+        ),
         None,
     )
     return [f"a {name} of {value:g}" for name, value in (("skin", skin), ("cell", edge)) if value is not None]

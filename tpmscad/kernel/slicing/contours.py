@@ -105,22 +105,22 @@ class SlicedFaces:
         """Heights (n,) of horizontal faces, at which areas may jump, in any order."""
         thickness = np.ptp(self.ranges, axis=1) - 2.0 * HEIGHT_MARGIN * self.size
         source = self.outlines.of_face[self.face]
-        heights = self.ranges.mean(axis=1)[source] + self._moved[:, 2]
+        heights = self.ranges.mean(axis=1)[source] + self._translations[:, 2]
         return np.asarray(heights[(thickness < NODE_REL_TOL * self.size)[source]])
 
     @property
-    def _moved(self) -> Array:
+    def _translations(self) -> Array:
         """Translations (s, 3) of the sides from their representatives."""
         motion = self.outlines.motion
         return np.zeros((len(self.face), 3)) if motion is None else motion.translation[self.face]
 
     def _add_areas(self, curves: FaceCurves, copies: _CopiedCurves, n_levels: int) -> Array:
-        areas = curves.area[copies.curve] + self._moved[copies.side, 0] * curves.rise[copies.curve]
+        areas = curves.area[copies.curve] + self._translations[copies.side, 0] * curves.rise[copies.curve]
         return np.bincount(copies.level, areas, n_levels).astype(float)
 
     def _cut_copies(self, levels: Array, executor: Executor | None) -> tuple[FaceCurves, _CopiedCurves]:
         """The curves of one face of each class, and the copies of them that all faces are cut in."""
-        source, shift = self.outlines.of_face[self.face], self._moved[:, 2]
+        source, shift = self.outlines.of_face[self.face], self._translations[:, 2]
         low, high = self.ranges[source].T
         side, level = expand_ranges(
             np.searchsorted(levels, low + shift), np.searchsorted(levels, high + shift, side="right")
@@ -172,7 +172,7 @@ class SlicedFaces:
 
     def _join_copies(self, curves: FaceCurves, copies: _CopiedCurves, n_levels: int) -> LayerContours:
         """The contours that copies of curves close to."""
-        moved = self._moved[copies.side, :2]
+        moved = self._translations[copies.side, :2]
         first, last = curves.starts[:-1][copies.curve], curves.starts[1:][copies.curve]
         closed = curves.closed[copies.curve]
         following = np.where(closed, np.arange(len(copies)), -1)
