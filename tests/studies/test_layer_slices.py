@@ -251,8 +251,8 @@ def test_ends_of_curves_that_no_edge_tells_are_joined_where_they_meet(monkeypatc
 
 def test_copies_of_faces_that_do_not_meet_are_noticed(monkeypatch: pytest.MonkeyPatch) -> None:
     model = tpmscad.lattice("schwarz_p", cell=4, cells=(2, 1, 1), thickness=0.5, tol=0.05)
-    moved = SlicedFaces._moved.fget  # type: ignore[attr-defined]
-    monkeypatch.setattr(SlicedFaces, "_moved", property(lambda self: 1.001 * moved(self)))
+    moved = SlicedFaces._translations.fget  # type: ignore[attr-defined]
+    monkeypatch.setattr(SlicedFaces, "_translations", property(lambda self: 1.001 * moved(self)))
     with pytest.raises(tpmscad.KernelError, match=r"neighbouring faces end 0\.004 apart"):
         model.slices(0.5, 0.02)
 
