@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 
 import tpmscad
+from tpmscad import fields
 from tpmscad.brep.winding_numbers import winding_numbers
 from tpmscad.errors import InvalidRequest, KernelError
 from tpmscad.files import _export_infill
@@ -63,13 +64,26 @@ def test_parts_make_up_the_filled_body(body: bd.Shape, surface: str, asked: dict
     assert np.mean(counted != inside) < 0.5 * within_tolerances
 
 
+@pytest.mark.parametrize(("core", "skin"), [("square", None), ("re-entrant", 0.7)])
+def test_cells_of_a_core_reach_from_end_to_end_of_a_tilted_panel(core: str, skin: float | None, tmp_path: Path) -> None:
+    axis = (1.0, 2.0, 2.0)
+    body = bd.Plane((3, 4, 5), z_dir=axis).location * bd.Box(30, 26, 5)
+    mirrored = fields.core(core, 6, 0.4, axis=(1, 2, -2)).move(np.diag([1.0, 1.0, -1.0]), np.zeros(3), 1.0)
+    field = mirrored if core == "square" else fields.core(core, 6, 0.4, axis=axis)
+    file = tpmscad.export_infill(body, field, tmp_path / "parts.step", tol=0.02, skin=skin)
+    solid = tpmscad.infill(body, field, tol=0.02, skin=skin, loose="keep")
+    assert file.whole_cells > 0
+    assert file.volume == pytest.approx(solid.volume, rel=1e-9)
+    assert len(read_step(file.path, healed=False).solids) == file.parts
+
+
 def test_equal_layers_are_stored_once() -> None:
     body = bd.Cylinder(2.2, 5.3)
     layers = divide_body([body.wrapped], np.array([0.11, 0.07, 0.05]), np.ones(3), 1)
     originals = [original for _, original, _ in layers.layers]
     assert layers.axis == 2
     assert originals == [0, 1, 1, 1, 1, 5]
-    assert layers.volume(np.ones(3)) == pytest.approx(np.pi * 2.2**2 * 5.3, rel=1e-9)
+    assert layers.volume == pytest.approx(np.pi * 2.2**2 * 5.3, rel=1e-9)
     cone = divide_body([bd.Cone(2.2, 2.0, 5.3).wrapped], np.array([0.11, 0.07, 0.05]), np.ones(3), 1)
     assert [original for _, original, _ in cone.layers] == [0, 1, 2, 3, 4, 5]
 
@@ -144,4 +158,7 @@ def test_what_has_no_copies_of_cells_is_refused(tmp_path: Path) -> None:
     with pytest.raises(InvalidRequest, match=r"no cell is a copy.*infill_triangles"):
         tpmscad.export_infill(bd.Box(3, 3, 3), "P", cell=1, thickness=lambda p: 0.1 + 0.01 * p[..., 0], **asked)
     with pytest.raises(InvalidRequest, match=r"made of copies.*infill_triangles"):
-        tpmscad.export_infill(bd.Box(3, 3, 3), tpmscad.fields.sphere((0, 0, 0), 1), tol=0.01, **asked)
+        tpmscad.export_infill(bd.Box(3, 3, 3), fields.sphere((0, 0, 0), 1), tol=0.01, **asked)
+    for body in (bd.Sphere(20), bd.Box(20, 20, 6) + bd.Pos(5, 0, 5) * bd.Cylinder(2, 6)):
+        with pytest.raises(InvalidRequest, match=r"no cell of the square core ends in two planes.*infill_layers"):
+            tpmscad.export_infill(body, "square", cell=4, thickness=0.4, **asked)

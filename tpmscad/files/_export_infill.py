@@ -24,12 +24,14 @@ from tpmscad.api.shared_arguments import Schema
 from tpmscad.api.shared_kinds import COUNT, EXECUTOR, PATH
 from tpmscad.atomic_file import validate_output_path
 from tpmscad.errors import InvalidRequest, KernelError
+from tpmscad.fields.kinds.cores import CoreField
 from tpmscad.files.checked_write import KERNEL_READ_LIMIT, make_volume_check
 from tpmscad.files.infill_parts import (
     CellLayers,
     MadePart,
     choose_corner,
     divide_body,
+    divide_body_in_columns,
     make_part,
     measure_volume,
     plan_part,
@@ -48,6 +50,8 @@ from tpmscad.kernel.step.product_entities import write_assembly, write_validatio
 from tpmscad.kernel.step.step_reader import read_step
 from tpmscad.parallel import run_as_completed
 from tpmscad.requests.lattice_options import InfillOptions
+from tpmscad.requests.lattice_request import LatticeRequest
+from tpmscad.requests.named_matter import resolve_named_matter
 from tpmscad.result_display import fit_lines, tabulate_summary
 from tpmscad.results.certificate import Certificate
 from tpmscad.results.loose_pieces import KEEP
@@ -181,8 +185,9 @@ def export_infill(options: InfillFileOptions) -> InfillFile:
     """Fill a CAD body with a lattice and write it as an assembly of whole cells and cut layers, in one STEP file.
 
     A whole cell is stored once, and placed wherever a cell lies wholly in the body. What the body leaves of the other cells is
-    filled a layer of cells at a time; layers that are translates of each other, as in a box or a cylinder, are stored once. A
-    skin is one further part. Nothing is written if a part misses the request.
+    filled a layer of cells at a time; layers that are translates of each other, as in a box or a cylinder, are stored once. The
+    cells of a core reach from end to end of a body, as in a panel, and what is left is one layer. A skin is one further part.
+    Nothing is written if a part misses the request.
 
     Returns
     -------
@@ -192,8 +197,8 @@ def export_infill(options: InfillFileOptions) -> InfillFile:
     Raises
     ------
     InvalidRequest
-        If the request cannot be carried out, drops loose pieces, keeps or clears solids, has no equal cells (a field or a map),
-        or places more than 100,000 solids.
+        If the request cannot be carried out, drops loose pieces, keeps or clears solids, has no equal cells (a field other than a
+        core, a map), or places more than 100,000 solids.
     NotMet
         If a part misses the request.
     TrimmingError, KernelError
@@ -214,12 +219,13 @@ def export_infill(options: InfillFileOptions) -> InfillFile:
     target, schema = validate_output_path(options.path, STEP_SUFFIXES), options.schema
     find_schema(schema)
     stages = StageTimer(options.progress)
-    tiled = read_tiled_body(options, INSTEAD, stages, copies=True)
+    tiled = read_tiled_body(resolve_named_matter(options), INSTEAD, stages, copies=True)
     if not isinstance(tiled.body, CadBody):
         raise InvalidRequest("a mesh has no exact faces to be cut: fill it with infill(...), or infill_triangles(...)")
-    request = tiled.request
-    check_wall_thickness(request)
-    cell, back = np.array(request.cell), Motion(tiled.turn.T, np.zeros(3))
+    filling, back = tiled.filling, Motion(tiled.turn.T, np.zeros(3))
+    assert isinstance(filling, LatticeRequest | CoreField)
+    if isinstance(filling, LatticeRequest):
+        check_wall_thickness(filling)
     shapes: list[Any] = [tiled.body.shape]
     skin: tuple[Any, ...] = ()
     if options.skin is not None:
@@ -229,27 +235,38 @@ def export_infill(options: InfillFileOptions) -> InfillFile:
             skin = tuple(as_solid(transform_shape(s, back)) for s in subtract_voids(tiled.body, shapes, tiled.openings))
     shapes = [as_solid(transform_shape(shape, back)) for shape in shapes]
     with stages("divide"):
-        low = choose_corner(shapes, cell, (TILE_CORNERS + request.phase) * cell)
-        layers = divide_body(shapes, low, cell, options.slab)
+        if isinstance(filling, CoreField):
+            rectangle = filling.cells.rectangle
+            corners = filling.origin[:2] + TILE_CORNERS[:, :2] * rectangle
+            layers = divide_body_in_columns(shapes, corners, rectangle)
+            if not len(layers.whole):
+                raise InvalidRequest(
+                    f"no cell of the {filling.structure} core ends in two planes of the body across its axis, so that none is a "
+                    f"copy of another: {INSTEAD}"
+                )
+        else:
+            cell = np.array(filling.cell)
+            low = choose_corner(shapes, cell, (TILE_CORNERS + filling.phase) * cell)
+            layers = divide_body(shapes, low, cell, options.slab)
         n_copies = len(layers.whole) + len(layers.layers)
         if n_copies > MAX_COPIES:
             raise InvalidRequest(
                 f"{len(layers.whole)} whole cells and {len(layers.layers)} layers are more than the {MAX_COPIES} parts that "
                 "readers take: enlarge the cell, or do without the solid: infill_layers(...), infill_triangles(...)"
             )
-        _check_division(layers, cell, shapes)
-    name = f"{request.surface} infill"
+        _check_division(layers, shapes)
+    name, tol = tiled.name, tiled.tol
     with tempfile.TemporaryDirectory(prefix=".parts-", dir=target.parent) as folder:
         aside = Path(folder).resolve()
         tasks = []
         if len(layers.whole):
-            box = make_box(low, low + cell)
-            tasks.append(plan_part(f"{name} cell", [box], request, schema, aside / "cell.step"))
+            box = make_box(layers.low, layers.low + layers.cell)
+            tasks.append(plan_part(f"{name} cell", [box], filling, tol, schema, aside / "cell.step"))
         originals = [number for number, (_, original, _) in enumerate(layers.layers) if original == number]
         for number in originals:
             solids = layers.layers[number][2]
             tasks.append(
-                plan_part(f"{name} layer {number + 1}", solids, request, schema, aside / f"layer-{number}.step")
+                plan_part(f"{name} layer {number + 1}", solids, filling, tol, schema, aside / f"layer-{number}.step")
             )
         made: list[MadePart | None] = [None] * len(tasks)
         with stages("fill") as report:
@@ -262,12 +279,12 @@ def export_infill(options: InfillFileOptions) -> InfillFile:
         of_original = dict(zip(originals, made[1:] if len(layers.whole) else made, strict=True))
         skin_part = write_shapes(skin, aside / "skin.step", schema, f"{name} skin", SKIN) if skin else None
         with stages("write"):
-            return _join(options, target, low, layers, cell, tiled.turn, name, cell_part, of_original, skin_part)
+            return _join(options, target, layers, tiled.turn, name, cell_part, of_original, skin_part)
 
 
-def _check_division(layers: CellLayers, cell: Array, shapes: Sequence[Any]) -> None:
+def _check_division(layers: CellLayers, shapes: Sequence[Any]) -> None:
     """KernelError unless whole cells and cut layers make up the body."""
-    volume, divided = measure_volume(shapes), layers.volume(cell)
+    volume, divided = measure_volume(shapes), layers.volume
     if abs(divided - volume) > DIVISION_RTOL * volume:
         raise KernelError(
             "division into cells",
@@ -278,9 +295,7 @@ def _check_division(layers: CellLayers, cell: Array, shapes: Sequence[Any]) -> N
 def _join(
     options: InfillFileOptions,
     target: Path,
-    low: Array,
     layers: CellLayers,
-    cell: Array,
     turn: Array,
     name: str,
     cell_part: MadePart | None,
@@ -297,7 +312,7 @@ def _join(
         part = of_original[original]
         if part is not None:
             shift = np.zeros(3)
-            shift[layers.axis] = (first - layers.layers[original][0]) * cell[layers.axis]
+            shift[layers.axis] = (first - layers.layers[original][0]) * layers.cell[layers.axis]
             copies.append((part, f"cut layer {len(copies) + 1}", triple(shift.tolist())))
     if skin_part is not None:
         copies.append((skin_part, "skin", (0.0, 0.0, 0.0)))
@@ -306,7 +321,7 @@ def _join(
         placed = [PlacedProduct(products[index[id(part)]], part.file.mass, label, at) for part, label, at in copies]
         if cell_part is not None:
             one = PlacedProduct(products[index[id(cell_part)]], cell_part.file.mass, "cell")
-            placed.insert(0, write_cells(section, setting, one, layers.whole, cell))
+            placed.insert(0, write_cells(section, setting, one, layers.whole, layers.cell))
         whole = write_group(section, setting, name, placed)
         if not np.array_equal(turn, np.eye(3)):
             product = write_assembly(

@@ -11,6 +11,7 @@ from tpmscad.errors import InvalidRequest
 from tpmscad.fields.analysis.exact_leaves import is_of_struts
 from tpmscad.fields.data.triangle_mesh import TriangleMesh
 from tpmscad.fields.field import Field, as_field
+from tpmscad.fields.kinds.cores import CoreField
 from tpmscad.fields.kinds.data_domains import bound_data_in_body
 from tpmscad.fields.kinds.triangle_meshes import MeshField
 from tpmscad.kernel.body_import.cad_body import CadBody
@@ -38,16 +39,17 @@ touches a side."""
 
 @dataclass(frozen=True, slots=True, eq=False)
 class TiledBody:
-    """A body, the faces of it that are open, and what fills it: a lattice, a field of struts, or the closed matter of another.
+    """A body, the faces of it that are open, and what fills it: a lattice, struts or a core as a field, or closed matter.
 
-    turn (3, 3) takes the axes of a lattice to the body's. passive: what is kept and what is cleared of the filled body. name: of
-    the filled body.
+    turn (3, 3) takes the axes of a lattice, or of a core whose cells are copied, to the body's. tol: of the filling. passive:
+    what is kept and what is cleared of the filled body. name: of the filled body.
     """
 
     body: CadBody | TriangleMesh
     openings: tuple[object, ...]
     filling: LatticeRequest | Field | BrepSolids
     turn: Array
+    tol: float
     passive: PassiveRegions
     name: str
 
@@ -63,13 +65,16 @@ def read_tiled_body(
 ) -> TiledBody:
     """The body and what fills it; InvalidRequest if it cannot be made without a solid, with what to do `instead`.
 
-    as_triangles: a triangle mesh stays one, it is not fitted. copies: the cells must be copies of one.
+    as_triangles: a triangle mesh stays one, it is not fitted. copies: the cells must be copies of one, and a core comes in its
+    own axes.
     """
     if options.map is not None:
         raise InvalidRequest(f"without a solid nothing is made under a map: leave map out, or {instead}")
     if not isinstance(options.surface, str):
-        if copies:
-            raise InvalidRequest(f"only a lattice of equal cells can be made of copies: name a surface, or {instead}")
+        if copies and not isinstance(options.surface, CoreField):
+            raise InvalidRequest(
+                f"only a lattice of equal cells, or a core, can be made of copies: name a surface or a core, or {instead}"
+            )
         reject_lattice_options(options)
         if options.tol is None:
             raise InvalidRequest("the solid of a field needs tol=, its greatest deviation from the field")
@@ -85,7 +90,7 @@ def read_tiled_body(
                 field = resolve_field(options.body)
             if isinstance(field, MeshField):
                 passive = PassiveRegions.read(options.keep, options.clear)
-                return TiledBody(field.mesh, (), filling, turn, passive, name)
+                return TiledBody(field.mesh, (), filling, turn, tol, passive, name)
     body = find_body(options.body, options.box, options.solid, tol, stages, is_default=options.tol is None)
     if isinstance(body, FittedBody) and options.skin is not None:
         raise InvalidRequest(f"a skin without a solid needs a CAD body: leave skin out, or {instead}")
@@ -93,9 +98,14 @@ def read_tiled_body(
     opened = tuple(body.open_faces) if isinstance(body, KernelBody) else ()
     passive = PassiveRegions.read_for(body.cad, isinstance(body, KernelBody), options.keep, options.clear)
     if filling is not None:
-        return TiledBody(body.cad, opened, filling, turn, passive.cut_within(body.cad), name)
+        return TiledBody(body.cad, opened, filling, turn, tol, passive.cut_within(body.cad), name)
+    if copies and isinstance(options.surface, CoreField):
+        core, axes = options.surface.facing_z()
+        return TiledBody(body.cad, opened, core, axes, tol, passive, f"{core.structure} core")
     bounded = bound_data_in_body(as_field(options.surface), *enclosing_box(body.cad.shape))
     if is_of_struts(bounded):
-        return TiledBody(body.cad, opened, bounded, turn, passive.cut_within(body.cad), "field infill")
+        return TiledBody(body.cad, opened, bounded, turn, tol, passive.cut_within(body.cad), "field infill")
     matter = build_field_matter(bounded, body.cad, tol, stages)
-    return TiledBody(body.cad, opened, build_solids(matter.closed), turn, passive.cut_within(body.cad), matter.name)
+    return TiledBody(
+        body.cad, opened, build_solids(matter.closed), turn, tol, passive.cut_within(body.cad), matter.name
+    )

@@ -128,6 +128,12 @@ class CoreField(Field):
             axes=(first, second, third),
         )
 
+    def facing_z(self) -> tuple[Self, Array]:
+        """The core with its cells along z, and the rotation (3, 3) that takes it to this one."""
+        rotation = np.array(self.axes).T
+        rotation[:, 2] *= np.linalg.det(rotation)  # nothing changes along the cells: either way
+        return self.move(rotation, np.zeros(3), 1.0), rotation
+
     def thicken(self, by: float) -> Self | None:
         """The core with walls thicker by a length; None if nothing is left of the walls or of the voids."""
         thickness = self.thickness + by
