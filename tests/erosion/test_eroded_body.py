@@ -8,7 +8,9 @@ from typing import Any
 import build123d as bd
 import numpy as np
 import pytest
+from manifold3d import CrossSection, JoinType
 
+from benchmarks.cores import make_wing
 from benchmarks.small_bodies import FREE_FORM_BODIES
 from tests.shapes.misfits import volume
 from tpmscad.brep.boundary_representation import Brep
@@ -23,6 +25,7 @@ from tpmscad.kernel.build.solids import build_solids
 from tpmscad.kernel.measure.shape_report import check_shape
 from tpmscad.kernel.measure.skin_depth import SkinDepth, measure_skin_thickness
 from tpmscad.kernel.occt.exploration import faces_of, solids_of, unwrap
+from tpmscad.solids.skins.offset_skin import GREATEST_TURN
 from tpmscad.splines.bspline import BSplineSurface, line_segment
 
 pytestmark = pytest.mark.kernel
@@ -32,7 +35,7 @@ PI = np.pi
 
 def eroded(body: Any, skin: float) -> Brep:
     """The part of a body deeper than a skin."""
-    read = read_free_form_body(read_body(body).shape)
+    read = read_free_form_body(read_body(body).shape, greatest_turn=GREATEST_TURN)
     return erode_body(read.brep, read.free_form, skin)
 
 
@@ -156,6 +159,14 @@ def test_the_volume_of_a_free_form_body_falls_with_the_skin_by_its_area(name: st
     middle, thinner, thicker = (eroded(body, s) for s in (skin, skin - step, skin + step))
     assert (volume(thinner) - volume(thicker)) / (2 * step) == pytest.approx(area(middle), rel=1e-4)
     assert_valid_and_deep(body, middle, skin)
+
+
+def test_a_wing_of_one_face_round_its_leading_edge_is_eroded_as_its_section() -> None:
+    skin, wing = 0.8, make_wing()
+    outline = wing.edges().filter_by(bd.GeomType.BSPLINE)[0]
+    polygon = np.array([(p.X, p.Y) for p in outline.positions(np.linspace(0, 1, 4001))])
+    section = CrossSection([polygon[::-1]]).offset(-skin, JoinType.Round, circular_segments=512)
+    assert volume(eroded(wing, skin)) == pytest.approx(section.area() * (30 - 2 * skin), rel=2e-6)
 
 
 @pytest.mark.slow

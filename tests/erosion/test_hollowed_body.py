@@ -80,6 +80,17 @@ def test_a_body_is_divided_into_voids_and_what_is_left_on_common_faces() -> None
         assert tag == str(np.flatnonzero(outermost(BOX, (direction,)))[0])
 
 
+def test_a_thin_wall_beside_a_long_round_edge_bounds_the_open_face() -> None:
+    # chords of an eighth of the circle would lie further inside than the void
+    tube, void = bd.Cylinder(200, 10), bd.Pos(0, 0, 0.5) * bd.Rot(0, 0, 5) * bd.Cylinder(199.5, 9)
+    read = tag_by_face(tube)
+    result = hollow_body(read, [brep_from_shape(void)], outermost(tube, (TOP,))[read.faces.tag])
+    measured = measure_solid(result)
+    assert measured.volume == pytest.approx(np.pi * (200**2 * 10 - 199.5**2 * 9), rel=1e-10)
+    assert measured.betti == (1, 0, 0)
+    assert all(map(is_valid, build_solids(result).solids))
+
+
 def test_a_moved_and_mirrored_body_gives_the_same_solid() -> None:
     read, void = tag_by_face(BOX), brep_from_shape(block((1, 1, 1), (10, 7, 6)))
     is_open = outermost(BOX, (TOP, RIGHT))[read.faces.tag]

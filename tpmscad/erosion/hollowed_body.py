@@ -30,8 +30,12 @@ from tpmscad.rigid_motion import Motion
 OPENING_TOL = 1e-6
 """Model units: largest distance of a void from the open face, or from the edge of two, through which it opens."""
 
-CHORDS_PER_EDGE = 16
-"""Chords per edge when loops are nested."""
+CHORDS_PER_EDGE, MAX_CHORDS = 16, 512
+"""Chords per edge when loops are nested, and how many there may be for chords to be accurate."""
+
+CHORD_REL_TOL = 1e-4
+"""In sizes of what edges bound: how far chords may be off the edges. The wall between a void and the edge of an open face is
+thicker, or it could be taken for one beyond that edge."""
 
 VERTEX_MARGIN = 1.05
 """Factor on the distance of an edge's ends from its vertices: its tolerance must cover the distance, round-off included."""
@@ -110,6 +114,18 @@ def sample_edges(brep: Brep, edges: IntArray, chords: int) -> Array:
     return np.array(points).reshape(-1, chords + 1, 3)
 
 
+def _sample_closely(brep: Brep, edges: IntArray) -> Array:
+    """Points along edges, as of `sample_edges`, with so many chords for each that they are accurate."""
+    chords = CHORDS_PER_EDGE
+    while True:
+        points = sample_edges(brep, edges, 2 * chords)
+        ends, middles = points[:, ::2], points[:, 1::2]
+        off = np.linalg.norm(middles - 0.5 * (ends[:, 1:] + ends[:, :-1]), axis=2).max(initial=0.0)
+        if chords >= MAX_CHORDS or off <= CHORD_REL_TOL * float(np.ptp(points, axis=(0, 1)).max(initial=0.0)):
+            return ends
+        chords *= 2
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class _Gap:
     """Where a void opens along an edge: from a vertex to a later one, at their parameters."""
@@ -133,7 +149,7 @@ class _OpenedFaces:
         self.use_ends = faces.use_start[faces.loop_start]
         outlines = []
         for f, plane in zip(openings.tolist(), self.planes, strict=True):
-            flat = plane.parameters(sample_edges(joined, uses.edge[self._uses_of(f)], CHORDS_PER_EDGE))
+            flat = plane.parameters(_sample_closely(joined, uses.edge[self._uses_of(f)]))
             outlines.append(np.stack([flat[:, :-1], flat[:, 1:]], axis=2).reshape(-1, 2, 2))
         void_faces = select_faces(joined, np.arange(n_body_faces, len(faces)))
         self.opening_of_face = np.full(len(faces), -1)
@@ -250,7 +266,7 @@ class _OpenedFaces:
         if not len(uses):
             return []
         edge, back = uses[:, 0], uses[:, 1] < 0
-        points = plane.parameters(sample_edges(whole, edge, CHORDS_PER_EDGE))
+        points = plane.parameters(_sample_closely(whole, edge))
         points[back] = points[back, ::-1]
         edges = whole.edges
         start = np.where(back, edges.end[edge], edges.start[edge])

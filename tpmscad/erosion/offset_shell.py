@@ -24,6 +24,7 @@ from tpmscad.erosion.sites import BORDER_REL_TOL, BodySites, EdgeSite, FaceSite,
 from tpmscad.errors import TrimmingError
 from tpmscad.splines.adaptive_curve_fit import FIT_DEGREE, fit_adaptively
 from tpmscad.splines.bspline import BSplineCurve, BSplineSurface, is_segment, isoparametric_curve, line_segment
+from tpmscad.splines.knots import knots_within
 
 SMOOTH_SINE = 1e-6
 """Sine of the angle at an edge below which its faces count as tangent."""
@@ -515,10 +516,9 @@ def fit_known_or_spline(
         return known
     breaks, bends = np.array(span), np.empty(0)
     if isinstance(base, BSplineCurve):
-        inner, count = np.unique(base.knots, return_counts=True)
-        within = (inner > span[0]) & (inner < span[1])
-        breaks = np.concatenate([breaks[:1], inner[within], breaks[1:]])
-        bends = inner[within & (base.degree - count < FIT_DEGREE - 1)]
+        inner, count = knots_within(base.knots, *span)
+        breaks = np.concatenate([breaks[:1], inner, breaks[1:]])
+        bends = inner[base.degree - count < FIT_DEGREE - 1]
 
     def error(fit: BSplineCurve, s: Array) -> Array:
         return np.asarray(np.linalg.norm(fit(s) - sample(s), axis=1))

@@ -31,6 +31,7 @@ from tpmscad.brep.loops import points_in_polygons
 from tpmscad.errors import TrimmingError
 from tpmscad.splines.bspline import BSplineCurve, BSplineSurface, is_segment, line_segment
 from tpmscad.splines.chart_fit import CHART_DEGREE, Space, find_space, fit_in_spaces, make_break_knots
+from tpmscad.splines.knots import knots_within
 
 SheetCarrier = Plane | Quadric | BSplineSurface
 
@@ -39,9 +40,6 @@ FIT_REL_TOL = 1e-10
 
 WIDENING = 0.02
 """Of the range of a domain: how far a fitted sheet goes on beyond it, where its face does."""
-
-SNAP_RTOL = 1e-9
-"""Of a range of parameters: knots nearer to its ends make spans of no length."""
 
 CONSTANT_TOL = 1e-10
 """Radians by which the normals along an edge may turn if its tube is a cylinder or a torus."""
@@ -168,11 +166,9 @@ def _fit_offset(carrier: FreeFormSurface, by: float, polygons: tuple[Array, ...]
 
     spaces, adaptive = [], []
     for axis, (knots, degree) in enumerate(((spline.knots_u, spline.degree_u), (spline.knots_v, spline.degree_v))):
-        inner, count = np.unique(knots, return_counts=True)
-        tiny = SNAP_RTOL * (box[axis, 1] - box[axis, 0])
-        kept = (inner > box[axis, 0] + tiny) & (inner < box[axis, 1] - tiny)
-        breaks = np.concatenate([box[axis, :1], inner[kept], box[axis, 1:]])
-        smooth = degree - count[kept]
+        inner, count = knots_within(knots, *box[axis])
+        breaks = np.concatenate([box[axis, :1], inner, box[axis, 1:]])
+        smooth = degree - count
         own = make_break_knots(breaks, smooth, degree), degree
         if _is_exact(sample, axis, box, own, tol):
             spaces.append(own)
@@ -290,10 +286,9 @@ def _make_tube_carrier(
     for axis in (0, 1):
         breaks, smooth = box[axis], np.empty(0, int)
         if axis == 0 and isinstance(curve, BSplineCurve):
-            inner, count = np.unique(curve.knots, return_counts=True)
-            kept = (inner > span[0]) & (inner < span[1])
-            breaks = np.concatenate([box[0, :1], inner[kept], box[0, 1:]])
-            smooth = np.clip(curve.degree - count[kept] - 1, 0, CHART_DEGREE - 1)
+            inner, count = knots_within(curve.knots, *span)
+            breaks = np.concatenate([box[0, :1], inner, box[0, 1:]])
+            smooth = np.clip(curve.degree - count - 1, 0, CHART_DEGREE - 1)
         spaces.append(find_space(sample, axis, box, breaks, smooth, tol))
     fitted, error = fit_in_spaces(sample, spaces, [True, True], tol)
     if not error <= 10 * tol:

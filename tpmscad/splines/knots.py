@@ -13,7 +13,7 @@ from functools import cache
 
 import numpy as np
 
-from tpmscad._typing import Array
+from tpmscad._typing import Array, IntArray
 from tpmscad.splines.basis import bernstein_elevation_matrix, design_matrix, knot_domain
 from tpmscad.splines.bspline import BSplineCurve, BSplineSurface
 
@@ -82,6 +82,18 @@ def uniform_knots(
 def greville_abscissae(knots: Array, degree: int) -> Array:
     """Averages of `degree` consecutive knots, one per pole: (n,)."""
     return np.array([knots[i + 1 : i + degree + 1].mean() for i in range(len(knots) - degree - 1)])
+
+
+KNOT_RTOL = 1e-9
+"""Of an interval: knots that are nearer to its ends are its ends; a span between them would have no length."""
+
+
+def knots_within(knots: Array, low: float, high: float) -> tuple[Array, IntArray]:
+    """The distinct knots (n,) inside an interval, but for those at its ends, and their multiplicities."""
+    values, counts = np.unique(knots, return_counts=True)
+    tiny = KNOT_RTOL * (high - low)
+    inside = (values > low + tiny) & (values < high - tiny)
+    return values[inside], counts[inside]
 
 
 def insert_knot(poles: Array, knots: Array, degree: int, t: float, times: int = 1) -> tuple[Array, Array]:

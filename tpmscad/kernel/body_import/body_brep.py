@@ -7,6 +7,7 @@ the body's size, or 2e-9 for pcurves on splines.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
@@ -78,7 +79,11 @@ TOL_PER_CARRIED = 100.0
 
 
 def read_free_form_body(
-    shape: Any, tags: Sequence[str] = (), accuracy: float | None = None, tol: float | None = None
+    shape: Any,
+    tags: Sequence[str] = (),
+    accuracy: float | None = None,
+    tol: float | None = None,
+    greatest_turn: float = math.inf,
 ) -> FreeFormBody:
     """As `brep_from_shape`, with faces on splines as well, split at creases, and gaps between faces closed.
 
@@ -89,7 +94,7 @@ def read_free_form_body(
     """
     gap = measure_accuracy([unwrap(shape)])
     allowance = _find_allowance(unwrap(shape), accuracy, tol)
-    brep, source, body = _read_faces(shape, True, gap, allowance)
+    brep, source, body = _read_faces(shape, True, gap, allowance, greatest_turn)
     carriers = [face.carrier for face in body.faces]
     brep = replace(brep, faces=replace(brep.faces, tag=source), tags=tuple(tags)) if tags else brep
     forms = {i: c for i, c in enumerate(carriers) if isinstance(c, FreeFormSurface)}
@@ -148,7 +153,7 @@ def brep_and_source_faces(shape: Any) -> tuple[Brep, IntArray]:
 
 
 def _read_faces(
-    shape: Any, free_form: bool, gap: float = 0.0, allowance: Allowance = EXACT
+    shape: Any, free_form: bool, gap: float = 0.0, allowance: Allowance = EXACT, greatest_turn: float = math.inf
 ) -> tuple[Brep, IntArray, ImportedBody]:
     """The boundary representation, the source of each of its faces, and the body from which it was assembled.
 
@@ -162,7 +167,7 @@ def _read_faces(
         _refuse_free_form(faces, size)
     at = -1
     try:
-        parts = split_at_creases(faces, size) if free_form else list_whole_faces(faces)
+        parts = split_at_creases(faces, size, greatest_turn) if free_form else list_whole_faces(faces)
         body = read_exact_body(parts, size, free_form, allowance)
         unrolled_faces = []
         for at in range(len(body.faces)):

@@ -9,6 +9,7 @@ A face that is closed, and has a crease at its seam, is split half-way round as 
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 
@@ -72,11 +73,14 @@ def list_whole_faces(faces: Sequence[TopoDS_Face]) -> list[WiredFace]:
     return [WiredFace(face, _list_loops(face), i) for i, face in enumerate(faces)]
 
 
-def split_at_creases(faces: Sequence[TopoDS_Face], size: float) -> list[WiredFace]:
-    """The faces with those that have creases replaced by their parts, on splines, in a body of a size."""
+def split_at_creases(faces: Sequence[TopoDS_Face], size: float, greatest_turn: float = math.inf) -> list[WiredFace]:
+    """The faces with those that have creases replaced by their parts, on splines, in a body of a size.
+
+    greatest_turn: of the normals of a spline along a parameter, radians; faces that turn more are split as well.
+    """
     body = list_whole_faces(faces)
     for number, face in enumerate(faces):
-        creased = find_creases(face, size)
+        creased = find_creases(face, size, greatest_turn)
         if creased is not None:
             at = next(i for i, part in enumerate(body) if part.source == number)
             body[at : at + 1] = _split_face(body, at, creased, size)

@@ -14,6 +14,7 @@ beyond the face where the surface does, by a part of the face's range of paramet
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -76,6 +77,9 @@ ANGLE_SPAN = np.radians(15.0)
 
 POLE_SPEED = 1e-3
 """Of the largest derivative along u on the face: where it is less, v is next to a pole; the same with u and v exchanged."""
+
+TURN_SAMPLES = 65
+"""Along each parameter: places at which the turn of normals is summed up."""
 
 STRETCH_SAMPLES = 17
 """Lines beyond a side of the face on which poles are sought."""
@@ -146,19 +150,25 @@ class CreasedSurface:
     inside: tuple[Array, Array]
 
 
-def find_creases(face: TopoDS_Face, size: float) -> CreasedSurface | None:
+def find_creases(face: TopoDS_Face, size: float, greatest_turn: float = math.inf) -> CreasedSurface | None:
     """The spline of a face and its creases, for a body of a size; None if none crosses the face's box and it is not closed.
 
+    greatest_turn: radians; where normals turn by more along a parameter, lines that divide the turn equally count as creases.
     UnsupportedFace if no spline is within 1e-10 of the size.
     """
     surface, face_box = _surface_of(face)
     if isinstance(surface, Geom_ElementarySurface):
         return None
     is_closed = surface.IsUClosed() or surface.IsVClosed()  # there may be a crease at the seam
-    if is_c1(face) and not is_closed:
+    if is_c1(face) and not is_closed and math.isinf(greatest_turn):
         return None
     spline, error, _ = _convert_box(surface, _widen(surface, face_box, REACH, BEYOND_REL * size), EXACT_REL_TOL * size)
     creases = _list_creases(spline)
+    if math.isfinite(greatest_turn):
+        along_u, along_v = (
+            np.union1d(own, _divide_turn(spline, face_box, axis, greatest_turn)) for axis, own in enumerate(creases)
+        )
+        creases = along_u, along_v
     inside = _list_inside(creases, face_box)
     if not any(map(len, inside)) and not is_closed:
         return None
@@ -390,6 +400,22 @@ def _list_creases(spline: BSplineSurface) -> tuple[Array, Array]:
         values, counts = np.unique(knots[degree + 1 : -degree - 1], return_counts=True)
         found.append(np.array([t for t in values[counts >= degree].tolist() if _has_crease(spline, axis, t)]))
     return found[0], found[1]
+
+
+def _divide_turn(spline: BSplineSurface, face_box: Array, axis: int, greatest: float) -> Array:
+    """The parameters that divide a face into strips in which normals turn by an angle at most along one parameter."""
+    uv = [np.linspace(low, high, TURN_SAMPLES) for low, high in face_box.tolist()]
+    normals = spline.normal(*(grid.ravel() for grid in np.meshgrid(*uv, indexing="ij"))).reshape(*map(len, uv), 3)
+    normals = np.moveaxis(normals, axis, 0)
+    normals /= np.maximum(np.linalg.norm(normals, axis=2, keepdims=True), np.finfo(float).tiny)
+    steps = np.arccos(np.clip((normals[1:] * normals[:-1]).sum(axis=2), -1.0, 1.0)).max(axis=1)
+    turn = np.append(0.0, np.cumsum(steps))
+    count = math.ceil(turn[-1] / greatest)
+    cuts = np.interp(turn[-1] * np.arange(1, count) / count, turn, uv[axis])
+    # not beside a knot, for a span must have a length
+    knots = (spline.knots_u, spline.knots_v)[axis]
+    nearest = knots[np.abs(knots[:, None] - cuts).argmin(axis=0)]
+    return np.where(np.abs(nearest - cuts) < 0.5 * np.ptp(face_box[axis]) / TURN_SAMPLES, nearest, cuts)
 
 
 def _list_inside(creases: tuple[Array, Array], face_box: Array) -> list[Array]:
