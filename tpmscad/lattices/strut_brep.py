@@ -156,23 +156,28 @@ def _join_sides(sides: Sequence[Side], kind: IntArray, move: Array, tol: float) 
 def _match_pcurves(
     joined: _JoinedSides, carriers: Sequence[Carrier], facet: IntArray
 ) -> tuple[tuple[BSplineCurve, ...], IntArray, Array]:
-    """Pcurves on the spans of edges, the number of that of each use (k,) by a facet, and the deviations of edges."""
+    """Pcurves on the spans of edges, the number of that of each use (k,) by a facet, and the deviations of edges.
+
+    Planes have none: their number is -1.
+    """
     n = len(facet)
     source = joined.first[joined.edge[:n]]
     keys = np.column_stack([joined.kind[:n], joined.kind[source], joined.along[:n]])
     _, chosen, number = np.unique(keys, axis=0, return_index=True, return_inverse=True)
-    pcurves, off = [], []
-    for k in chosen.tolist():
+    pcurves, off, numbers = [], [0.0] * len(chosen), np.full(len(chosen), -1)
+    for i, k in enumerate(chosen.tolist()):
         own, row = joined.sides[joined.kind[k]], joined.sides[joined.kind[source[k]]]
-        assert own.pcurve is not None
+        if own.pcurve is None:
+            continue
+        numbers[i] = len(pcurves)
         pcurves.append(_on_span(own.pcurve, row.span, same_way=bool(joined.along[k])))
         t = np.linspace(row.span[0], row.span[1], 9)
         shift = joined.move[k] - joined.move[source[k]]
         miss = carriers[facet[k]](*pcurves[-1](t).T) + shift - row.curve(t)
-        off.append(float(np.linalg.norm(miss, axis=1).max()))
+        off[i] = float(np.linalg.norm(miss, axis=1).max())
     deviation = np.zeros(len(joined.first))
     np.maximum.at(deviation, joined.edge[:n], np.array(off)[number.ravel()])
-    return tuple(pcurves), number.ravel(), deviation
+    return tuple(pcurves), numbers[number.ravel()], deviation
 
 
 def _on_span(curve: BSplineCurve, span: tuple[float, float], *, same_way: bool) -> BSplineCurve:

@@ -24,6 +24,7 @@ from tpmscad.brep.carriers import (
     CylindricalSurface,
     EdgeCurve,
     Ellipse,
+    Plane,
     SphericalSurface,
 )
 from tpmscad.brep.conics import TWO_PI
@@ -282,13 +283,18 @@ def _border_side(end: StrutEnd, low: float, high: float, row: int, length: float
 
 
 def bound_ball(end: StrutEnd, cuts: Sequence[float]) -> Iterator[Facet]:
-    """The faces of the part of a ball between a strut's circle and its neighbours, where the ball shows."""
+    """The faces of the part of a ball between a strut's circle and its neighbours, where the ball shows; a disc without a ball."""
     radius = end.star.ball
-    sphere = SphericalSurface(end.center, end.x_axis, end.axis, radius)
     arm = end.place(0.0, end.reach(0.0, end.ball))
     ahead, aside = float(arm @ end.direction), float(arm @ end.across(0.0))
     top = math.atan2(ahead, aside)  # latitude of the circle, towards the strut
     circle = Circle(end.center + ahead * end.direction, end.x_axis, end.axis, aside)
+    if not radius:
+        arcs = [Side(circle, (a, b), 1, None) for a, b, _ in end.cone.pieces(cuts[0], cuts[-1], (*cuts, *end.splits))]
+        disc = Plane(end.center + ahead * end.direction, end.x_axis, -end.direction)
+        yield Facet(disc, arcs if end.sign < 0 else [reverse_side(arc) for arc in reversed(arcs)])
+        return
+    sphere = SphericalSurface(end.center, end.x_axis, end.axis, radius)
     for start, stop in pairwise(cuts):
         shown = [(low, high) for low, high, row in end.cone.pieces(start, stop) if row == end.ball]
         for low, high in shown:
