@@ -25,6 +25,9 @@ NEWTON_STEPS = 15
 STEP_TOL = 1e-14
 """Step, relative to the parameter ranges, at which a correction has converged."""
 
+STALLED = 0.9
+"""Ratio of steps from which on only round-off is left: beside the pole of a sphere equal steps creep on, each a little smaller."""
+
 ROUND_OFF = 1e-14
 """Distance of the points on both faces, relative to the largest coordinate, that round-off leaves: at a sine of 1e-3 it moves the
 parameters by a thousand times as much in each step."""
@@ -110,7 +113,7 @@ def correct_point(
             step = max(step, abs(a[c, 4]) / range_of(patches, face, c % 2))
         if not step < 10.0:
             return False
-        if step < STEP_TOL or (step >= moved and (step < 1e-11 or gap < ROUND_OFF * size)):
+        if step < STEP_TOL or (step >= STALLED * moved and (step < 1e-11 or gap < ROUND_OFF * size)):
             return True
         moved = step
     return False
