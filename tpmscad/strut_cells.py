@@ -2,7 +2,8 @@
 
 Cubic (P), body-centred (bcc; bccz with the edges along z), face-centred (fcc), both (fbcc); octahedron (centres of the faces) and
 octet (with fcc: Deshpande, Fleck and Ashby, 2001); diamond (eight atoms, Fd-3m); kelvin (truncated octahedron, bcc packing);
-rhombic dodecahedron and cuboctahedron about the centre of the cell; re-entrant (two crossed hexagons with inward struts).
+rhombic dodecahedron and cuboctahedron about the centre of the cell; re-entrant (two crossed hexagons with inward struts). Flat
+cells in the plane y = 0, which a map makes a stent of: rhombi, and the same re-entrant hexagons.
 """
 
 from __future__ import annotations
@@ -108,15 +109,13 @@ def _cuboctahedron() -> Cell:
     return _join(tuple(sorted((x, y, z) for x, y, z in middles)), math.sqrt(0.5))
 
 
-def _re_entrant(angle: float) -> Cell:
-    """Upright walls in the middles of four faces, joined to the axis of the cell by struts that lean inwards."""
+def _re_entrant(angle: float, y: float, sides: tuple[tuple[float, float], ...]) -> Cell:
+    """Upright walls at (x, y) in the sides of the cell, joined to its axis at (0.5, y) by struts that lean inwards."""
     inner = WALL_END + 0.5 * math.tan(math.radians(angle))
-    axis = ((0.5, 0.5, 0.0), (0.5, 0.5, inner), (0.5, 0.5, 1 - inner), (0.5, 0.5, 1.0))
-    walls = tuple(
-        (x, y, z) for x, y in ((0.0, 0.5), (1.0, 0.5), (0.5, 0.0), (0.5, 1.0)) for z in (WALL_END, 1 - WALL_END)
-    )
+    axis = ((0.5, y, 0.0), (0.5, y, inner), (0.5, y, 1 - inner), (0.5, y, 1.0))
+    walls = tuple((*side, z) for side in sides for z in (WALL_END, 1 - WALL_END))
     struts = [(0, 1), (2, 3)]
-    for k in range(4):
+    for k in range(len(sides)):
         low, high = 4 + 2 * k, 5 + 2 * k
         struts += [(low, high), (low, 1), (high, 2)]
     return (*axis, *walls), tuple(struts)
@@ -137,12 +136,21 @@ CELLS: dict[str, Callable[[], Cell]] = {
 }
 
 KINDS = (*CELLS, "re-entrant")
-"""The kinds of strut lattices."""
+"""The kinds of strut lattices that fill space."""
+
+FLAT_KINDS = ("rhombic-net", "re-entrant-net")
+"""Those in the plane y = 0."""
 
 
 def make_cell(kind: str, angle: float = DEFAULT_ANGLE) -> Cell:
     """The nodes of one cell, in cells, and its struts as pairs of their numbers."""
-    return _re_entrant(angle) if kind == "re-entrant" else CELLS[kind]()
+    if kind == "rhombic-net":
+        return _join(((0.5, 0.0, 0.0), (1.0, 0.0, 0.5), (0.5, 0.0, 1.0), (0.0, 0.0, 0.5)), math.sqrt(0.5))
+    if kind == "re-entrant-net":
+        return _re_entrant(angle, 0.0, ((0.0, 0.0), (1.0, 0.0)))
+    if kind == "re-entrant":
+        return _re_entrant(angle, 0.5, ((0.0, 0.5), (1.0, 0.5), (0.5, 0.0), (0.5, 1.0)))
+    return CELLS[kind]()
 
 
 LARGEST_DIAMETERS: dict[str, float] = {

@@ -165,7 +165,7 @@ FieldFileArgument = Annotated[
     input_file(
         "FILE",
         "A recipe (.toml; `tpmscad template solidify` prints one), or an image: .npy, .npz, .nii, .nrrd, .mha, .mhd, .tif, .mrc, "
-        ".map, .vti, .vtu, .vtk, .raw; or a folder of slices, DICOM or .tif.",
+        ".map, .vti, .vtu, .vtk, .raw; a folder of slices, DICOM or .tif; or beams, .3mf.",
         dir_okay=True,
     ),
 ]

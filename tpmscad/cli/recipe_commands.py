@@ -103,10 +103,10 @@ def solidify(
     keep_loose: KeepLooseOption = False,
     writing: OutputRequest,
 ) -> None:
-    """Make the solid of a field: one that a TOML file describes (graded, thresholded, mixed, mapped), or an array.
+    """Make the solid of a field: one that a TOML file describes (graded, thresholded, mixed, mapped), an array, or beams.
 
     Of an array of grey values it is the part above a level, or the densest part of a volume fraction; of one of integers that
-    of a label.
+    of a label; of a .3mf file its beams, with the triangles beside them.
     """
 
     def read(progress: Progress) -> RecipeRun:

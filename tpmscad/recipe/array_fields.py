@@ -1,4 +1,4 @@
-"""The field of an image that the command line names: of a level, a volume fraction or labels, or a graded lattice."""
+"""The field of a file that the command line names: an image by a level, a volume fraction, labels, or as a graded lattice; beams."""
 
 from __future__ import annotations
 
@@ -9,10 +9,12 @@ from typing import Any
 
 import numpy as np
 
+import tpmscad
 from tpmscad import fields
 from tpmscad._typing import BoxCorners
 from tpmscad.errors import InvalidRequest
 from tpmscad.fields import Field
+from tpmscad.fields.data.beam_files import is_beam_path
 from tpmscad.fields.data.field_notes import DEFAULT_TOL_SPACINGS, find_least_spacing
 from tpmscad.fields.data.image_files import read_image
 from tpmscad.fields.kinds.coordinate_transforms import place_samples
@@ -23,6 +25,12 @@ from tpmscad.solids.matter.field_patches import limit_tol_to_walls
 
 DEFAULT_TOL_CELLS = 0.01
 """In edges of a cell: the tolerance of a graded lattice if none is given; less where its walls are too thin for it."""
+
+DEFAULT_TOL_DIAMETERS = 0.01
+"""In diameters of the thinnest beam: the tolerance of a file of beams if none is given."""
+
+BEAMS_MARGIN = 0.01
+"""In sizes of the beams: how far the box of their solid reaches beyond them."""
 
 LEAST_FRACTION, GREATEST_FRACTION = 0.15, 0.6
 """Volume fractions of a lattice to which densities are limited: thinner walls break, and thicker ones close the pores."""
@@ -46,6 +54,14 @@ def make_array_field(
     Without a level, a volume fraction or a label it is the part of all labels but 0.
     """
     read = {name: value for name, value in given.items() if value is not None}
+    if is_beam_path(path):
+        others = {"as_surface": as_surface, "cell": cell, "label": label, "among": among}
+        unused = [*read, *(name for name, value in others.items() if value is not None)]
+        if unused:
+            raise InvalidRequest(
+                f"{', '.join(f'`{name}`' for name in unused)}: for images, not for beams; leave it out"
+            )
+        return _read_beams(path, tol)
     if as_surface is not None:
         unused = [f"`{name}`" for name in ("level", "volume_fraction") if name in read]
         unused += ["`label`"] if label is not None else []
@@ -79,6 +95,15 @@ def make_array_field(
     assert domain is not None
     assert spacing is not None
     return field, domain, _choose_tol(tol, (spacing,))
+
+
+def _read_beams(path: Path, tol: float | None) -> tuple[Field, BoxCorners, float]:
+    """The beams of a 3MF file with what is beside them, a box around all, and the tolerance."""
+    field = fields.beams(path)
+    low, high = np.array(tpmscad.check_step(path).bounds)
+    margin = BEAMS_MARGIN * float((high - low).max())
+    domain = tuple((low - margin).tolist()), tuple((high + margin).tolist())
+    return field, domain, DEFAULT_TOL_DIAMETERS * float(field.diameters.min()) if tol is None else tol
 
 
 def _choose_tol(tol: float | None, spacing: tuple[float, ...]) -> float:

@@ -102,7 +102,7 @@ class SolidRun:
         keep_loose: bool = False,
         **given: Any,
     ) -> SolidRun:
-        """The field of an image or array, with what is `given` to `make_array_field`, in its domain."""
+        """The field of an image, array or file of beams, with what is `given` to `make_array_field`, in its domain."""
         made, domain, tol = make_array_field(path, tol=tol, **given)
         passive = {name: path for name, path in (("keep", keep), ("clear", clear)) if path is not None}
         return cls(made, domain, tol, passive, None, keep_loose)

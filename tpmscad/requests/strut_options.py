@@ -18,13 +18,15 @@ from tpmscad.api.shared_kinds import (
     NOT_NEGATIVE,
     POSITIVE,
 )
-from tpmscad.strut_cells import DEFAULT_ANGLE, KINDS
+from tpmscad.strut_cells import DEFAULT_ANGLE, FLAT_KINDS, KINDS
 
 if TYPE_CHECKING:
     from tpmscad._typing import Array
     from tpmscad.lattices.coordinate_maps import Map
 
-StrutKind = Annotated[str, choice_of(*KINDS), "Kind of cell."]
+StrutKind = Annotated[
+    str, choice_of(*KINDS, *FLAT_KINDS), "Kind of cell; a net needs a map, which makes a stent of it."
+]
 
 
 @dataclass(frozen=True)
@@ -56,7 +58,7 @@ class StrutOptions:
         "Smooth function (..., 3) -> (..., 3) of the nodes, or one of `tpmscad.maps`: straight struts, none of them cut, join "
         "their images. A map that repeats after the length of the lattice closes it to a ring. Needs `diameter`.",
     ] = None
-    angle: Annotated[float, ANGLE, "Of `re-entrant` alone: by which its struts lean inwards, degrees, up to 30."] = (
+    angle: Annotated[float, ANGLE, "Of `re-entrant` and its net: by which struts lean inwards, degrees, up to 30."] = (
         DEFAULT_ANGLE
     )
     tol: Annotated[

@@ -21,6 +21,7 @@ from tpmscad.results.model import Model, UnitCell
 from tpmscad.solids._solidify import solidify_crossing
 from tpmscad.solids.matter.strut_boundaries import bound_struts_in_box, require_struts_apart
 from tpmscad.stage_timer import StageTimer
+from tpmscad.strut_cells import FLAT_KINDS
 
 DEFAULT_TOL_CELLS = 1e-3
 """In shortest edges of the cell: the tolerance if none is given."""
@@ -69,6 +70,10 @@ def struts(options: StrutOptions) -> Model:
     hi = np.array(size_of_cells(options.cell, options.cells))
     graph = make_strut_graph(options.kind, options.cell, options.cells, options.angle)
     fraction = _resolve_fraction(options)
+    if options.kind in FLAT_KINDS and options.map is None:
+        raise InvalidRequest(
+            f"the struts of a {options.kind} lie in the plane y = 0, a side of the box: give `map`, a cylinder say, for a stent"
+        )
     low = np.zeros(3)
     if options.map is not None:
         if options.diameter is None:

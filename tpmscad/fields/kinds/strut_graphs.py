@@ -36,7 +36,7 @@ from tpmscad.fields.kinds.expressions import expression
 from tpmscad.fields.kinds.strut_distances import NearStruts, find_near, measure_struts
 from tpmscad.fields.tape.evaluation import FieldJet, Triple, stack_points
 from tpmscad.memory_limit import require_memory
-from tpmscad.strut_cells import DEFAULT_ANGLE, KINDS, LARGEST_ANGLE, make_cell
+from tpmscad.strut_cells import DEFAULT_ANGLE, FLAT_KINDS, KINDS, LARGEST_ANGLE, make_cell
 
 BYTES_PER_PART_OF_CELL = 100
 """Memory taken at the peak for each node and each strut of every cell, as measured."""
@@ -312,7 +312,9 @@ def _link_units(field: StrutsField, owns: BoolArray, is_thin: BoolArray) -> IntA
 
 def _order_units(edges: IntArray, owns: BoolArray, unit: IntArray) -> list[list[int]]:
     """Units without a node in common, set by set: after those that own their nodes, but for one in each circle of these."""
-    owner_of = {node: own for node, own in zip(edges[owns].tolist(), np.repeat(unit, 2)[owns.ravel()].tolist(), strict=True)}
+    owner_of = {
+        node: own for node, own in zip(edges[owns].tolist(), np.repeat(unit, 2)[owns.ravel()].tolist(), strict=True)
+    }
     nodes: dict[int, set[int]] = {}
     for own, pair in zip(unit.tolist(), edges.tolist(), strict=True):
         nodes.setdefault(own, set()).update(pair)
@@ -367,7 +369,7 @@ def _join_straight(points: Array, edges: IntArray, radii: Array) -> tuple[IntArr
 
 @validate_call()
 def strut_lattice(
-    structure: Annotated[str, choice_of(*KINDS), "Kind of cell."],
+    structure: Annotated[str, choice_of(*KINDS, *FLAT_KINDS), "Kind of cell; nets lie in the plane y = 0."],
     cell: Annotated[float | Sequence[float], LENGTHS, "Edge length of the cell, or one for each axis, model units."],
     diameter: Annotated[
         float | str | Callable[[Array], Array],
@@ -377,7 +379,9 @@ def strut_lattice(
     ],
     cells: Annotated[int | Sequence[int], CELL_COUNTS, "Number of cells along every axis, or along each."] = (1, 1, 1),
     node_radius: NodeRadius = 0.0,
-    angle: Annotated[float, ANGLE, "Degrees by which struts of `re-entrant` lean inwards, up to 30."] = DEFAULT_ANGLE,
+    angle: Annotated[
+        float, ANGLE, "Degrees by which struts of `re-entrant` and its net lean inwards, up to 30."
+    ] = DEFAULT_ANGLE,
 ) -> StrutsField:
     """Return a lattice of round struts in the box from the origin to `cells` x `cell`.
 

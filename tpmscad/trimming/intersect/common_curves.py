@@ -228,7 +228,9 @@ def _fit_paths(
             values = np.stack([points[i][:, :7] for i in members.tolist()])
             t = np.stack([at[i] for i in members.tolist()]) if refinement else _choose_parameters(values)
             splines = interpolate_alike(t, values, DEGREE)
-            apart = _measure_deviations(patches, face[members], splines, t)
+            apart = np.where(
+                _find_turned(splines, t, values), np.inf, _measure_deviations(patches, face[members], splines, t)
+            )
             deviation[members] = apart.max(axis=1)
             for k in np.flatnonzero(deviation[members] <= tol).tolist():
                 knots = splines.knots[k]
@@ -275,6 +277,12 @@ def _halve_intervals(
     middles = 0.5 * (t[:, 1:] + t[:, :-1])
     row, _ = np.nonzero(halved)
     guess, normal = splines(middles)[halved], splines(middles, 1)[:, :, :3][halved]
+    a, b = (
+        np.concatenate([points[i][part, :7] for i in members.tolist()])[halved.ravel()]
+        for part in (slice(-1), slice(1, None))
+    )
+    turned = _find_turned(splines, t, np.stack([points[i][:, :7] for i in members.tolist()]))[halved]
+    guess[turned], normal[turned] = 0.5 * (a + b)[turned], (b - a)[turned, :3]
     found = np.split(_correct(patches, face[members[row]], guess, normal), np.cumsum(halved.sum(axis=1))[:-1])
     for k, i in enumerate(members.tolist()):
         where = np.flatnonzero(halved[k]) + 1
@@ -339,6 +347,13 @@ def _choose_parameters(paths: Array) -> Array:
         extended = np.concatenate([before, trend, after], axis=1)
         trend = sliding_window_view(extended, 2 * n + 1, axis=1).mean(axis=2)
     return np.concatenate([np.zeros((len(paths), 1)), np.cumsum(np.exp(lengths - trend), axis=1)], axis=1)
+
+
+def _find_turned(splines: AlikeCurves, t: Array, values: Array) -> BoolArray:
+    """Whether splines run back in intervals (m, n - 1) between sites t (m, n) of values (m, n, 7), and so swing beyond them."""
+    checks = (t[:, :-1, None] + np.diff(t, axis=1)[:, :, None] * CHECKS).reshape(len(t), -1)
+    velocity = splines(checks, 1)[:, :, :3].reshape(len(t), -1, len(CHECKS), 3)
+    return np.asarray((np.einsum("mnkd,mnd->mnk", velocity, np.diff(values[:, :, :3], axis=1)) <= 0).any(axis=2))
 
 
 def _measure_deviations(patches: PatchPolynomials, face: IntArray, splines: AlikeCurves, t: Array) -> Array:
