@@ -65,7 +65,7 @@ def run_graphs(count: int, *, by_nodes: bool) -> None:
 
 
 def count_contacts(field: StrutsField) -> int:
-    """The places where struts touch that have no node in common, by points along all of them: each adds a tunnel to the graph's."""
+    """The places where struts touch that have no node in common, by points along them: each adds a tunnel to the graph's."""
     t = np.linspace(0, 1, 401)[:, None]
     start, along = field.points[field.edges[:, 0]], np.diff(field.points[field.edges], axis=1)[:, 0]
     radii = (1 - t) * field.radii[:, 0] + t * field.radii[:, 1]

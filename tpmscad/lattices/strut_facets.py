@@ -283,7 +283,7 @@ def _border_side(end: StrutEnd, low: float, high: float, row: int, length: float
 
 
 def bound_ball(end: StrutEnd, cuts: Sequence[float]) -> Iterator[Facet]:
-    """The faces of the part of a ball between a strut's circle and its neighbours, where the ball shows; a disc without a ball."""
+    """The faces of a ball between a strut's circle and its neighbours, where the ball shows; without a ball, a disc."""
     radius = end.star.ball
     arm = end.place(0.0, end.reach(0.0, end.ball))
     ahead, aside = float(arm @ end.direction), float(arm @ end.across(0.0))

@@ -1,4 +1,4 @@
-"""The field of a file that the command line names: an image by a level, a volume fraction, labels, or as a graded lattice; beams."""
+"""The field of a file that the command line names: beams; or an image by a level, a fraction, labels, or as a graded lattice."""
 
 from __future__ import annotations
 

@@ -48,7 +48,7 @@ STRAIGHT = 1e-9
 """Sine of the angle up to which two struts continue each other."""
 
 NEARLY_OWNER = 0.9
-"""In the greatest radius of a node: from there on struts end in its ball one by one, without balls that would nearly be that one."""
+"""In the greatest radius of a node: from there on struts end in its ball alone, without a ball that would nearly be that one."""
 
 CHANGED_FIELDS = 64
 """Moved and offset fields that are kept: each is asked for several times, and has a grid of its own."""

@@ -26,7 +26,7 @@ STEP_TOL = 1e-14
 """Step, relative to the parameter ranges, at which a correction has converged."""
 
 STALLED = 0.9
-"""Ratio of steps from which on only round-off is left: beside the pole of a sphere equal steps creep on, each a little smaller."""
+"""Ratio of steps from which on only round-off is left: beside a sphere's pole equal steps creep on, each a little smaller."""
 
 ROUND_OFF = 1e-14
 """Distance of the points on both faces, relative to the largest coordinate, that round-off leaves: at a sine of 1e-3 it moves the
