@@ -2,6 +2,7 @@
 
     python -m benchmarks.beams [graphs | diameters] [COUNT]     # random graphs, by radii at nodes, or by any diameters
     python -m benchmarks.beams FILE.3mf ...                     # triangles, layers and the solid of each
+    python -m benchmarks.beams files DIR                        # ten files written, one for each feature, and read again
 
 Volumes are compared with samples of the field, in standard errors; the first Betti number with that of the graph.
 """
@@ -101,6 +102,55 @@ def sample_volume(field: Any, low: np.ndarray, high: np.ndarray) -> tuple[float,
     return box * share, box * float(np.sqrt(share * (1 - share) / SAMPLES))
 
 
+def run_samples(folder: Path) -> None:
+    """Ten files written to a folder: what is read, the volume of triangles beside samples, validity, and the way out and in."""
+    from benchmarks.beam_samples import save_all
+
+    folder.mkdir(parents=True, exist_ok=True)
+    print(
+        "file                         beams nodes radii conical balls clipped triangles  volume    by samples         strict"
+    )
+    for path in save_all(folder):
+        report, found, again = tpmscad.check_step(path), fields.beams(path), folder / f"again_{path.name}"
+        low, high = np.array(report.bounds)
+        low, high = low - 1, high + 1
+        body = bd.Pos(*(0.5 * (low + high)).tolist()) * bd.Box(*(high - low).tolist())
+        fine = 0.005 * float(found.diameters.min())
+        part = tpmscad.infill_triangles(body, found, tol=fine, deviation=fine, progress=False)
+        volume, error = sample_volume(found, low, high)
+        tpmscad.export_beams(found.struts, again)
+        back = fields.beams(again).struts
+        apart = [
+            float(np.abs(getattr(back, name) - getattr(found.struts, name)).max())
+            for name in ("points", "diameters", "balls")
+        ]
+        assert np.array_equal(back.edges, found.edges)
+        print(
+            f"{path.stem:28} {report.beams:5} {report.nodes:5} {report.different_radii:5} {report.conical:7} {report.balls:5} "
+            f"{report.clipped:7} {report.triangles:9}  {part.volume:<9.7g} {volume:<9.7g} +- {error:<6.2g} "
+            f"{is_strictly_valid(path)}; written again {is_strictly_valid(again)}, off by {max(apart):.1g}",
+            flush=True,
+        )
+        for note in report.notes:
+            print(f"    {note}")
+
+
+def is_strictly_valid(path: Path) -> bool:
+    """Whether lib3mf's strict reader reads a file without a warning."""
+    import lib3mf
+
+    from tpmscad.fields.data.beam_files import keep_locale
+
+    reader = lib3mf.Wrapper().CreateModel().QueryReader("3mf")
+    reader.SetStrictModeActive(True)
+    with keep_locale():
+        try:
+            reader.ReadFromFile(str(path))
+        except lib3mf.ELib3MFException:
+            return False
+    return bool(reader.GetWarningCount() == 0)
+
+
 def run_file(path: Path) -> None:
     print(tpmscad.check_step(path))
     began = time.process_time()
@@ -133,6 +183,8 @@ def main() -> None:
     first, *rest = sys.argv[1:] or ["graphs"]
     if first in ("graphs", "diameters"):
         run_graphs(int(rest[0]) if rest else 20, by_nodes=first == "graphs")
+    elif first == "files":
+        run_samples(Path(rest[0]))
     else:
         for path in (first, *rest):
             run_file(Path(path))

@@ -5,7 +5,6 @@ from __future__ import annotations
 import locale
 from pathlib import Path
 from types import SimpleNamespace
-from typing import Any
 
 import numpy as np
 import pytest
@@ -19,9 +18,14 @@ from tpmscad.fields.kinds.strut_graphs import StrutsField
 
 lib3mf = pytest.importorskip("lib3mf")
 
-POINTS = np.array([[0.0, 0, 0], [6, 0, 0], [0, 5, 1], [1, 1, 7]])
-EDGES = np.array([[0, 1], [0, 2], [0, 3], [1, 2]])
-DIAMETERS = np.array([[2.0, 1.0], [2.0, 0.6], [1.0, 1.0], [0.5, 1.2]])
+from benchmarks.beam_samples import (  # noqa: E402  # which needs lib3mf
+    AXES_TURNED,
+    DIAMETERS,
+    EDGES,
+    POINTS,
+    make_placement,
+    save,
+)
 
 
 def nearest_balls(points: np.ndarray, at: np.ndarray) -> np.ndarray:
@@ -54,43 +58,6 @@ def test_struts_turned_around_and_moved_are_the_same() -> None:
     np.testing.assert_allclose(moved(at), 2 * field((at - [1, 2, 3]) / 2), atol=1e-12)
 
 
-def save(path: Path, *, unit: str = "MilliMeter", **options: Any) -> Path:
-    """A file of two placements of an object of beams, with what else is asked for, and a mesh."""
-    wrapper = lib3mf.Wrapper()
-    model = wrapper.CreateModel()
-    model.SetUnit(getattr(lib3mf.ModelUnit, unit))
-    solid = model.AddMeshObject()
-    corners = np.array([[x, y, z] for z in (0, 4) for y in (0, 4) for x in (-9, -5)])
-    for corner in corners.tolist():
-        solid.AddVertex(lib3mf.Position(Coordinates=tuple(map(float, corner))))
-    for quad in ((0, 4, 6, 2), (0, 1, 5, 4), (0, 2, 3, 1), (1, 3, 7, 5), (2, 6, 7, 3), (4, 5, 7, 6)):
-        for triangle in ((quad[0], quad[1], quad[2]), (quad[0], quad[2], quad[3])):
-            solid.AddTriangle(lib3mf.Triangle(Indices=triangle))
-    frame = model.AddMeshObject()
-    for point in POINTS.tolist():
-        frame.AddVertex(lib3mf.Position(Coordinates=tuple(point)))
-    beams = frame.BeamLattice()
-    beams.SetMinLength(1e-4)
-    caps = options.get("caps", (0, 0))
-    for (i, j), (first, last) in zip(EDGES.tolist(), (DIAMETERS / 2).tolist(), strict=True):
-        beams.AddBeam(lib3mf.Beam(Indices=(i, j), Radii=(first, last), CapModes=caps))
-    if "balls" in options:
-        mode, default = options["balls"]
-        beams.SetBallOptions(mode, default)
-        beams.AddBall(lib3mf.Ball(Index=3, Radius=1.5))
-    if "clip" in options:
-        beams.SetClipping(options["clip"], solid.GetResourceID())
-    identity = wrapper.GetIdentityTransform()
-    both = model.AddComponentsObject()
-    both.AddComponent(frame, identity)
-    model.AddBuildItem(both, options.get("placement", identity))
-    if options.get("beside"):
-        model.AddBuildItem(solid, identity)
-    with keep_locale():
-        model.QueryWriter("3mf").WriteToFile(str(path))
-    return path
-
-
 @pytest.mark.xfail(strict=True, reason="lib3mf 2.5 sets the locale of C when it writes: `keep_locale` puts it back")
 def test_lib3mf_leaves_the_locale_as_it_is(tmp_path: Path) -> None:
     before = locale.setlocale(locale.LC_ALL, "C.UTF-8")
@@ -109,9 +76,7 @@ def test_beams_of_a_file_are_struts(tmp_path: Path) -> None:
 
 
 def test_units_and_transforms_are_followed(tmp_path: Path) -> None:
-    placement = lib3mf.Transform()
-    for row, values in enumerate(((0, 2, 0), (-2, 0, 0), (0, 0, 2), (1, 2, 3))):
-        placement.Fields[row][:] = values
+    placement = make_placement(AXES_TURNED)
     found = fields.beams(save(tmp_path / "inches.3mf", unit="Inch", placement=placement))
     turned = 25.4 * (POINTS @ np.array([[0, 2, 0], [-2, 0, 0], [0, 0, 2]]) + [1, 2, 3])
     at = np.random.default_rng(3).uniform(-100, 400, (300, 3))

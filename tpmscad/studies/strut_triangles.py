@@ -34,7 +34,7 @@ def triangulate_tree(field: Field, deviation: float) -> tuple[SolidMesh, bool, f
             [one[:2], other[:2]],
             unite=partial(reduce, partial(combine_meshes, operation="union")),
             intersect=partial(reduce, partial(combine_meshes, operation="intersection")),
-            subtract=lambda first, others: combine_meshes(first, others[0], "difference"),
+            subtract=lambda first, others: reduce(partial(combine_meshes, operation="difference"), others, first),
         )
         return mesh, complement, max(one[2], other[2])
     found = find_exact(field)
