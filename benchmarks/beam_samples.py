@@ -94,7 +94,7 @@ def save_all(folder: Path) -> Iterator[Path]:
         "flat_and_hemispherical_caps": {"caps": (caps.Butt, caps.HemiSphere)},
         "clipped_inside": {"clip": clips.Inside, **around},
         "clipped_outside": {"clip": clips.Outside, **around},
-        "representation": {"represented": True, "beside": True},
+        "representation": {"represented": True},
         "many_radii": {"graph": many},
         "sets": {"sets": {"legs": [0, 1, 2], "tie": [3]}},
     }

@@ -8,7 +8,7 @@ from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
 from benchmarks.struts import exact_volume
-from tpmscad import fields
+from tpmscad import fields, maps
 from tpmscad.brep import connectivity
 from tpmscad.brep.boundary_representation import Brep
 from tpmscad.brep.moments import integral_properties
@@ -19,7 +19,7 @@ from tpmscad.lattices import strut_classes
 from tpmscad.lattices.strut_brep import build_strut_brep
 from tpmscad.lattices.strut_contacts import find_contact
 from tpmscad.lattices.strut_ends import Waves, find_envelope
-from tpmscad.strut_cells import KINDS
+from tpmscad.strut_cells import FLAT_KINDS, KINDS
 
 BOX = np.zeros(3), np.full(3, 10.0)
 
@@ -277,21 +277,36 @@ def test_a_graded_lattice_of_struts_has_cones_between_its_nodes() -> None:
         fields.strut_lattice("bcc", 10.0, lambda p: 1.0 - 0.08 * p[:, 2], cells=(1, 1, 2))
 
 
-def test_struts_of_many_diameters_are_few_sets() -> None:
-    """Each set has one radius in every node, and struts that have the same radius there are in one set."""
+def test_struts_of_many_diameters_are_sets_with_one_radius_in_every_node() -> None:
+    """The set of the thickest struts of a node is at most the second one there; a thin strut that is alone there has no ball."""
     rng = np.random.default_rng(4)
     points = rng.uniform(0, 10, (30, 3))
     edges = np.unique(np.sort(rng.integers(0, 30, (70, 2)), axis=1), axis=0)
     edges = edges[edges[:, 0] < edges[:, 1]]
     field = fields.struts(points, edges, rng.uniform(0.5, 1.0, (len(edges), 2)))
     sets = split_by_node_radius(field)
-    assert len(sets) <= 1 + 2 * np.bincount(edges.ravel()).max()
     assert sum(len(each.edges) for each in sets) == len(field.edges)
     assert all(len(each.node_radii) for each in sets)  # which fails if they are not of one radius
     at = rng.uniform(0, 10, (300, 3))
     np.testing.assert_allclose(np.min([each(at) for each in sets], axis=0), field(at))
+    for node, ball in zip(field.points, field.balls, strict=True):
+        there = [(each, k) for each in sets for k in np.flatnonzero((each.points == node).all(axis=1))]
+        balls = [each.balls[k] for each, k in there]
+        assert ball in balls[:2]
+        assert balls.count(0.0) == len(balls) - 1
+
+
+def test_a_thin_strut_without_a_ball_ends_in_a_disc() -> None:
+    nodes = [[0, 0, 0], [9, 0, 0], [0, 9, 0]]
+    thick, thin = split_by_node_radius(fields.struts(nodes, [[0, 1], [0, 2]], [[2.0, 1.0], [1.9, 1.9]]))
+    np.testing.assert_array_equal(thin.balls, [0.0, 0.95])
+    assert volume(bound(thin)) == pytest.approx(np.pi * (0.95**2 * 9 + 2 / 3 * 0.95**3), rel=1e-9)
+    np.testing.assert_array_equal(thick.balls, [1.0, 0.5])
+
+
+def test_thick_struts_that_are_linked_have_one_radius() -> None:
     triangle = [[0, 0, 0], [9, 0, 0], [0, 9, 0]], [[0, 1], [1, 2], [0, 2]]
-    with pytest.raises(InvalidRequest, match="struts of two diameters, one of them 2, meet near"):
+    with pytest.raises(InvalidRequest, match="struts of two diameters, one of them 1, meet near"):
         split_by_node_radius(fields.struts(*triangle, [[1.0, 1.0], [1.0, 1.0], [2.0, 1.0]]))
 
 
@@ -311,3 +326,11 @@ def test_cones_keep_their_ends_where_a_map_lays_nodes_on_each_other() -> None:
         (5.0, 1.0, 0.0): 1.0,
         (3.0, 3.0, 0.0): 2.0,
     }
+
+
+@pytest.mark.parametrize("kind", FLAT_KINDS)
+def test_nets_on_a_cylinder_have_the_tunnels_of_their_graph(kind: str) -> None:
+    radius = 12 * 3 / (2 * np.pi)
+    field = map_struts(fields.strut_lattice(kind, 3.0, 0.3, cells=(12, 1, 2)), maps.cylinder(radius))
+    np.testing.assert_allclose(np.hypot(*field.points[:, :2].T), radius)
+    assert measure_solid(bound(field)).betti == (1, len(field.edges) - len(field.points) + 1, 0)

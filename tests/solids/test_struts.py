@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import tpmscad
-from tpmscad import fields
+from tpmscad import fields, maps
 from tpmscad.errors import InvalidRequest
 from tpmscad.fields import Field
 
@@ -94,23 +94,39 @@ def test_struts_of_two_diameters_are_cut_by_each_other() -> None:
 
 
 @pytest.mark.parametrize(
-    ("diameters", "node_radius", "message"),
+    ("diameters", "node_radius"),
     [
-        ([1.2] * 4 + [0.8] * 4, 1.0, "struts of several diameters have the same ball of radius 1 near"),
-        (
-            [[1.0, 1.0], [1.2, 1.0], *[[0.8, 0.8]] * 6, [1.0, 1.1]],
-            0.0,
-            "struts of two diameters, one of them 1.2, meet near",
-        ),
+        ([[1.2, 1.1], [0.8, 1.1999], [0.9, 1.15], [0.9, 1.1], [0.6, 1.1], [1.2, 0.5]], 0.0),
+        ([1.2] * 3 + [0.8] * 3, 0.9),
+        ([1.2, 1.2 - 1e-5, 1.1, 1.2], 0.0),
     ],
+    ids=["nearly equal", "with balls", "hardly different"],
 )
-def test_solids_of_unequal_struts_that_cannot_be_made_are_refused(
-    diameters: object, node_radius: float, message: str
+def test_struts_of_any_diameters_are_cut_by_each_other_without_the_kernel(
+    diameters: list[object], node_radius: float
 ) -> None:
-    edges = [*DIAGONALS, *([k, k + 1] for k in (0, 2, 4, 6)), [0, 2]]
-    graph = [*CORNERS, [4, 4, 4]], edges[: len(diameters)]  # type: ignore[arg-type]
-    with pytest.raises(InvalidRequest, match=message):
-        tpmscad.solidify(fields.struts(*graph, diameters, node_radius), ((0, 0, 0), (8, 8, 8)), tol=0.01)
+    field = fields.struts([*CORNERS, [4, 4, 4.5]], DIAGONALS[: len(diameters)], diameters, node_radius)
+    model = tpmscad.solidify(field, ((-2, -2, -2), (10, 10, 10)), tol=0.01)
+    assert model.certificate.met, model.certificate.shortfalls
+    assert model.certificate.betti == (1, 0, 0)
+    assert any("on the parameters of their patches" in note for note in model.certificate.notes)
+    share = (field(12 * np.random.default_rng(4).random((800_000, 3)) - 2) < 0).mean()
+    assert abs(model.volume / 1728 - share) < 4 * np.sqrt(share / 800_000)
+
+
+def test_struts_that_are_linked_and_have_two_diameters_in_a_node_are_refused() -> None:
+    diameters = [[1.0, 1.0], [1.2, 1.0], *[[0.8, 0.8]] * 6, [1.0, 1.1]]
+    field = fields.struts([*CORNERS, [4, 4, 4]], [*DIAGONALS, [0, 1]], diameters)
+    with pytest.raises(InvalidRequest, match="struts of two diameters, one of them 1, meet near"):
+        tpmscad.solidify(field, ((0, 0, 0), (8, 8, 8)), tol=0.01)
+
+
+def test_a_net_is_a_stent_under_a_map_and_needs_one() -> None:
+    model = tpmscad.struts("rhombic-net", cell=3, cells=(6, 1, 1), diameter=0.4, map=maps.cylinder(9 / np.pi))
+    assert model.certificate.met, model.certificate.shortfalls
+    assert model.certificate.betti == (1, 7, 0)  # 24 struts, 18 nodes
+    with pytest.raises(InvalidRequest, match="lie in the plane y = 0"):
+        tpmscad.struts("rhombic-net", cell=3, diameter=0.4)
 
 
 @pytest.mark.parametrize(

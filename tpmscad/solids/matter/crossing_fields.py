@@ -69,7 +69,6 @@ from tpmscad.solids.matter.reference_distance import DistanceFunction, field_dis
 from tpmscad.solids.matter.strut_boundaries import (
     bound_struts,
     bound_struts_in_box,
-    require_apart_balls,
     require_struts_apart,
 )
 from tpmscad.stage_timer import StageTimer
@@ -222,7 +221,6 @@ def fit_crossing_fields(field: Field, lo: Array, hi: Array, tol: float, stages: 
         tree = split_crossing_operands(field, lo, hi, tol, find_sample_spacing(field, lo, hi))
     exact = [find_exact(each) for each in list_fields(tree)]
     struts = [each.struts for each in exact if isinstance(each, StrutLeaf)]
-    require_apart_balls(struts)
     for each in struts:
         require_struts_apart(each)
     operands = [

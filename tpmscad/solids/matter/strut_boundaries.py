@@ -2,11 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from itertools import combinations
-
 import numpy as np
-from scipy.spatial import cKDTree
 
 from tpmscad._typing import Array
 from tpmscad.brep.boundary_representation import Brep
@@ -39,24 +35,6 @@ def require_struts_apart(field: StrutsField) -> None:
         f"{'a diameter of ' if field.is_even else 'diameters up to '}{2 * field.radii.max():g} needs. Give {remedy}, leave short "
         "struts out of the graph, or make triangles or layers, for which struts may overlap: infill_triangles, infill_layers"
     )
-
-
-def require_apart_balls(sets: Sequence[StrutsField]) -> None:
-    """InvalidRequest for balls that are of two sets."""
-    for first, second in combinations(sets, 2):
-        shown = [np.flatnonzero(each.balls > each.node_radii) for each in (first, second)]
-        if not min(map(len, shown)):
-            continue
-        distance, nearest = cKDTree(first.points[shown[0]]).query(second.points[shown[1]])
-        radii = first.balls[shown[0]][nearest], second.balls[shown[1]]
-        same = (distance <= OUTSIDE_RTOL * radii[1]) & (radii[0] == radii[1])
-        if same.any():
-            at = int(np.argmax(same))
-            place = format_point(second.points[shown[1][at]], 5)
-            raise InvalidRequest(
-                f"struts of several diameters have the same ball of radius {radii[1][at]:g} near {place}: solids of struts of "
-                "several diameters have no balls; leave node_radius out"
-            )
 
 
 def bound_struts(field: StrutsField) -> Brep:
