@@ -283,7 +283,7 @@ def test_struts_of_many_diameters_are_sets_with_one_radius_in_every_node() -> No
     points = rng.uniform(0, 10, (30, 3))
     edges = np.unique(np.sort(rng.integers(0, 30, (70, 2)), axis=1), axis=0)
     edges = edges[edges[:, 0] < edges[:, 1]]
-    field = fields.struts(points, edges, rng.uniform(0.5, 1.0, (len(edges), 2)))
+    field = fields.struts(points, edges, rng.uniform(0.5, 1.0, (len(edges), 2)), node_radius=0.47)
     sets = split_by_node_radius(field)
     assert sum(len(each.edges) for each in sets) == len(field.edges)
     assert all(len(each.node_radii) for each in sets)  # which fails if they are not of one radius

@@ -17,11 +17,14 @@ from tpmscad.brep import connectivity
 from tpmscad.brep.boundary_representation import Brep, move_brep, reverse_faces, select_faces, translate_brep
 from tpmscad.brep.free_form_surface import FreeFormSurface
 from tpmscad.errors import InvalidRequest, TrimmingError
+from tpmscad.fields.kinds.strut_graphs import split_by_node_radius
+from tpmscad.lattices.strut_brep import build_strut_brep
 from tpmscad.levelset.field_solid import fit_field
 from tpmscad.rigid_motion import Motion
+from tpmscad.splines.alike_curves import interpolate_alike
 from tpmscad.splines.bspline import BSplineCurve, BSplineSurface, line_segment
 from tpmscad.trimming.classify.network_edges import points_in_network
-from tpmscad.trimming.intersect.common_curves import DEGREE, _choose_parameters
+from tpmscad.trimming.intersect.common_curves import DEGREE, _choose_parameters, _find_turned
 from tpmscad.trimming.intersect.edge_face import intersect_edges_with_faces
 from tpmscad.trimming.intersect.face_face import _jumps
 from tpmscad.trimming.intersect.network_hits import prepare_networks
@@ -294,6 +297,27 @@ def test_curves_through_graded_sites_do_not_swing(ratio: float) -> None:
     at = spline(np.linspace(spline.t[0], spline.t[-1], 500))
     turn = np.arctan2(at[:, 1], at[:, 0])
     assert np.abs(at - curve(turn)).max() < 0.03
+
+
+def test_a_spline_that_runs_back_beyond_a_site_is_found() -> None:
+    """It lies on the curve that it interpolates, so that its deviation does not tell: here on a line."""
+    t = np.arange(12.0)[None]
+    even, uneven = (np.zeros((1, 12, 7)) for _ in range(2))
+    even[0, :, 0], uneven[0, :, 0] = t[0], [*t[0, :-1], 10.001]
+    assert not _find_turned(interpolate_alike(t, even, DEGREE), t, even).any()
+    found = _find_turned(interpolate_alike(t, uneven, DEGREE), t, uneven)[0]
+    assert found[-1]
+    assert not found[:4].any()
+
+
+def test_a_curve_that_passes_beside_the_pole_of_a_ball_is_traced_once() -> None:
+    """The pole lies on the far side of a free end; a thinner strut leaves the ball in a circle that passes it in a 400th."""
+    nodes = [[31.02984, 28.76335, 39.06495], [29.58008, 40.56492, 38.73778], [40.67946, 29.06346, 40.10775]]
+    diameters = [[1.69112, 1.91310], [1.69997, 1.37419]]
+    sets = split_by_node_radius(fields.struts(nodes, [[0, 1], [0, 2]], diameters))
+    thick, thin = (build_strut_brep(each.points, each.edges, each.node_radii, each.balls) for each in sets)
+    found = combine_networks(thick, thin, "union").brep
+    assert connectivity.is_closed(found)
 
 
 def test_steps_onto_another_branch_of_a_folded_patch_are_told_by_their_parameters() -> None:

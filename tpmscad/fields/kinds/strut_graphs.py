@@ -275,10 +275,11 @@ def split_by_node_radius(field: StrutsField) -> list[StrutsField]:
     fields = []
     for chosen in _order_units(field.edges, owns, unit):
         own = np.isin(unit, chosen)
-        made = build_struts(field.points, field.edges[own], field.radii[own], np.zeros(len(field.points)))
-        used, count = np.unique(field.edges[own], return_counts=True)
-        guests = np.where(count == 1, 0.0, made.balls)
-        fields.append(replace(made, balls=np.where(made.balls == owner[used], field.balls[used], guests)))
+        edges, radii = field.edges[own], field.radii[own]
+        owned = greatest_radii(len(owner), edges, radii) == owner
+        made = build_struts(field.points, edges, radii, np.where(owned, field.balls, 0.0))
+        used, count = np.unique(edges, return_counts=True)
+        fields.append(replace(made, balls=np.where(owned[used] | (count > 1), made.balls, 0.0)))
     return fields
 
 
