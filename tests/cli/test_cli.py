@@ -108,7 +108,7 @@ class Recorder:
 @pytest.fixture
 def recorder(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Recorder:
     stand_in = Recorder()
-    for name in ("lattice", "infill", "fluid_domains"):
+    for name in ("lattice", "infill", "fluid_domains", "struts"):
         monkeypatch.setitem(vars(tpmscad), name, stand_in.make)
     for name in ("check_step", "export_instances", "render_step"):
         monkeypatch.setitem(vars(tpmscad), name, getattr(stand_in, name))
@@ -235,6 +235,13 @@ def test_a_map_wraps_the_lattice_or_closes_the_ring(recorder: Recorder, text: st
     make = maps.sphere if text.startswith("sphere") else maps.cylinder
     points = np.random.default_rng(0).uniform(0, 5, (20, 3))
     np.testing.assert_array_equal(recorder.called["map"].function(points), make(radius).function(points))
+
+
+def test_a_map_makes_a_stent_of_a_net(recorder: Recorder) -> None:
+    assert run("struts rhombic-net --cell 3,1,2 --cells 12,1,4 --diameter 0.3 --map cylinder -o out.step --quiet") == 0
+    points = np.random.default_rng(0).uniform(0, 5, (20, 3))
+    ring = maps.cylinder(36 / (2 * np.pi)).function(points)
+    np.testing.assert_array_equal(recorder.called["map"].function(points), ring)
 
 
 @pytest.mark.parametrize("text", ["torus:3", "sphere", "cylinder:wide", "cylinder:0"])

@@ -12,6 +12,7 @@ from typing import Any
 import pytest
 
 from tests.cli.test_cli import run
+from tpmscad import check_step, export_beams, fields
 
 pytestmark = pytest.mark.kernel
 
@@ -106,3 +107,17 @@ def test_a_request_out_of_bounds_ends_in_2_naming_it(
     assert err.count("\n") == 1
     assert words in err
     assert not os.listdir()
+
+
+def test_a_file_of_beams_is_made_a_solid(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    pytest.importorskip("lib3mf")
+    monkeypatch.chdir(tmp_path)
+    field = fields.struts([[0, 0, 0], [9, 0, 0], [0, 9, 0]], [[0, 1], [0, 2]], [[2.0, 1.0], [1.6, 1.6]])
+    export_beams(field, "beams.3mf")
+    assert run("solidify beams.3mf -o beams.step --report beams.json") == 0
+    assert json.loads(Path("beams.json").read_text())["betti"] == [1, 0, 0]
+    assert check_step("beams.step").shape.bounds[0] == pytest.approx((-1, -1, -1), abs=1e-6)
+    assert run("solidify beams.3mf --level 0.5 -o out.step") == 2
+    assert "--level: for images, not for beams" in capsys.readouterr().err
