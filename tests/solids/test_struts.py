@@ -117,7 +117,7 @@ def test_struts_of_any_diameters_are_cut_by_each_other_without_the_kernel(
 def test_struts_that_are_linked_and_have_two_diameters_in_a_node_are_refused() -> None:
     diameters = [[1.0, 1.0], [1.2, 1.0], *[[0.8, 0.8]] * 6, [1.0, 1.1]]
     field = fields.struts([*CORNERS, [4, 4, 4]], [*DIAGONALS, [0, 1]], diameters)
-    with pytest.raises(InvalidRequest, match="one of them 1[.]1, meet near"):
+    with pytest.raises(InvalidRequest, match=r"one of them 1\.1, meet near"):
         tpmscad.solidify(field, ((0, 0, 0), (8, 8, 8)), tol=0.01)
 
 
