@@ -164,7 +164,8 @@ def _match_pcurves(
     source = joined.first[joined.edge[:n]]
     keys = np.column_stack([joined.kind[:n], joined.kind[source], joined.along[:n]])
     _, chosen, number = np.unique(keys, axis=0, return_index=True, return_inverse=True)
-    pcurves, off, numbers = [], [0.0] * len(chosen), np.full(len(chosen), -1)
+    pcurves: list[BSplineCurve] = []
+    off, numbers = np.zeros(len(chosen)), np.full(len(chosen), -1)
     for i, k in enumerate(chosen.tolist()):
         own, row = joined.sides[joined.kind[k]], joined.sides[joined.kind[source[k]]]
         if own.pcurve is None:
@@ -176,7 +177,7 @@ def _match_pcurves(
         miss = carriers[facet[k]](*pcurves[-1](t).T) + shift - row.curve(t)
         off[i] = float(np.linalg.norm(miss, axis=1).max())
     deviation = np.zeros(len(joined.first))
-    np.maximum.at(deviation, joined.edge[:n], np.array(off)[number.ravel()])
+    np.maximum.at(deviation, joined.edge[:n], off[number.ravel()])
     return tuple(pcurves), numbers[number.ravel()], deviation
 
 

@@ -9,7 +9,6 @@ from typing import Any
 
 import numpy as np
 
-import tpmscad
 from tpmscad import fields
 from tpmscad._typing import BoxCorners
 from tpmscad.errors import InvalidRequest
@@ -21,6 +20,7 @@ from tpmscad.fields.kinds.coordinate_transforms import place_samples
 from tpmscad.fields.kinds.data_domains import bound_by_data
 from tpmscad.fields.kinds.label_partitions import LabelPartition
 from tpmscad.fields.kinds.sampled_data import SampledField
+from tpmscad.files.beam_report import report_beams
 from tpmscad.solids.matter.field_patches import limit_tol_to_walls
 
 DEFAULT_TOL_CELLS = 0.01
@@ -100,7 +100,7 @@ def make_array_field(
 def _read_beams(path: Path, tol: float | None) -> tuple[Field, BoxCorners, float]:
     """The beams of a 3MF file with what is beside them, a box around all, and the tolerance."""
     field = fields.beams(path)
-    low, high = np.array(tpmscad.check_step(path).bounds)
+    low, high = np.array(report_beams(path).bounds)
     margin = BEAMS_MARGIN * float((high - low).max())
     domain = tuple((low - margin).tolist()), tuple((high + margin).tolist())
     return field, domain, DEFAULT_TOL_DIAMETERS * float(field.diameters.min()) if tol is None else tol
