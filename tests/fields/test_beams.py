@@ -166,3 +166,22 @@ def test_a_wireframe_has_the_edges_of_polygons(tmp_path: Path) -> None:
     np.testing.assert_array_equal(fields.wireframe(tmp_path / "cube.obj", 0.5).points, cube.points)
     with pytest.raises(InvalidRequest, match="polygon with vertex 9: its 8 are numbered from 0"):
         fields.wireframe(SimpleNamespace(vertices=corners, faces=[(0, 1, 9)]), 0.5)
+
+
+@pytest.mark.kernel
+def test_triangles_of_beams_clipped_by_a_mesh_inside_and_outside_add_up(tmp_path: Path) -> None:
+    import build123d as bd
+
+    pytest.importorskip("manifold3d")
+    body, clip = bd.Pos(2, 2, 3) * bd.Box(14, 14, 14), lib3mf.BeamLatticeClipMode
+    around = {"box": ((-2, -2, -2), (4, 3, 4))}
+    files = (
+        save(tmp_path / "in.3mf", clip=clip.Inside, **around),
+        save(tmp_path / "out.3mf", clip=clip.Outside, **around),
+    )
+    parts = [
+        tpmscad.infill_triangles(body, fields.beams(path), tol=0.02, deviation=0.01, progress=False).volume
+        for path in (*files, save(tmp_path / "whole.3mf"))
+    ]
+    assert 0 < parts[1] < parts[0]
+    assert parts[0] + parts[1] == pytest.approx(parts[2], rel=1e-9)
