@@ -213,6 +213,13 @@ def test_a_voronoi_foam_has_the_holes_of_its_graph(load: Any) -> None:
     require_files("voronoi_foam")
 
 
+def test_a_periodic_foam_is_meshed_with_equal_nodes_in_opposite_sides(load: Any) -> None:
+    pytest.importorskip("gmsh")
+    found = load("periodic_foam").main()
+    assert found["met"]
+    assert all(found["pairs of nodes in opposite sides"].get(axis, 0) > 50 for axis in "xyz")
+
+
 def test_phases_keep_cell_sizes_that_plain_modulation_misses(load: Any) -> None:
     pytest.importorskip("pyamg")
     pytest.importorskip("gmsh")
