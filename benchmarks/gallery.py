@@ -58,6 +58,7 @@ SCENES: dict[str, Scene] = {
     "implant": Scene({"radius": 5.0, "height": 8.0, "tol": 0.08}, view="*.step"),
     "octet_truss": Scene({"cells": 2}, view="*.step"),
     "voronoi_foam": Scene(view="*.step"),
+    "periodic_foam": Scene(view="*.msh"),
     "trimmed": Scene(view="*schwarz_p.step"),
     "heat_exchanger": Scene({"cells": (5, 5, 8), "tol": 0.02}),
     "exchanger_openings": Scene({"size": (20.0, 18.0, 16.0), "tol": 0.1}, view="*.step"),

@@ -26,6 +26,7 @@ GROUPS: dict[str, dict[str, str]] = {
         "trimmed": "A block with bores",
         "octet_truss": "Struts with nodes",
         "voronoi_foam": "An open-cell foam",
+        "periodic_foam": "A foam that repeats",
         "closed_ring": "A closed ring",
     },
     "Implants and scans": {
