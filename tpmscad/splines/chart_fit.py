@@ -105,9 +105,11 @@ def _make_axis(knots: Array, degree: int) -> SplineAxis:
     ends, repeats = np.unique(knots, return_counts=True)
     repeats[[0, -1]] = MIN_POINTS
     spans = len(ends) - 1
-    poles = len(knots) - degree - 1  # more than one a span where the surface is not smooth
-    least = max(MIN_POINTS, int(np.ceil(1.5 * (degree + spans) / spans)), 1 + poles // spans)
+    least = max(MIN_POINTS, int(np.ceil(1.5 * (degree + spans) / spans)))
     counts = np.clip(1 + np.maximum(repeats[:-1], repeats[1:]), least, max(least, degree + 3))
+    missing = len(knots) - degree - 1 - int(counts.sum())
+    if missing > 0:  # spans that join with creases have almost as many poles as if they stood alone
+        counts += 1 + missing // spans
     points, weights = zip(
         *(composite_gauss_legendre(ends[k : k + 2], count) for k, count in enumerate(counts.tolist())), strict=True
     )
