@@ -23,6 +23,7 @@ GROUND = {
     "catalogue",
     "errors",
     "fallbacks",
+    "file_suffixes",
     "index_ranges",
     "kernel_wheels",
     "memory_limit",

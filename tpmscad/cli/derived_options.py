@@ -64,7 +64,8 @@ from tpmscad.cli.options import (
     parse_solid,
     remedy_for_number,
 )
-from tpmscad.cli.output import MODEL_SUFFIXES, OutputRequest
+from tpmscad.cli.output import OutputRequest
+from tpmscad.file_suffixes import MODEL_SUFFIXES
 
 CELL_PANEL = "Cell and position"
 WALL_PANEL = "Wall: give one of --thickness, --offset, --volume-fraction, --porosity"

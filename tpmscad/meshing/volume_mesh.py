@@ -12,8 +12,8 @@ from tpmscad.api.public_calls import validate_call
 from tpmscad.api.shared_kinds import FLOW, PATH, POSITIVE
 from tpmscad.atomic_file import validate_output_path
 from tpmscad.errors import InvalidRequest
-from tpmscad.meshing.inp_files import write_inp
-from tpmscad.meshing.library_meshes import make_meshio_mesh, make_skfem_mesh, write_vtu
+from tpmscad.file_suffixes import MESH_WRITERS, load_writer
+from tpmscad.meshing.library_meshes import make_meshio_mesh, make_skfem_mesh
 from tpmscad.meshing.mesh_arrays import MeshArrays
 from tpmscad.meshing.msh_files import write_msh
 from tpmscad.meshing.openfoam_case import write_openfoam_case
@@ -118,14 +118,14 @@ class VolumeMesh(MeshArrays):
         >>> mesh = tpmscad.lattice("gyroid", cell=10, thickness=1.5).mesh(0.8)  # doctest: +SKIP
         >>> mesh.write("gyroid.msh")  # doctest: +SKIP
         """
-        target = validate_output_path(path, (".msh", ".inp", ".vtu"))
+        target = validate_output_path(path, tuple(MESH_WRITERS))
         suffix = target.suffix.lower()
         if suffix == ".msh":
             write_msh(self, target, version)
         elif version != "4.1":
             raise InvalidRequest(f'version="{version}" is one of gmsh\'s format: {suffix} has none')
         else:
-            {".inp": write_inp, ".vtu": write_vtu}[suffix](self, target)
+            load_writer(MESH_WRITERS, suffix)(self, target)
 
     @validate_call()
     def write_openfoam(
