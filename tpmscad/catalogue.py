@@ -342,10 +342,12 @@ def check_reference(
 
 
 def check_matter_name(name: str) -> None:
-    """InvalidRequest for a name of no surface, core or file of beams, with those there are."""
-    if name in CORES or name.lower().endswith(".3mf"):
+    """InvalidRequest for a name of no surface, core, file of beams or recipe, with those there are."""
+    if name in CORES or name.lower().endswith((".3mf", ".toml")):
         return
     try:
         find_surface(name)
     except InvalidRequest as error:
-        raise InvalidRequest(f"{error}; or a core, {', '.join(CORES)}, or a .3mf file of beams") from None
+        raise InvalidRequest(
+            f"{error}; or a core, {', '.join(CORES)}, a .3mf file of beams, or a .toml recipe"
+        ) from None

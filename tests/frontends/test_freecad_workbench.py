@@ -20,12 +20,21 @@ import tpmscad
 from freecad.tpmscad_workbench import infill_run
 from freecad.tpmscad_workbench.infill_run import Cancelled, FillRun, FillSettings, Refusal
 from tpmscad import cli
-from tpmscad.catalogue import CATALOGUE
+from tpmscad.catalogue import CATALOGUE, CORES
+from tpmscad.strut_cells import KINDS
 
 ROOT = Path(__file__).resolve().parents[2]
 WORKBENCH = ROOT / "freecad" / "tpmscad_workbench"
 EVERY_SETTING = FillSettings(
-    cell="8,8,10", wall="offset", wall_value="-0.6,0.4", skin="1", open_faces="Face3, >Z", tol="0.05", more="--solid 2"
+    cell="8,8,10",
+    wall="offset",
+    wall_value="-0.6,0.4",
+    skin="1",
+    open_faces="Face3, >Z",
+    tol="0.05",
+    more="--solid 2",
+    keep="holes 2",
+    clear="Bolt, Nut",
 )
 FINISHED = """
 echo '{"stage": "trim", "done": 0.25}' >&2
@@ -73,7 +82,7 @@ def test_the_program_knows_every_option(wall: str) -> None:
     }
     settings = FillSettings.from_json(json.dumps({**vars(EVERY_SETTING), "wall": wall, "more": ""}))
     words = infill_run.build_command(["tpmscad"], settings)[4:]
-    assert len(words) == 9
+    assert len(words) == 11
     assert {word.partition("=")[0] for word in words} <= options
 
 
@@ -164,10 +173,11 @@ def test_a_refusal_of_the_real_program_arrives(real_program: list[str], tmp_path
         run.wait()
 
 
-def test_the_surfaces_are_those_of_the_program(real_program: list[str], tmp_path: Path) -> None:
-    assert list(infill_run.list_surfaces(real_program, tmp_path)) == list(CATALOGUE)
+def test_the_structures_are_those_of_the_program(real_program: list[str], tmp_path: Path) -> None:
+    struts = [f"{kind} struts" for kind in KINDS]
+    assert list(infill_run.list_structures(real_program, tmp_path)) == [*CATALOGUE, *CORES, *struts, "recipe"]
     with pytest.raises(Refusal, match=r"program does not list its surfaces \(broken\)"):
-        infill_run.list_surfaces(stand_in(tmp_path, "echo broken >&2; exit 1"), tmp_path)
+        infill_run.list_structures(stand_in(tmp_path, "echo broken >&2; exit 1"), tmp_path)
 
 
 @pytest.mark.parametrize("path", sorted(WORKBENCH.glob("*.py")), ids=lambda path: path.name)

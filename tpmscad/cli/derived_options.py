@@ -101,7 +101,7 @@ def check_surface_name(name: str) -> str:
 
 
 def accept_matter_name(name: str) -> str:
-    """The name of a surface or a core, or the path of a file of beams; InvalidRequest if it is none."""
+    """The name of a surface or a core, or the path of a file of beams or of a recipe; InvalidRequest if it is none."""
     check_matter_name(name)
     return name
 
@@ -157,7 +157,8 @@ MatterArgument = Annotated[
     typer.Argument(
         autocompletion=complete_matter_name,
         callback=accept_matter_name,
-        help=f"Name of the surface, see `tpmscad surfaces`; or a core, {', '.join(CORES)}; or a .3mf file of beams.",
+        help=f"Name of the surface, see `tpmscad surfaces`; or a core, {', '.join(CORES)}; a .3mf file of beams; or a "
+        ".toml recipe of `tpmscad solidify`, whose field fills the body in place of its domain.",
     ),
 ]
 OPERANDS: Mapping[str, Any] = {"body": BodyArgument, "surface": SurfaceArgument}

@@ -90,6 +90,11 @@ def infill(
     """Fill the solid of a CAD file or a closed mesh with a lattice that is anchored at the origin of the file's coordinates."""
     assert writing.output is not None
     suffix = writing.output.suffix.lower()
+    if str(request["surface"]).lower().endswith(".toml"):
+        from tpmscad.recipe.solid_recipe import read_solid_recipe  # loads NumPy
+
+        recipe = read_solid_recipe(Path(request["surface"]))
+        request = {"tol": recipe.tol, **request, "surface": recipe.field}
     if instanced:
         if triangles or layer is not None:
             raise InvalidRequest("`instanced` writes a .step file of solids: leave `triangles` and `layer` out")
