@@ -59,6 +59,20 @@ FIELDS = {
 }
 """Texts of the settings: label, hint, and what stands in the field while it is empty."""
 
+BUTTON_WIDTH = 60
+"""Pixels, so that texts beside buttons fit in the narrow column."""
+
+TOLD = ("met", "not met", "solid", "size", "deviation", "warning")
+"""First words of the lines of a certificate that the panel shows; the property Certificate has all."""
+
+BUTTON_HINTS = {
+    "open_faces": "Take the faces that are selected in the model",
+    "keep": "Take the bodies that are selected in the tree",
+    "clear": "Take the bodies that are selected in the tree",
+    "recipe": "Choose the file",
+}
+"""What the buttons beside the texts do."""
+
 NEEDS_BODY = "select one body, and close the panel that is open, to fill it"
 NEEDS_FILLED = "select one body that was filled with a lattice to save it"
 """Why the commands cannot run."""
@@ -243,35 +257,39 @@ class FillPanel(RunPanel):
         self._wall.addItems(WALLS)
         self._wall_value = QtGui.QLineEdit()
         self._texts = {name: QtGui.QLineEdit() for name in FIELDS}
-        self._take = QtGui.QPushButton("Selected faces")
+        self._take = QtGui.QPushButton("Faces")
         self._take.clicked.connect(self.take_selected_faces)
-        self._bodies = {name: QtGui.QPushButton("Selected bodies") for name in ("keep", "clear")}
+        self._bodies = {name: QtGui.QPushButton("Bodies") for name in ("keep", "clear")}
         for name, button in self._bodies.items():
             button.clicked.connect(functools.partial(self.take_selected_bodies, name))
-        self._browse = QtGui.QPushButton("Choose...")
+        self._browse = QtGui.QPushButton("File")
         self._browse.clicked.connect(self.choose_recipe)
         self._surface.currentIndexChanged.connect(self._show_what_counts)
         self._start = QtGui.QPushButton("Fill")
         self._start.clicked.connect(self.start_or_cancel)
         self._bar.hide()
-        wall = QtGui.QHBoxLayout()
-        wall.addWidget(self._wall)
-        wall.addWidget(self._wall_value, 1)
+        self._labels: dict[str, Any] = {}
         rows.addRow("Structure", self._surface)
         rows.addRow("Kind", self._kind)
         buttons = {"open_faces": self._take, "recipe": self._browse, **self._bodies}
         for name, (label, hint, empty) in FIELDS.items():
             self._texts[name].setToolTip(hint)
             self._texts[name].setPlaceholderText(empty)
-            rows.addRow(label, self._texts[name])
-            if name == "cell":
-                rows.addRow("Wall", wall)
+            line = QtGui.QHBoxLayout()
+            line.addWidget(self._texts[name], 1)
             if name in buttons:
-                rows.addRow("", buttons[name])
+                line.addWidget(buttons[name])
+                buttons[name].setMaximumWidth(BUTTON_WIDTH)
+                buttons[name].setToolTip(BUTTON_HINTS[name])
+            self._labels[name] = QtGui.QLabel(label)
+            rows.addRow(self._labels[name], line)
+            if name == "cell":
+                rows.addRow("Wall", self._wall)
+                rows.addRow("", self._wall_value)
         for widget in (self._surface, self._kind, self._wall, self._wall_value, *self._texts.values()):
             widget.setMinimumWidth(40)  # the column of panels is narrow
-        for widget in (self._start, self._bar, self._message):
-            rows.addRow(widget)
+        for place, widget in enumerate((self._start, self._bar, self._message)):
+            rows.insertRow(place, widget)  # above the settings, in sight however low the window is
 
     def _show(self, settings: FillSettings) -> None:
         """Fill the form."""
@@ -298,11 +316,8 @@ class FillPanel(RunPanel):
         why = "" if not is_recipe else "the recipe says so"
         for widget in (self._wall_value, self._texts["cell"]):
             widget.setEnabled(not is_recipe)
-        for widget in (self._texts["recipe"], self._browse):
-            widget.setEnabled(is_recipe)
-        self._texts["recipe"].setToolTip(
-            FIELDS["recipe"][1] if is_recipe else "for the structure Field of a recipe alone"
-        )
+        for widget in (self._labels["recipe"], self._texts["recipe"], self._browse):
+            widget.setVisible(is_recipe)
         self._wall.setEnabled(not (is_recipe or is_struts))
         self._wall.setToolTip(
             why or ("of struts the thickness is their diameter" if is_struts else "What defines the wall")
@@ -378,7 +393,8 @@ class FillPanel(RunPanel):
             if len(places) > MAX_PLACES:
                 places[MAX_PLACES:] = [f"and {len(places) - MAX_PLACES} more: see the property Cavities"]
             mass = f"mass {self._target.Mass:.4g} g of {self._target.Density:g} g/cm3"
-            self._tell("\n".join([*self._target.Certificate, *places, mass, f"in FreeCAD: {self._target.ReadBack}"]))
+            told = [" ".join(line.split()) for line in self._target.Certificate if line.startswith(TOLD)]
+            self._tell("\n".join([*told, *places, mass, f"in FreeCAD: {self._target.ReadBack}"]))
         except Refusal as refusal:
             self._tell(str(refusal), wrong=True)
         except Cancelled:

@@ -133,7 +133,9 @@ def find_bodies(document: Any, names: Sequence[str], field: str) -> list[Any]:
         these = document.getObjectsByLabel(name) or [one for one in [document.getObject(name)] if one is not None]
         if len(these) != 1:
             wrong = f"{len(these)} bodies are" if these else "no body is"
-            raise Refusal(f"{field}: {wrong} called {name!r} in this document; select bodies and press Selected bodies")
+            raise Refusal(
+                f"{field}: {wrong} called {name!r} in this document; select bodies in the tree and press Bodies"
+            )
         found += these
     return found
 

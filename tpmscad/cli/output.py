@@ -80,22 +80,25 @@ def write_report(path: Path | None, content: dict[str, Any]) -> None:
 
 @contextmanager
 def progress_bar(title: str, quiet: bool, form: str = "bar") -> Iterator[Progress]:
-    """A callback that draws a progress bar on standard error; silent if that is no terminal, or `quiet`.
+    """A callback that shows progress on standard error: a bar in a terminal, lines of long work elsewhere; silent if `quiet`.
 
     The form "lines" is for programs: a line of JSON for each stage and each percent of it, wherever standard error leads.
     """
     if form == "lines":
         yield ProgressLines().report
         return
-    if quiet or not sys.stderr.isatty():
+    if quiet:
         yield lambda stage, done: None  # None would leave the bar to the functions themselves
         return
     from tpmscad.progress_display import show_stage  # loads NumPy
 
     with show_stage(title, time.monotonic()) as (report, rename):
+        shown = [title]
 
         def show(stage: str, done: float) -> None:
-            rename(stage)
+            if stage != shown[0]:
+                shown[0] = stage
+                rename(stage)
             report(done)
 
         yield show
