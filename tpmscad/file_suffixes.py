@@ -38,11 +38,14 @@ MESH_WRITERS: Mapping[str, str] = MappingProxyType(
         ".msh": "tpmscad.meshing.msh_files:write_msh",
         ".inp": "tpmscad.meshing.inp_files:write_inp",
         ".vtu": "tpmscad.meshing.library_meshes:write_vtu",
+        ".feb": "tpmscad.meshing.febio_files:write_feb",
     }
 )
 """Volume meshes: writers of (mesh, path)."""
 
-MESH_PROGRAMS: Mapping[str, str] = MappingProxyType({".msh": "gmsh", ".inp": "Abaqus, CalculiX", ".vtu": "VTK"})
+MESH_PROGRAMS: Mapping[str, str] = MappingProxyType(
+    {".msh": "gmsh", ".inp": "Abaqus, CalculiX", ".vtu": "VTK", ".feb": "FEBio"}
+)
 """The programs that read each volume mesh."""
 
 MATERIAL_SUFFIXES = (".inp", ".csv")

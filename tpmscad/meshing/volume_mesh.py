@@ -101,7 +101,8 @@ class VolumeMesh(MeshArrays):
             "``.msh``: gmsh, with groups as physical groups and periodic nodes. ``.inp``: Abaqus and CalculiX, with "
             "node sets, element sets, surfaces, and equations that tie periodic nodes to three reference nodes; hexahedra of 27 "
             "nodes as C3D20, without the nodes inside faces and elements, which a comment says. "
-            "``.vtu``: VTK, with a column for each group, which ParaView, meshio and scikit-fem read; by meshio.",
+            "``.vtu``: VTK, with a column for each group, which ParaView, meshio and scikit-fem read; by meshio. "
+            "``.feb``: FEBio 4, with node sets, surfaces, and a material to be replaced.",
         ],
         *,
         version: Annotated[str, choice_of("4.1", "2.2"), "Version of gmsh's format."] = "4.1",
