@@ -125,6 +125,7 @@ class ErrorLines:
     """Lines on standard error for scripts and logs: one as a stage is shown, and of a long one further ones with an estimate."""
 
     def __init__(self, stage: str) -> None:
+        self._told: set[str] = set()
         self.rename(stage)
 
     def update(self, done: float) -> None:
@@ -134,9 +135,11 @@ class ErrorLines:
             self._tell(f"{self._stage}: {round(100 * done)} %{estimate}")
 
     def rename(self, stage: str) -> None:
-        """Tell what is going on now."""
+        """Tell what is going on now, each name once: functions are compiled one by one."""
         self._stage, self._estimate = textwrap.shorten(stage, TERMINAL_CHARACTERS, placeholder=" ..."), Estimate()
-        self._tell(f"{self._stage} ...")
+        if self._stage not in self._told:
+            self._told.add(self._stage)
+            self._tell(f"{self._stage} ...")
 
     def close(self) -> None:
         """Leave the lines as they are."""
