@@ -30,7 +30,7 @@ RESULTS = (
     "tpmscad.meshing.volume_mesh.VolumeMesh",
     "tpmscad.simulation.properties.HomogenizedProperties",
     "tpmscad.studies._permeability.ChannelPermeability",
-    "tpmscad.Design",
+    "tpmscad.LatticeDesign",
     "tpmscad.studies.flow_results.FlowEstimate",
     "tpmscad.Metrics",
     "tpmscad.PrintReport",

@@ -47,7 +47,7 @@ MAX_EVALUATIONS = 9
 
 
 @dataclass(frozen=True, slots=True)
-class Design:
+class LatticeDesign:
     """A lattice with a property asked for.
 
     Attributes
@@ -114,12 +114,12 @@ def design_for(
         float, NOT_NEGATIVE.described_as(example="0.3"), "Poisson's ratio of the solid, from 0 to 0.49."
     ] = 0.3,
     progress: ProgressKeyword = None,
-) -> Design:
+) -> LatticeDesign:
     """Find the thickness of a wall, or the diameter of struts, that gives an effective property.
 
     Returns
     -------
-    Design
+    LatticeDesign
         The design, whose `value` is within 0.2 % of the target; `error` says how well its mesh knows it.
 
     Raises
@@ -193,7 +193,9 @@ def design_for(
     else:
         thickness = cell * surfaces.thickness_for(surface, reference, best)
     seconds, (value, error) = time.process_time() - begun, computed[best]
-    return Design(surface, cell, property, target, value, error, best, thickness, diameter, len(computed), seconds)
+    return LatticeDesign(
+        surface, cell, property, target, value, error, best, thickness, diameter, len(computed), seconds
+    )
 
 
 def _interpolate(values: dict[float, float], target: float, most: float) -> float:
