@@ -65,6 +65,7 @@ from tpmscad.cli.options import (
     remedy_for_number,
 )
 from tpmscad.cli.output import OutputRequest
+from tpmscad.errors import InvalidRequest
 from tpmscad.file_suffixes import MODEL_SUFFIXES
 
 CELL_PANEL = "Cell and position"
@@ -103,6 +104,8 @@ def check_surface_name(name: str) -> str:
 def accept_matter_name(name: str) -> str:
     """The name of a surface or a core, or the path of a file of beams or of a recipe; InvalidRequest if it is none."""
     check_matter_name(name)
+    if name.lower().endswith(".toml") and not Path(name).is_file():
+        raise InvalidRequest(f"{name} is no file: give the path of a recipe, as `tpmscad template solidify` prints one")
     return name
 
 
