@@ -1,6 +1,6 @@
 """Ranges in which lattices are one piece in all of space: levels of every surface of the catalogue, diameters of struts.
 
-    python -m benchmarks.one_piece_ranges levels [--surfaces gyroid,octo]     # the figures of tpmscad/one_piece_ranges.py
+    python -m benchmarks.one_piece_ranges levels [--surfaces gyroid,octo]    # figures of tpmscad/fields/kinds/one_piece_ranges.py
     python -m benchmarks.one_piece_ranges offsets [--surfaces gyroid,octo]    # normal offsets, against their limits
     python -m benchmarks.one_piece_ranges struts [--kinds bcc,octet]          # the figures of tpmscad/strut_cells.py
 

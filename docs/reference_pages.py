@@ -30,6 +30,7 @@ RESULTS = (
     "tpmscad.meshing.volume_mesh.VolumeMesh",
     "tpmscad.simulation.properties.HomogenizedProperties",
     "tpmscad.studies._permeability.ChannelPermeability",
+    "tpmscad.LatticeDesign",
     "tpmscad.studies.flow_results.FlowEstimate",
     "tpmscad.Metrics",
     "tpmscad.PrintReport",
@@ -114,7 +115,7 @@ JOBS: dict[str, tuple[str, ...]] = {
         "Model.export",
     ),
     "Meshes": ("Model.mesh", "Model.hexahedra", "infill_triangles"),
-    "Simulate": ("homogenize", "permeability", "estimate_flow"),
+    "Simulate": ("homogenize", "design_for", "permeability", "estimate_flow"),
     "Measure and check before printing": (
         "measure",
         "check_print",

@@ -12,9 +12,10 @@ from scipy.sparse.csgraph import connected_components
 
 from tpmscad import cli, fields, surfaces, topology
 from tpmscad.fields.data.field_notes import collect_notes
+from tpmscad.fields.kinds import one_piece_ranges
+from tpmscad.fields.kinds.one_piece_ranges import find_level_ranges, find_sheet_limit, is_one_piece, note_sheet
 from tpmscad.fields.kinds.strut_graphs import make_strut_graph
 from tpmscad.lattices.strut_contacts import find_contact
-from tpmscad.one_piece_ranges import find_level_ranges, find_sheet_limit, is_one_piece, note_sheet
 from tpmscad.strut_cells import KINDS, LARGEST_DIAMETERS
 
 N = 32
@@ -53,6 +54,19 @@ def test_a_coarse_grid_counts_one_piece_well_within_every_range_and_not_outside(
                 assert is_one_piece(name, reference, side, float(level)) == (counts[0] == 1), (side, level, counts)
                 judged += 1
     assert judged > 40
+
+
+@pytest.mark.parametrize(("name", "reference"), [("schwarz_p", "nodal"), ("frd", "nodal"), ("octo", "nodal")])
+def test_ranges_that_nobody_stored_are_measured(name: str, reference: str) -> None:
+    """At first use, on one grid: what a new surface of the catalogue has until its row is printed."""
+    slack = 0.01 * np.ptp(surfaces.CATALOGUE[name].value_range)
+    for side in "-+":
+        measured = one_piece_ranges._measure_ranges(name, reference, side)
+        stored = find_level_ranges(name, reference, side)
+        assert len(measured) == len(stored)
+        for row, kept in zip(measured, stored, strict=True):
+            np.testing.assert_allclose(row[:2], (kept.level, kept.to_level), rtol=0, atol=slack)
+            np.testing.assert_allclose(row[2:], (kept.fraction, kept.to_fraction), rtol=0, atol=0.02)
 
 
 def test_fractions_are_those_of_the_levels() -> None:

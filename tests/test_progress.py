@@ -62,10 +62,24 @@ def test_the_delay_counts_from_the_beginning_of_the_work(terminal: Terminal) -> 
     assert "fit" in terminal.getvalue()
 
 
-def test_nothing_is_written_where_no_one_looks(terminal: Terminal, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_script_sees_a_line_for_each_long_stage_and_an_estimate(
+    terminal: Terminal, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.setattr(terminal, "isatty", lambda: False)
-    work(StageTimer(None), 0.2)
-    assert terminal.getvalue() == ""
+    work(StageTimer(None), 0.1)
+    assert terminal.getvalue() == "", "ten seconds have not passed"
+    monkeypatch.setattr(progress_display, "LINE_DELAY_SECONDS", 0.05)
+    timer = StageTimer(None)
+    with timer("fit") as report:
+        for done in (0.25, 0.5, 0.75):
+            report(done)
+            time.sleep(0.3)
+    work(StageTimer(False), 0.2)
+    first, *others = terminal.getvalue().splitlines()
+    assert first == "tpmscad: fit ..."
+    assert {line.split(",")[0] for line in others} <= {"tpmscad: fit: 50 %", "tpmscad: fit: 75 %"}
+    assert others[-1].startswith("tpmscad: fit: 75 %")
+    assert others[-1].endswith("about 1 s more")
 
 
 def test_the_bar_ends_with_its_stage_when_the_work_fails(terminal: Terminal) -> None:

@@ -50,6 +50,23 @@ def test_the_addon_of_freecad_names_the_same_home() -> None:
     assert urls == [HOOK["home"]] * bool(HOOK["home"])
 
 
+def test_the_recipe_for_conda_asks_for_what_the_package_needs() -> None:
+    """By the names of conda-forge, where lib3mf's wheel is py-lib3mf."""
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
+    needed = {re.sub(r"(?<=[\w-])(?=[<>=])", " ", each, count=1) for each in project["dependencies"]}
+    recipe = (ROOT / "packaging" / "recipe.yaml").read_text()
+    run = recipe[recipe.index("  run:\n") : recipe.index("\ntests:")]
+    listed = {line.replace("py-lib3mf", "lib3mf") for line in re.findall(r"    - (.+)", run)}
+    assert listed == {*needed, f"python {project['requires-python']}"}
+    assert f'version: "{tpmscad.__version__}"' in recipe
+
+
+def test_a_released_version_has_its_date() -> None:
+    heading = re.search(r"^## .*$", (ROOT / "CHANGELOG.md").read_text(), re.MULTILINE)
+    assert heading is not None
+    assert re.fullmatch(r"## [\d.]+ \((\d{4}-\d\d-\d\d|not released)\)", heading[0])
+
+
 def test_the_changelog_begins_with_this_version() -> None:
     (version, *_) = re.findall(r"^## (\S+)", (ROOT / "CHANGELOG.md").read_text(), re.MULTILINE)
     assert version == tpmscad.__version__

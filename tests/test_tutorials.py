@@ -101,7 +101,14 @@ def test_a_line_that_a_prompt_refuses_is_found() -> None:
     assert pasted_errors("for k in range(2):\n    print(k)\nprint(3)\n") == ["print(3)"]
 
 
-EXTRAS = {"matplotlib": "plot", "skfem": "simulation", "gmsh": "mesh", "trimesh": "triangles", "cadquery": "cadquery"}
+EXTRAS = {
+    "matplotlib": "plot",
+    "skfem": "simulation",
+    "gmsh": "mesh",
+    "nibabel": "images",
+    "trimesh": "triangles",
+    "cadquery": "cadquery",
+}
 """Libraries that snippets import, and the extra that brings each."""
 
 OF_CORE = {"build123d", "numpy", "tpmscad"}

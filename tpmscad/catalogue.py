@@ -35,7 +35,7 @@ class OnePiecePhases:
     """Phases at which a lattice in a box of whole cells is one connected piece, at every offset that the surface allows.
 
     One cell in one piece makes a block of cells one piece, since neighbours share the solid in their common face. Where the
-    endless solid itself falls apart, as thin solids between levels do (`tpmscad.one_piece_ranges`), no phase joins it.
+    endless solid itself falls apart, as thin solids between levels do (`fields/kinds/one_piece_ranges.py`), no phase joins it.
 
     - `sheet`, `minus`, `plus`: phases of the sheet and of the skeletal solids on the sides "-" and "+".
     - `skeletal_chips`: whether chips below 1 % of the solid remain at some offsets of the skeletal solids, because no phase is
@@ -342,10 +342,12 @@ def check_reference(
 
 
 def check_matter_name(name: str) -> None:
-    """InvalidRequest for a name of no surface, core or file of beams, with those there are."""
-    if name in CORES or name.lower().endswith(".3mf"):
+    """InvalidRequest for a name of no surface, core, file of beams or recipe, with those there are."""
+    if name in CORES or name.lower().endswith((".3mf", ".toml")):
         return
     try:
         find_surface(name)
     except InvalidRequest as error:
-        raise InvalidRequest(f"{error}; or a core, {', '.join(CORES)}, or a .3mf file of beams") from None
+        raise InvalidRequest(
+            f"{error}; or a core, {', '.join(CORES)}, a .3mf file of beams, or a .toml recipe"
+        ) from None

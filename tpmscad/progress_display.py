@@ -1,4 +1,4 @@
-"""The progress of long work, shown without being asked for: a bar in a terminal, a line in a notebook, nothing elsewhere.
+"""The progress of long work, shown without being asked for: a bar in a terminal, a line in a notebook, else lines.
 
 Nothing is written before a delay has passed, so that short work leaves no trace. A timer opens the display, because a stage may
 take minutes between two reports; the display disappears at the end of its stage.
@@ -18,6 +18,9 @@ from tpmscad._typing import FractionProgress
 
 DELAY_SECONDS = 2.0
 """Time from the beginning of the work before its progress is shown."""
+
+LINE_DELAY_SECONDS = 10.0
+"""The same where standard error is no terminal, and the time between a line and the next one of its stage."""
 
 NOTEBOOK_SECONDS = 0.2
 """Least time between two updates of a notebook's line."""
@@ -40,16 +43,18 @@ class Display(Protocol):
 
 
 def find_display() -> Callable[[str], Display] | None:
-    """What opens a display for a stage: in a notebook, or in a terminal on standard error; None elsewhere."""
+    """What opens a display for a stage: a notebook's, a terminal's, or lines on standard error; None if there is none."""
     shell = getattr(sys.modules.get("IPython"), "get_ipython", lambda: None)()
     if type(shell).__name__ == "ZMQInteractiveShell":
         return NotebookLine
-    return TerminalBar if sys.stderr is not None and sys.stderr.isatty() else None
+    if sys.stderr is None:
+        return None
+    return TerminalBar if sys.stderr.isatty() else ErrorLines
 
 
 @contextmanager
 def show_stage(stage: str, begun: float) -> Iterator[tuple[FractionProgress, Callable[[str], None]]]:
-    """Show the progress of a stage from `DELAY_SECONDS` after `begun` (`time.monotonic`) on.
+    """Show the progress of a stage from `DELAY_SECONDS`, in lines `LINE_DELAY_SECONDS`, after `begun` (`time.monotonic`) on.
 
     Yields the function for reports and one that shows another name.
     """
@@ -78,7 +83,7 @@ def show_stage(stage: str, begun: float) -> Iterator[tuple[FractionProgress, Cal
             for display in shown:
                 display.rename(name)
 
-    wait = begun + DELAY_SECONDS - time.monotonic()
+    wait = begun + (LINE_DELAY_SECONDS if open_display is ErrorLines else DELAY_SECONDS) - time.monotonic()
     timer = threading.Timer(wait, begin)
     timer.daemon = True
     if wait > 0:
@@ -95,14 +100,64 @@ def show_stage(stage: str, begun: float) -> Iterator[tuple[FractionProgress, Cal
                 display.close()
 
 
+class Estimate:
+    """The time that a stage still takes, at the mean speed since its first report above 0."""
+
+    def __init__(self) -> None:
+        self._first: tuple[float, float] | None = None
+
+    def describe(self, done: float) -> str:
+        """In words, after a comma; empty while too little is known."""
+        now = time.monotonic()
+        if self._first is None or done < self._first[1]:
+            self._first = (now, done)
+        begun, share = self._first
+        if done - share < LEAST_SHARE:
+            return ""
+        return f", about {max(1, round((1.0 - done) * (now - begun) / (done - share)))} s more"
+
+
+LEAST_SHARE = 0.05
+"""Part of a stage after which its end is estimated."""
+
+
+class ErrorLines:
+    """Lines on standard error for scripts and logs: one as a stage is shown, and of a long one further ones with an estimate."""
+
+    def __init__(self, stage: str) -> None:
+        self._told: set[str] = set()
+        self.rename(stage)
+
+    def update(self, done: float) -> None:
+        """Tell the fraction that is done, now and then."""
+        estimate = self._estimate.describe(done) if 0.0 < done < 1.0 else ""
+        if estimate and time.monotonic() - self._latest >= LINE_DELAY_SECONDS:
+            self._tell(f"{self._stage}: {round(100 * done)} %{estimate}")
+
+    def rename(self, stage: str) -> None:
+        """Tell what is going on now, each name once: functions are compiled one by one."""
+        self._stage, self._estimate = textwrap.shorten(stage, TERMINAL_CHARACTERS, placeholder=" ..."), Estimate()
+        if self._stage not in self._told:
+            self._told.add(self._stage)
+            self._tell(f"{self._stage} ...")
+
+    def close(self) -> None:
+        """Leave the lines as they are."""
+
+    def _tell(self, text: str) -> None:
+        """Write a line."""
+        self._latest = time.monotonic()
+        print(f"tpmscad: {text}", file=sys.stderr, flush=True)
+
+
 class TerminalBar:
     """A bar of `rich` on standard error; it moves to and fro while no fraction is known."""
 
     def __init__(self, stage: str) -> None:
         from rich.console import Console
-        from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
+        from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 
-        columns = TextColumn("{task.description}"), BarColumn(), TimeElapsedColumn()
+        columns = TextColumn("{task.description}"), BarColumn(), TimeElapsedColumn(), TimeRemainingColumn()
         self._bar = Progress(*columns, console=Console(file=sys.stderr), transient=True)
         self._task = self._bar.add_task(stage, total=None)
         self._bar.start()
@@ -129,7 +184,7 @@ class NotebookLine:
     def __init__(self, stage: str) -> None:
         from IPython.display import display
 
-        self._stage, self._latest = stage, 0.0
+        self._stage, self._latest, self._estimate = stage, 0.0, Estimate()
         show: Any = display
         self._handle: Any = show({"text/plain": stage}, raw=True, display_id=True)
 
@@ -137,12 +192,12 @@ class NotebookLine:
         """Show the fraction that is done."""
         if time.monotonic() - self._latest >= NOTEBOOK_SECONDS:
             self._latest = time.monotonic()
-            share = f": {round(100 * done)} %" if done else " ..."
+            share = f": {round(100 * done)} %{self._estimate.describe(done)}" if done else " ..."
             self._handle.update({"text/plain": self._stage + share}, raw=True)
 
     def rename(self, stage: str) -> None:
         """Show another name, until the next report with a percentage."""
-        self._stage = stage
+        self._stage, self._estimate = stage, Estimate()
         self._handle.update({"text/plain": f"{stage} ..."}, raw=True)
 
     def close(self) -> None:

@@ -29,8 +29,8 @@ class StageTimer:
     """Times the stages of a piece of work and reports them as they begin and end.
 
     Each stage is a `with` block: `with timer("trim") as report: ...`. A callable `progress` gets the stage's name with 0.0 at its
-    start and 1.0 at its end; `report(fraction)` reports in between. None or True shows a bar in a terminal or a notebook; False
-    shows nothing.
+    start and 1.0 at its end; `report(fraction)` reports in between. None or True shows what
+    `progress_display` says; False shows nothing.
     """
 
     progress: ProgressOption

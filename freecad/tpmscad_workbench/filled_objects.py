@@ -9,8 +9,9 @@
 from __future__ import annotations
 
 import shlex
+import shutil
 import tempfile
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -19,6 +20,10 @@ import Part
 
 from freecad.tpmscad_workbench.infill_run import (
     BODY_FILE,
+    CLEAR_FILE,
+    KEEP_FILE,
+    STRUTS_FILE,
+    STRUTS_WORD,
     Filled,
     FillRun,
     FillSettings,
@@ -26,6 +31,9 @@ from freecad.tpmscad_workbench.infill_run import (
     build_command,
     find_program,
     number_faces,
+    read_passive,
+    save_command,
+    write_struts,
 )
 
 PREFERENCES = "User parameter:BaseApp/Preferences/Mod/tpmscad"
@@ -41,8 +49,21 @@ PROPERTIES = {
     "Command": ("App::PropertyString", "The command that made the solid from the body's STEP file."),
     "Settings": ("App::PropertyString", "What was asked for, as JSON; the panel begins with it."),
     "Report": ("App::PropertyString", "Every figure of the certificate, as JSON."),
+    "Cavities": ("App::PropertyVectorList", "The middles of closed cavities, in which powder or resin stays."),
+    "Mass": ("App::PropertyFloat", "Grams: the volume times the density."),
+    "SolidFile": ("App::PropertyFileIncluded", "The STEP file that tpmscad wrote, kept in the document."),
+    "BodyFile": ("App::PropertyFileIncluded", "The body as it was filled."),
+    "KeepFile": ("App::PropertyFileIncluded", "The bodies that were kept solid."),
+    "ClearFile": ("App::PropertyFileIncluded", "The bodies that were kept empty."),
+    "StrutsFile": ("App::PropertyFileIncluded", "The recipe of struts."),
 }
 """The properties of a filled body: type and meaning."""
+
+INPUT_FILES = {"BodyFile": BODY_FILE, "KeepFile": KEEP_FILE, "ClearFile": CLEAR_FILE, "StrutsFile": STRUTS_FILE}
+"""The files that a run reads, by the property that keeps each."""
+
+DENSITY, DEFAULT_DENSITY = "Density", 1.0
+"""The one property that is edited, and its first value, g/cm3."""
 
 SAME_PLACE = 1e-6
 """Distance of the centres of a face before and after the file, in diagonals of the body, up to which it is the same face."""
@@ -105,11 +126,66 @@ def export_body(body: Any, open_faces: str, folder: Path) -> None:
         )
 
 
+def find_bodies(document: Any, names: Sequence[str], field: str) -> list[Any]:
+    """The objects with these labels or names; Refusal that names the field."""
+    found: list[Any] = []
+    for name in names:
+        these = document.getObjectsByLabel(name) or [one for one in [document.getObject(name)] if one is not None]
+        if len(these) != 1:
+            wrong = f"{len(these)} bodies are" if these else "no body is"
+            raise Refusal(
+                f"{field}: {wrong} called {name!r} in this document; select bodies in the tree and press Bodies"
+            )
+        found += these
+    return found
+
+
 def start(body: Any, settings: FillSettings, program: list[str], folder: Path) -> FillRun:
-    """Write the body to a folder and start the run there."""
+    """Write the body, and what is kept and cleared, to a folder and start the run there."""
     command = build_command(program, settings)
+    for file in INPUT_FILES.values():
+        if (folder / file).exists():
+            (folder / file).unlink()
+    for field, text, file in (("keep", settings.keep, KEEP_FILE), ("clear", settings.clear, CLEAR_FILE)):
+        names = read_passive(text)[1]
+        if names:
+            shapes = [placed_shape(one) for one in find_bodies(body.Document, names, field)]
+            Part.makeCompound([solid for shape in shapes for solid in shape.Solids]).exportStep(str(folder / file))
+    if settings.surface.endswith(STRUTS_WORD):
+        box = placed_shape(body).BoundBox
+        write_struts(settings, (box.XMin, box.YMin, box.ZMin), (box.XMax, box.YMax, box.ZMax), folder)
     export_body(body, settings.open_faces, folder)
     return FillRun(command, folder)
+
+
+def start_saving(filled: Any, target: Path, folder: Path) -> FillRun | None:
+    """Save a filled body: a copy of its own STEP file at once (None), or a run that makes it anew in another format."""
+    command = save_command(shlex.split(filled.Command), target)
+    if target.suffix.lower() == ".step":
+        shutil.copyfile(filled.SolidFile, str(target))
+        return None
+    for name, file in INPUT_FILES.items():
+        if getattr(filled, name):
+            shutil.copyfile(getattr(filled, name), str(folder / file))
+    return FillRun(command, folder)
+
+
+def save(filled: Any, target: str) -> None:
+    """Save a filled body as .step, .3mf or .stl, by tpmscad itself; Refusal if it cannot be made."""
+    with tempfile.TemporaryDirectory(prefix="tpmscad-") as name:
+        run = start_saving(filled, Path(target).absolute(), Path(name))
+        if run is not None:
+            run.wait()
+
+
+def find_cavities(shape: Any) -> list[tuple[Any, float]]:
+    """The middle and the volume of each closed cavity of the solids of a shape, largest first."""
+    found = []
+    for solid in shape.Solids:
+        outer = solid.OuterShell
+        shells = [shell for shell in solid.Shells if not shell.isSame(outer)]
+        found += [(shell.BoundBox.Center, abs(shell.Volume)) for shell in shells]
+    return sorted(found, key=lambda one: -one[1])
 
 
 def store(body: Any, settings: FillSettings, run: FillRun, filled: Filled, target: Any = None) -> Any:
@@ -124,6 +200,9 @@ def store(body: Any, settings: FillSettings, run: FillRun, filled: Filled, targe
         for name, (kind, meaning) in PROPERTIES.items():
             target.addProperty(kind, name, GROUP, meaning)
             target.setEditorMode(name, 1)  # shown, not edited
+        target.addProperty("App::PropertyFloat", DENSITY, GROUP, "Density of the material, g/cm3.")
+        target.Density = DEFAULT_DENSITY
+        target.setExpression("Mass", "Shape.Volume / 1 mm^3 * Density / 1000")
     target.Shape = shape
     target.Body = body
     target.Certificate = [*filled.summary.splitlines(), *(f"warning {line}" for line in filled.warnings)]
@@ -131,8 +210,14 @@ def store(body: Any, settings: FillSettings, run: FillRun, filled: Filled, targe
     target.Command = shlex.join(run.command)
     target.Settings = settings.to_json()
     target.Report = filled.report
+    target.Cavities = [centre for centre, _ in find_cavities(shape)]
+    target.SolidFile = str(filled.step)
+    for name, file in INPUT_FILES.items():
+        path = filled.step.parent / file
+        setattr(target, name, str(path) if path.exists() else "")
     if getattr(body, "ViewObject", None) is not None:
         body.ViewObject.Visibility = False
+    target.recompute()
     document.commitTransaction()
     return target
 

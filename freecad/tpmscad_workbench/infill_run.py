@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import contextlib
 import json
+import math
 import os
 import re
 import shlex
@@ -23,7 +24,30 @@ from pathlib import Path
 from typing import Any
 
 BODY_FILE, FILLED_FILE, REPORT_FILE = "body.step", "filled.step", "filled.json"
+KEEP_FILE, CLEAR_FILE, STRUTS_FILE = "keep.step", "clear.step", "struts.toml"
 """Names in the folder of a run."""
+
+SAVED_SUFFIXES = (".step", ".3mf", ".stl")
+"""Formats that a filled body is saved in."""
+
+CORES = ("honeycomb", "square", "triangular", "re-entrant")
+STRUTS = (
+    *("cubic", "bcc", "bccz", "fcc", "fbcc", "octahedron", "octet", "diamond", "kelvin", "rhombic-dodecahedron"),
+    *("cuboctahedron", "re-entrant"),
+)
+"""Names of cores and of cells of struts, as the program has them."""
+
+STRUTS_WORD, RECIPE_WORD = " struts", "recipe"
+"""What the names of cells of struts end in here, since diamond is a surface, too; and the name for a field of a recipe."""
+
+STRUTS_RECIPE = """tol = {tol:.9g}
+domain = [{low}, {high}]
+
+[field]
+kind = "translate"
+vector = {low}
+of = {{ kind = "strut_lattice", structure = "{structure}", cell = {cell}, cells = {cells}, diameter = {diameter:.9g} }}
+"""
 
 WALLS = ("thickness", "porosity", "volume-fraction", "offset")
 """What may define the wall, as options of the command."""
@@ -52,8 +76,11 @@ class Cancelled(Exception):
 class FillSettings:
     """What a body is filled with, as texts; lengths in mm.
 
-    `wall` is one of `WALLS`, `wall_value` its value. `open_faces` holds names of faces (Face3) and selectors (>Z), with commas
-    between. `more` are further options of the command, written as in a shell.
+    `surface` is the name of a surface or a core, a cell of struts ("octet struts"), or "recipe" for the field of the TOML file
+    `recipe`. `wall` is one of `WALLS`, `wall_value` its value; of struts the thickness is their diameter. `open_faces` holds
+    names of faces (Face3) and selectors (>Z), with commas between. `keep` and `clear` hold names of bodies of the document with
+    commas between, or "holes 3": all round holes, with 3 mm around them. `more` are further options of the command, written as
+    in a shell.
     """
 
     surface: str = "gyroid"
@@ -65,6 +92,9 @@ class FillSettings:
     open_faces: str = ""
     tol: str = ""
     more: str = ""
+    recipe: str = ""
+    keep: str = ""
+    clear: str = ""
 
     def to_json(self) -> str:
         """The settings as text, for a property of a document object."""
@@ -111,15 +141,82 @@ def number_faces(open_faces: str) -> str:
     return _FACE_NAME.sub(lambda match: str(int(match[1]) - 1), open_faces)
 
 
+def read_number(text: str, field: str) -> float:
+    """A number above zero of the form; Refusal that names the field."""
+    try:
+        value = float(text)
+    except ValueError:
+        value = 0.0
+    if not 0 < value < float("inf"):
+        raise Refusal(f"{field} {text!r}: give a number above zero, in mm and without its unit")
+    return value
+
+
+def read_passive(text: str) -> tuple[str, list[str]]:
+    """What `keep` or `clear` names: the surroundings of holes in the words of the option, or names of bodies."""
+    holes = re.fullmatch(r"\s*(?:holes|bosses)[ ,]+([-+.\d]+)\s*", text)
+    if holes:
+        return f"bosses,{read_number(holes[1], 'width round holes'):g}", []
+    return "", [name.strip() for name in text.split(",") if name.strip()]
+
+
+def write_struts(settings: FillSettings, low: Sequence[float], high: Sequence[float], folder: Path) -> None:
+    """Write the recipe of struts that cover a box, anchored at the origin, as lattices are."""
+    parts = settings.cell.split(",")
+    if len(parts) not in (1, 3):
+        raise Refusal(f"cell {settings.cell!r}: give one number, or three with commas between")
+    cell = [read_number(part, "cell") for part in (parts if len(parts) == 3 else parts * 3)]
+    if settings.wall != "thickness":
+        raise Refusal(f"wall: struts take a thickness, their diameter, and no {settings.wall}")
+    diameter = read_number(settings.wall_value, "wall thickness")
+    first = [math.floor(a / c) - 1 for a, c in zip(low, cell)]
+    cells = [math.ceil(b / c) + 1 - f for b, c, f in zip(high, cell, first)]
+    begin = [f * c for f, c in zip(first, cell)]
+    end = [a + n * c for a, n, c in zip(begin, cells, cell)]
+    text = STRUTS_RECIPE.format(
+        tol=read_number(settings.tol, "tolerance") if settings.tol.strip() else min(cell) / 1000,
+        low=begin,
+        high=end,
+        structure=settings.surface[: -len(STRUTS_WORD)],
+        cell=cell,
+        cells=cells,
+        diameter=diameter,
+    )
+    (folder / STRUTS_FILE).write_text(text, encoding="utf-8")
+
+
+def name_field(text: str, fields: Sequence[str]) -> str:
+    """The field of the form that a refusal is about: the one whose option or name the text has first, or none."""
+    found = {name: re.search(rf"(?:--|\b){re.sub('_', '[-_ ]', name)}\b", text) for name in fields}
+    named = {name: match.start() for name, match in found.items() if match}
+    return min(named, key=named.__getitem__) if named else ""
+
+
 def build_command(program: Sequence[str], settings: FillSettings) -> list[str]:
     """The words of a run in its folder.
 
     A value is joined to its option, so that a text with a minus is no option.
     """
+    surface, of_field = settings.surface, {"kind": settings.kind}
+    if surface in CORES:
+        of_field = {"cell": settings.cell, settings.wall: settings.wall_value}
+    elif surface == RECIPE_WORD:
+        surface, of_field = os.path.abspath(os.path.expanduser(settings.recipe.strip())), {}
+        if not os.path.isfile(surface):
+            raise Refusal(
+                f"recipe {settings.recipe!r} is no file: choose one; `tpmscad template solidify` prints an example"
+            )
+    elif surface.endswith(STRUTS_WORD):
+        surface, of_field = STRUTS_FILE, {}
+    else:
+        of_field.update({"cell": settings.cell, settings.wall: settings.wall_value})
+    passive = {}
+    for name, text, file in (("keep", settings.keep, KEEP_FILE), ("clear", settings.clear, CLEAR_FILE)):
+        holes, bodies = read_passive(text)
+        passive[name] = holes or (file if bodies else "")
     options = {
-        "kind": settings.kind,
-        "cell": settings.cell,
-        settings.wall: settings.wall_value,
+        **of_field,
+        **passive,
         "skin": settings.skin,
         "open-faces": number_faces(settings.open_faces),
         "tol": settings.tol,
@@ -130,7 +227,7 @@ def build_command(program: Sequence[str], settings: FillSettings) -> list[str]:
     except ValueError as error:
         raise Refusal(f"further options {settings.more!r}: {error}; close the quotation") from None
     files = [f"--output={FILLED_FILE}", f"--report={REPORT_FILE}", "--progress=lines"]
-    return [*program, "infill", BODY_FILE, settings.surface, *given, *more, *files]
+    return [*program, "infill", BODY_FILE, surface, *given, *more, *files]
 
 
 def make_environment(environment: Mapping[str, str], folder: Path) -> dict[str, str]:
@@ -148,8 +245,8 @@ def make_environment(environment: Mapping[str, str], folder: Path) -> dict[str, 
     return {**kept, **dict.fromkeys(("TMPDIR", "TEMP", "TMP"), str(folder)), "PYTHONIOENCODING": "utf-8"}
 
 
-def list_surfaces(program: Sequence[str], folder: Path) -> dict[str, str]:
-    """The titles of the surfaces of the installed tpmscad by their names."""
+def list_structures(program: Sequence[str], folder: Path) -> dict[str, str]:
+    """The titles of what bodies are filled with by their names: the installed tpmscad's surfaces, cores, struts, a recipe."""
     try:
         answer = subprocess.run(
             [*program, "surfaces", "--json"],
@@ -160,13 +257,23 @@ def list_surfaces(program: Sequence[str], folder: Path) -> dict[str, str]:
             errors="replace",
             timeout=SURFACES_SECONDS,
         )
-        return {surface["name"]: surface["title"] for surface in json.loads(answer.stdout)}
+        surfaces = {surface["name"]: surface["title"] for surface in json.loads(answer.stdout)}
     except (OSError, ValueError, KeyError, TypeError, subprocess.TimeoutExpired) as error:
         said = answer.stderr.strip() if isinstance(error, ValueError) else ""
         raise Refusal(
             f"{program[0]} does not list its surfaces ({said or error}): give the program tpmscad, or a python that has it, in "
             "Edit > Preferences > tpmscad"
         ) from None
+    cores = {name: f"{name.capitalize()} core" for name in CORES}
+    struts = {f"{name}{STRUTS_WORD}": f"{name.capitalize()}{STRUTS_WORD}" for name in STRUTS}
+    return {**surfaces, **cores, **struts, RECIPE_WORD: "Field of a recipe"}
+
+
+def save_command(command: Sequence[str], target: Path) -> list[str]:
+    """The words of a run that writes the same solid to another file."""
+    if target.suffix.lower() not in SAVED_SUFFIXES:
+        raise Refusal(f"{target.name} ends in {target.suffix!r}: give it a name ending in {', '.join(SAVED_SUFFIXES)}")
+    return [f"--output={target}" if word == f"--output={FILLED_FILE}" else word for word in command]
 
 
 class FillRun:

@@ -13,9 +13,8 @@ import trimesh
 import tpmscad
 from tests.cli.test_cli import run
 from tpmscad.brep.triangles.smooth_groups import label_smooth_groups
-from tpmscad.cli.step_file_commands import TRIANGLE_SUFFIXES
 from tpmscad.errors import InvalidRequest
-from tpmscad.fields.data.triangle_mesh import MESH_SUFFIXES
+from tpmscad.file_suffixes import READ_TRIANGLE_SUFFIXES
 from tpmscad.kernel.render.scene import Scene
 from tpmscad.result_display import MAX_LINES
 
@@ -37,7 +36,7 @@ def write(file: Path, *, without: int = 0, copies: int = 1, flip: bool = False) 
     return file
 
 
-@pytest.mark.parametrize("suffix", MESH_SUFFIXES)
+@pytest.mark.parametrize("suffix", READ_TRIANGLE_SUFFIXES)
 def test_a_closed_mesh_of_every_format_is_ok_with_its_figures(suffix: str, tmp_path: Path) -> None:
     found = tpmscad.check_step(write(tmp_path / f"box{suffix}", copies=2))
     assert (found.ok, found.triangles, found.points, found.pieces, found.open_sides) == (True, 24, 16, 2, 0)
@@ -116,4 +115,3 @@ def test_commands_take_triangles_and_brep(
     assert "which the triangles of box.stl are not" in capsys.readouterr().err
     assert run("check box.stl --faces") == 2
     assert "--faces and --solid are of CAD files" in capsys.readouterr().err
-    assert TRIANGLE_SUFFIXES == MESH_SUFFIXES

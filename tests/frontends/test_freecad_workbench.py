@@ -20,12 +20,22 @@ import tpmscad
 from freecad.tpmscad_workbench import infill_run
 from freecad.tpmscad_workbench.infill_run import Cancelled, FillRun, FillSettings, Refusal
 from tpmscad import cli
-from tpmscad.catalogue import CATALOGUE
+from tpmscad.catalogue import CATALOGUE, CORES
+from tpmscad.recipe.solid_recipe import read_solid_recipe
+from tpmscad.strut_cells import KINDS
 
 ROOT = Path(__file__).resolve().parents[2]
 WORKBENCH = ROOT / "freecad" / "tpmscad_workbench"
 EVERY_SETTING = FillSettings(
-    cell="8,8,10", wall="offset", wall_value="-0.6,0.4", skin="1", open_faces="Face3, >Z", tol="0.05", more="--solid 2"
+    cell="8,8,10",
+    wall="offset",
+    wall_value="-0.6,0.4",
+    skin="1",
+    open_faces="Face3, >Z",
+    tol="0.05",
+    more="--solid 2",
+    keep="holes 2",
+    clear="Bolt, Nut",
 )
 FINISHED = """
 echo '{"stage": "trim", "done": 0.25}' >&2
@@ -73,7 +83,7 @@ def test_the_program_knows_every_option(wall: str) -> None:
     }
     settings = FillSettings.from_json(json.dumps({**vars(EVERY_SETTING), "wall": wall, "more": ""}))
     words = infill_run.build_command(["tpmscad"], settings)[4:]
-    assert len(words) == 9
+    assert len(words) == 11
     assert {word.partition("=")[0] for word in words} <= options
 
 
@@ -164,10 +174,11 @@ def test_a_refusal_of_the_real_program_arrives(real_program: list[str], tmp_path
         run.wait()
 
 
-def test_the_surfaces_are_those_of_the_program(real_program: list[str], tmp_path: Path) -> None:
-    assert list(infill_run.list_surfaces(real_program, tmp_path)) == list(CATALOGUE)
+def test_the_structures_are_those_of_the_program(real_program: list[str], tmp_path: Path) -> None:
+    struts = [f"{kind} struts" for kind in KINDS]
+    assert list(infill_run.list_structures(real_program, tmp_path)) == [*CATALOGUE, *CORES, *struts, "recipe"]
     with pytest.raises(Refusal, match=r"program does not list its surfaces \(broken\)"):
-        infill_run.list_surfaces(stand_in(tmp_path, "echo broken >&2; exit 1"), tmp_path)
+        infill_run.list_structures(stand_in(tmp_path, "echo broken >&2; exit 1"), tmp_path)
 
 
 @pytest.mark.parametrize("path", sorted(WORKBENCH.glob("*.py")), ids=lambda path: path.name)
@@ -194,6 +205,7 @@ IN_FREECAD = """
 import json, os, sys
 try:
     import FreeCAD
+    import Part
     import freecad.tpmscad_workbench  # found as an addon is
     from freecad.tpmscad_workbench import filled_objects
     from freecad.tpmscad_workbench.infill_run import FillSettings, Refusal
@@ -211,18 +223,28 @@ try:
     sides = [face for face in cut.Shape.Faces if abs(face.CenterOfMass.x - 20) < 1e-6]
     number = [face.isSame(sides[0]) for face in cut.Shape.Faces].index(True) + 1
     told, answer = [], {}
-    settings = FillSettings(cell="8", skin="1", tol="0.05", open_faces="Face%d" % number)
+    settings = FillSettings(cell="8", skin="1", tol="0.05", open_faces="Face%d" % number, keep="holes 1.7")
     filled = filled_objects.fill(cut, settings, lambda stage, done: told.append(stage))
     for name in filled_objects.PROPERTIES:
-        answer[name] = getattr(filled, name) if name != "Body" else filled.Body.Name
+        value = getattr(filled, name) if name != "Body" else filled.Body.Name
+        answer[name] = value if isinstance(value, (str, float)) else len(value)
+    filled.Density = 2.5
+    document.recompute()
+    filled_objects.save(filled, os.environ["ANSWER"] + ".step")
+    saved = Part.Shape()
+    saved.read(os.environ["ANSWER"] + ".step")
+    answer.update(Heavier=filled.Mass, Saved=saved.Volume)
+    hollow = Part.makeBox(4, 4, 4).cut(Part.makeBox(1, 1, 2, FreeCAD.Vector(2, 2, 1)))
+    answer["Hollow"] = [[*centre, volume] for centre, volume in filled_objects.find_cavities(hollow)]
     answer.update(Certificate=list(filled.Certificate), Told=told, Valid=filled.Shape.isValid(), Volume=filled.Shape.Volume)
     plane = [face for face in filled.Shape.Faces if face.Surface.TypeId == "Part::GeomPlane"]
     at = lambda x: sum(face.Area for face in plane if abs(face.CenterOfMass.x - x) < 1e-6)
     answer.update(Opened=at(120), Closed=at(100))
-    for name, other in (("NoSolid", document.addObject("Part::Plane", "Sheet")), ("Thick", cut)):
+    plane = document.addObject("Part::Plane", "Sheet")
+    for name, other, keep in (("NoSolid", plane, ""), ("Thick", cut, ""), ("NoBoss", cut, "Boss")):
         document.recompute()
         try:
-            filled_objects.fill(other, FillSettings(cell="8", wall_value="9"))
+            filled_objects.fill(other, FillSettings(cell="8", wall_value="9", keep=keep))
         except Refusal as refusal:
             answer[name] = str(refusal)
     body = document.addObject("PartDesign::Body", "Design")
@@ -268,7 +290,46 @@ def test_a_body_is_filled_inside_freecad(real_program: list[str], tmp_path: Path
     assert answer["Closed"] == pytest.approx(16 * 12, rel=1e-6), "the side without an opening is whole"
     assert answer["Opened"] < 0.6 * 16 * 12, "the face that was named has no skin"
     assert FillSettings.from_json(answer["Settings"]).cell == "8"
+    assert answer["Mass"] == pytest.approx(report["volume"] / 1000, rel=1e-6)
+    assert answer["Heavier"] == pytest.approx(2.5 * answer["Mass"], rel=1e-9)
+    assert answer["Saved"] == pytest.approx(answer["Volume"], rel=1e-9)
+    assert answer["Hollow"] == [pytest.approx([2.5, 2.5, 2.0, 2.0], abs=1e-9)]
+    assert answer["NoBoss"].startswith("keep: no body is called 'Boss' in this document")
+    assert any("1.7 around it" in line for line in answer["Certificate"])
     assert answer["NoSolid"].startswith("Sheet holds no solid: select a body")
     assert "thickness below" in answer["Thick"]
     assert answer["Places"] == pytest.approx(np.array([(55, 5, 5), (55, 5, 5), (5, 5, 75)]), abs=1e-9)
     assert answer["Owned"] == [True, True, False]
+
+
+def test_struts_cover_the_box_of_the_body_and_cores_take_no_kind(tmp_path: Path) -> None:
+    settings = FillSettings(surface="octet struts", cell="4,4,8", wall_value="0.5", tol="0.01")
+    infill_run.write_struts(settings, (-1, 0, 3), (10, 4, 9), tmp_path)
+    recipe = read_solid_recipe(tmp_path / infill_run.STRUTS_FILE)
+    low, high = np.array(recipe.domain)
+    assert (low <= (-1, 0, 3)).all()
+    assert (high >= (10, 4, 9)).all()
+    np.testing.assert_array_equal(low % (4, 4, 8), 0)
+    np.testing.assert_allclose(recipe.field((0.0, 0.0, 8.0)), -0.25)
+    assert infill_run.build_command(["t"], settings)[2:5] == ["body.step", "struts.toml", "--tol=0.01"]
+    core = infill_run.build_command(["t"], FillSettings(surface="honeycomb"))
+    assert not any(word.startswith("--kind") for word in core)
+    for wrong, said in (({"wall": "porosity"}, "wall: struts take"), ({"cell": "8 mm"}, "cell '8 mm'")):
+        with pytest.raises(Refusal, match=said):
+            infill_run.write_struts(FillSettings(surface="bcc struts", **wrong), (0, 0, 0), (1, 1, 1), tmp_path)
+    with pytest.raises(Refusal, match=r"recipe '.*none.toml' is no file"):
+        infill_run.build_command(["t"], FillSettings(surface="recipe", recipe=str(tmp_path / "none.toml")))
+
+
+def test_passive_bodies_refusals_and_files_are_read_as_typed() -> None:
+    assert infill_run.read_passive("holes 2.50") == ("bosses,2.5", [])
+    assert infill_run.read_passive(" Boss, Rib ") == ("", ["Boss", "Rib"])
+    fields = ["cell", "skin", "open_faces", "thickness"]
+    assert infill_run.name_field("--open-faces '=Z' is no selector; --cell is well", fields) == "open_faces"
+    assert infill_run.name_field("thickness below 1", fields) == "thickness"
+    assert infill_run.name_field("the kernel failed", fields) == ""
+    command = infill_run.build_command(["t"], FillSettings(clear="Bolt"))
+    assert "--clear=clear.step" in command
+    assert "--output=/a/b.3mf" in infill_run.save_command(command, Path("/a/b.3mf"))
+    with pytest.raises(Refusal, match=r"b.obj ends in '.obj': give it a name ending in .step, .3mf, .stl"):
+        infill_run.save_command(command, Path("b.obj"))

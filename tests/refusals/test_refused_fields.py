@@ -15,8 +15,8 @@ from tpmscad.fields.analysis.isometries import find_isometries
 from tpmscad.fields.data.image_files import read_image
 from tpmscad.fields.data.sample_grid import SampleGrid, sample_field
 from tpmscad.fields.kinds.volume_fraction_thresholds import volume_fractions
-from tpmscad.studies._thickest_wall import thickest_wall
-from tpmscad.surfaces.plane_waves import NODAL_WAVES
+from tpmscad.studies.surface_limits import thickest_wall
+from tpmscad.surfaces.plane_waves import level_set_waves
 
 NAN, INF = float("nan"), float("inf")
 GYROID, BALL = fields.tpms("gyroid", 2.0), fields.sphere((0, 0, 0), 1.0)
@@ -260,7 +260,7 @@ def test_what_cannot_be_a_field_is_refused(table: str, name: str) -> None:
 
 
 def test_points_without_a_foot_on_the_level_set_are_counted() -> None:
-    waves = NODAL_WAVES["schwarz_p"]
+    waves = level_set_waves("schwarz_p", "nodal")
     check_refusal((lambda: waves.project_to_level_set(np.zeros((2, 3))), "2 points are critical points"), NoFoot)
     check_refusal((lambda: waves.project_to_level_set(np.full((1, 3), 1e-9)), "too far from the level set"), NoFoot)
 

@@ -287,7 +287,7 @@ FILES: dict[str, Row] = {
     "tags of a plain shape": (lambda: tpmscad.render(BOX, "a.png", color_by="tag"), "groups of faces"),
     "hidden piece": (lambda: tpmscad.render(model(), "a.png", hide="lid"), "the pieces are"),
     "envelope": (lambda: tpmscad.measure(BOX, within=((1, 1, 1), (0, 0, 0))), "two opposite corners"),
-    "envelope too small": (lambda: tpmscad.measure(BOX, within=((0, 0, 0), (1, 1, 1))), "has to contain"),
+    "envelope too small": (lambda: tpmscad.measure(BOX, within=((0, 0, 0), (1, 1, 1))), "contains the solid"),
     "metrics of a face": (lambda: tpmscad.measure(bd.Face.make_rect(1, 1)), "only valid closed solids"),
 }
 

@@ -9,7 +9,7 @@ from skimage.measure import marching_cubes, mesh_surface_area
 
 from tpmscad import fields, surfaces
 from tpmscad.errors import InvalidRequest, NoFoot
-from tpmscad.surfaces.plane_waves import NODAL_WAVES
+from tpmscad.surfaces.plane_waves import level_set_waves
 from tpmscad.surfaces.reflection_group import MIRROR_TETRAHEDRA
 
 NAMES = sorted(MIRROR_TETRAHEDRA)
@@ -26,9 +26,9 @@ def field(name: str) -> fields.Field:
     return fields.tpms(name, 1.0)
 
 
-@pytest.mark.parametrize("name", NODAL_WAVES)
+@pytest.mark.parametrize("name", surfaces.CATALOGUE)
 def test_the_waves_are_the_formula_with_its_derivatives(name: str) -> None:
-    waves = NODAL_WAVES[name]
+    waves = level_set_waves(name, "nodal")
     np.testing.assert_allclose(waves.value(POINTS), field(name)(POINTS), rtol=0, atol=1e-13)
     np.testing.assert_allclose(waves.gradient(POINTS), field(name).gradient(POINTS), rtol=0, atol=1e-11)
     step = 1e-5
@@ -225,7 +225,7 @@ def test_offsets_past_a_side_s_limit_are_answered_with_both_sides_limits() -> No
 
 @pytest.mark.parametrize("name", OFFERED)
 def test_a_foot_is_where_the_point_was_lifted_from(name: str) -> None:
-    waves, of = NODAL_WAVES[name], surfaces.cell_measures(name, "nodal")
+    waves, of = level_set_waves(name, "nodal"), surfaces.cell_measures(name, "nodal")
     points, _ = surfaces.mirror_symmetry(name).intersect_segments(GRID[:, None], GRID)
     slope = waves.gradient(points)
     normal = slope / np.linalg.norm(slope, axis=-1, keepdims=True)

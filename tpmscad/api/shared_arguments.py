@@ -25,7 +25,8 @@ StageProgress = Annotated[
     "ProgressOption",
     PROGRESS,
     "Called with the name of a stage and the fraction of it that is done. By default work of more than two seconds shows a "
-    "bar in a terminal or a notebook; False shows nothing.",
+    "bar in a terminal or a notebook, and of more than ten a line for each stage on standard error "
+    "elsewhere; False shows nothing.",
 ]
 LoosePieces = Annotated[
     str,

@@ -152,7 +152,8 @@ def blend(
         ProgressOption,
         PROGRESS,
         "Called with the name of each stage of the computation and the fraction of it that is done. By default work "
-        "of more than two seconds shows a bar in a terminal or a notebook; False shows nothing.",
+        "of more than two seconds shows a bar in a terminal or a notebook, of more than ten seconds lines elsewhere; "
+        "False shows nothing.",
     ] = None,
 ) -> BlendResult:
     """Blend porous structures in given regions without isolated components and cavities.

@@ -64,7 +64,9 @@ from tpmscad.cli.options import (
     parse_solid,
     remedy_for_number,
 )
-from tpmscad.cli.output import MODEL_SUFFIXES, OutputRequest
+from tpmscad.cli.output import OutputRequest
+from tpmscad.errors import InvalidRequest
+from tpmscad.file_suffixes import MODEL_SUFFIXES
 
 CELL_PANEL = "Cell and position"
 WALL_PANEL = "Wall: give one of --thickness, --offset, --volume-fraction, --porosity"
@@ -100,8 +102,10 @@ def check_surface_name(name: str) -> str:
 
 
 def accept_matter_name(name: str) -> str:
-    """The name of a surface or a core, or the path of a file of beams; InvalidRequest if it is none."""
+    """The name of a surface or a core, or the path of a file of beams or of a recipe; InvalidRequest if it is none."""
     check_matter_name(name)
+    if name.lower().endswith(".toml") and not Path(name).is_file():
+        raise InvalidRequest(f"{name} is no file: give the path of a recipe, as `tpmscad template solidify` prints one")
     return name
 
 
@@ -156,7 +160,8 @@ MatterArgument = Annotated[
     typer.Argument(
         autocompletion=complete_matter_name,
         callback=accept_matter_name,
-        help=f"Name of the surface, see `tpmscad surfaces`; or a core, {', '.join(CORES)}; or a .3mf file of beams.",
+        help=f"Name of the surface, see `tpmscad surfaces`; or a core, {', '.join(CORES)}; a .3mf file of beams; or a "
+        ".toml recipe of `tpmscad solidify`, whose field fills the body in place of its domain.",
     ),
 ]
 OPERANDS: Mapping[str, Any] = {"body": BodyArgument, "surface": SurfaceArgument}

@@ -13,10 +13,6 @@ from tpmscad.api.shared_kinds import parse_openings
 from tpmscad.cli.derived_options import Request, take_options_of, take_output
 from tpmscad.cli.options import DomainsOutputOption, JobsOption, result_option
 from tpmscad.cli.output import (
-    DOMAIN_SUFFIXES,
-    LAYER_SUFFIXES,
-    MESH_SUFFIXES,
-    MODEL_SUFFIXES,
     OutputRequest,
     make_and_write,
     progress_bar,
@@ -27,6 +23,7 @@ from tpmscad.cli.output import (
     write_triangles,
 )
 from tpmscad.errors import InvalidRequest
+from tpmscad.file_suffixes import DOMAIN_SUFFIXES, LAYER_WRITERS, MODEL_SUFFIXES, TRIANGLE_SUFFIXES, list_suffixes
 from tpmscad.requests.lattice_options import FluidDomainsOptions, InfillOptions
 
 SlabOption = Annotated[
@@ -44,7 +41,8 @@ LayerOption = Annotated[
     typer.Option(
         "--layer",
         metavar="MM",
-        help="Height of a layer: write .cli, .svg or .3mf layers without making the solid, for tens of thousands of cells.",
+        help=f"Height of a layer: write {list_suffixes(LAYER_WRITERS)} layers "
+        "without making the solid, for tens of thousands of cells.",
         rich_help_panel=LAYER_PANEL,
     ),
 ]
@@ -69,14 +67,15 @@ TrianglesOption = Annotated[
     bool,
     typer.Option(
         "--triangles",
-        help="Write .stl, .3mf or .glb triangles, within --deviation, without making the solid, for tens of thousands of cells.",
+        help=f"Write {list_suffixes(TRIANGLE_SUFFIXES)} triangles, "
+        "within --deviation, without making the solid, for tens of thousands of cells.",
         rich_help_panel=LAYER_PANEL,
     ),
 ]
 
 
 @take_options_of(InfillOptions)
-@take_output(suffixes=tuple(dict.fromkeys((*MODEL_SUFFIXES, *LAYER_SUFFIXES))))
+@take_output(suffixes=tuple(dict.fromkeys((*MODEL_SUFFIXES, *LAYER_WRITERS))))
 def infill(
     request: Request,
     layer: LayerOption = None,
@@ -91,6 +90,11 @@ def infill(
     """Fill the solid of a CAD file or a closed mesh with a lattice that is anchored at the origin of the file's coordinates."""
     assert writing.output is not None
     suffix = writing.output.suffix.lower()
+    if str(request["surface"]).lower().endswith(".toml"):
+        from tpmscad.recipe.solid_recipe import read_solid_recipe  # loads NumPy
+
+        recipe = read_solid_recipe(Path(request["surface"]))
+        request = {"tol": recipe.tol, **request, "surface": recipe.field}
     if instanced:
         if triangles or layer is not None:
             raise InvalidRequest("`instanced` writes a .step file of solids: leave `triangles` and `layer` out")
@@ -99,9 +103,9 @@ def infill(
     if slab is not None or jobs > 1:
         raise InvalidRequest("`slab` and `jobs` are of the parts of one file: give `instanced`, too, or leave them out")
     if triangles:
-        if suffix not in MESH_SUFFIXES or layer is not None:
+        if suffix not in TRIANGLE_SUFFIXES or layer is not None:
             raise InvalidRequest(
-                f"`triangles` writes {', '.join(MESH_SUFFIXES)}, not {suffix} or layers: leave it out for a solid"
+                f"`triangles` writes {list_suffixes(TRIANGLE_SUFFIXES)}, not {suffix} or layers: leave it out for a solid"
             )
         body, surface = request.pop("body"), request.pop("surface")
         with progress_bar(f"{surface} triangles", writing.quiet, writing.progress) as progress:
@@ -109,8 +113,10 @@ def infill(
         write_triangles(part, body, writing)
         return
     if layer is not None:
-        if suffix not in LAYER_SUFFIXES:
-            raise InvalidRequest(f"`layer` writes {', '.join(LAYER_SUFFIXES)}, not {suffix}: leave it out for a solid")
+        if suffix not in LAYER_WRITERS:
+            raise InvalidRequest(
+                f"`layer` writes {list_suffixes(LAYER_WRITERS)}, not {suffix}: leave it out for a solid"
+            )
         body, surface = request.pop("body"), request.pop("surface")
         with progress_bar(f"{surface} layers", writing.quiet, writing.progress) as progress:
             found = tpmscad.infill_layers(

@@ -8,10 +8,16 @@ from typing import Annotated, Any, Literal
 
 import typer
 
+from tpmscad.file_suffixes import (
+    DOMAIN_SUFFIXES,
+    MODEL_SUFFIXES,
+    READ_TRIANGLE_SUFFIXES,
+    TRIANGLE_SUFFIXES,
+    list_suffixes,
+)
+
 OUTPUT_PANEL = "Result"
 ARRAY_PANEL = "An array"
-
-MODEL_FORMATS = ".step, .stl, .3mf, .brep or .glb"
 
 _NUMBER_WITH_UNIT = re.compile(r"[-+.,x\d]+ *(mm|cm|um|µm|m|in|inch|°|deg|%)$", re.IGNORECASE)
 _DECIMAL_COMMA = re.compile(r"[-+]?\d*,\d+$")
@@ -73,20 +79,21 @@ def part_option(help: str) -> Any:
     return array_option(metavar="PART.step", exists=True, dir_okay=False, help=help)
 
 
-MODEL_OUTPUT = output_option(f"The file to write; its name ends in {MODEL_FORMATS}.")
+MODEL_OUTPUT = output_option(f"The file to write; its name ends in {list_suffixes(MODEL_SUFFIXES)}.")
 OutputOption = Annotated[Path, MODEL_OUTPUT]
 OptionalOutputOption = Annotated[Path | None, MODEL_OUTPUT]
 DomainsOutputOption = Annotated[
     Path,
     output_option(
-        "The file to write; its name ends in .step, .3mf, .brep or .glb. Only .brep keeps the faces that the domains share."
+        f"The file to write; its name ends in {list_suffixes(DOMAIN_SUFFIXES)}. "
+        "Only .brep keeps the faces that the domains share."
     ),
 ]
 DeviationOption = Annotated[
     float | None,
     result_option(
         metavar="MM",
-        help="Greatest distance of the triangles of .stl, .3mf and .glb from the solid, mm.",
+        help=f"Greatest distance of the triangles of {list_suffixes(TRIANGLE_SUFFIXES, 'and')} from the solid, mm.",
         show_default="the tolerance",
     ),
 ]
@@ -134,13 +141,14 @@ VerboseOption = Annotated[
 ]
 StepFileArgument = Annotated[Path, input_file("FILE.step", "A STEP, IGES or BREP file.")]
 AnyFileArgument = Annotated[
-    Path, input_file("FILE", "A STEP, IGES or BREP file, or triangles: .stl, .obj, .ply or .3mf.")
+    Path, input_file("FILE", f"A STEP, IGES or BREP file, or triangles: {list_suffixes(READ_TRIANGLE_SUFFIXES)}.")
 ]
 BodyArgument = Annotated[
     Path,
     input_file(
         "BODY.step",
-        "A STEP, IGES or BREP file, of which --solid chooses one of several solids, or a closed mesh: .stl, .obj, .ply or .3mf.",
+        "A STEP, IGES or BREP file, of which --solid chooses one of several solids, or a closed mesh: "
+        f"{list_suffixes(READ_TRIANGLE_SUFFIXES)}.",
     ),
 ]
 MetricsOption = Annotated[

@@ -15,16 +15,10 @@ from typing import TYPE_CHECKING, Any
 from tpmscad.atomic_file import atomic_write, validate_output_path
 from tpmscad.cli.option_language import RENAMED_KEYWORDS, speak_in_options
 from tpmscad.errors import InvalidRequest, NotMet
+from tpmscad.file_suffixes import MODEL_SUFFIXES, STEP_SUFFIXES, TRIANGLE_SUFFIXES, list_suffixes
 
 if TYPE_CHECKING:
     from tpmscad._typing import Progress  # loads NumPy
-
-STEP_SUFFIXES = (".step", ".stp")
-MESH_SUFFIXES = (".stl", ".3mf", ".glb")
-MODEL_SUFFIXES = (*STEP_SUFFIXES, *MESH_SUFFIXES, ".brep")
-LAYER_SUFFIXES = (".svg", ".cli", ".3mf")
-DOMAIN_SUFFIXES = tuple(suffix for suffix in MODEL_SUFFIXES if suffix != ".stl")
-"""Suffixes of files of several named solids; an STL file holds one body."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -52,9 +46,9 @@ class OutputRequest:
             return
         validate_output_path(self.output, self.suffixes)
         suffix = self.output.suffix.lower()
-        if self.deviation is not None and suffix not in MESH_SUFFIXES:
+        if self.deviation is not None and suffix not in TRIANGLE_SUFFIXES:
             raise InvalidRequest(
-                f"`deviation` is for {', '.join(MESH_SUFFIXES)}; a {suffix} file is exact: leave it out"
+                f"`deviation` is for {list_suffixes(TRIANGLE_SUFFIXES)}; a {suffix} file is exact: leave it out"
             )
         if self.deviation is not None and not 0 < self.deviation < math.inf:
             raise InvalidRequest(f"`deviation` {self.deviation:g} must be a distance in mm above zero")
@@ -86,22 +80,25 @@ def write_report(path: Path | None, content: dict[str, Any]) -> None:
 
 @contextmanager
 def progress_bar(title: str, quiet: bool, form: str = "bar") -> Iterator[Progress]:
-    """A callback that draws a progress bar on standard error; silent if that is no terminal, or `quiet`.
+    """A callback that shows progress on standard error: a bar in a terminal, lines of long work elsewhere; silent if `quiet`.
 
     The form "lines" is for programs: a line of JSON for each stage and each percent of it, wherever standard error leads.
     """
     if form == "lines":
         yield ProgressLines().report
         return
-    if quiet or not sys.stderr.isatty():
+    if quiet:
         yield lambda stage, done: None  # None would leave the bar to the functions themselves
         return
     from tpmscad.progress_display import show_stage  # loads NumPy
 
     with show_stage(title, time.monotonic()) as (report, rename):
+        shown = [title]
 
         def show(stage: str, done: float) -> None:
-            rename(stage)
+            if stage != shown[0]:
+                shown[0] = stage
+                rename(stage)
             report(done)
 
         yield show

@@ -134,7 +134,9 @@ def solidify(
                 if value is not None
             ]
             if extra:
-                raise InvalidRequest(f"{', '.join(extra)}: a recipe says these itself; the options are for arrays")
+                raise InvalidRequest(
+                    f"{', '.join(extra)}: a recipe says these itself, write them there; the options are for arrays"
+                )
             return SolidRun.read(file, keep_loose=keep_loose)
         if file.suffix.lower() in INPUTS_OF_OTHER_COMMANDS:
             raise InvalidRequest(

@@ -15,7 +15,6 @@ from tpmscad.catalogue import CATALOGUE
 from tpmscad.cli.options import QuietOption, output_option
 from tpmscad.cli.output import OutputRequest, tell
 from tpmscad.errors import InvalidRequest
-from tpmscad.one_piece_ranges import find_level_ranges, find_sheet_limit
 from tpmscad.strut_cells import LARGEST_DIAMETERS
 
 MIN_WIDTH, MAX_WIDTH = 60, 100
@@ -39,7 +38,7 @@ def surfaces(as_json: JsonOption = False) -> None:
 
     Then the cells of struts, with the largest diameter of each.
     """
-    from tpmscad.studies._thickest_wall import thickest_wall  # loads NumPy
+    from tpmscad.studies.surface_limits import describe_pieces, thickest_wall  # loads NumPy
 
     rows = [
         {
@@ -52,7 +51,7 @@ def surfaces(as_json: JsonOption = False) -> None:
             "space_group": info.space_group,
             "formula": info.formula,
             "thickest_wall": thickest_wall(info.name),
-            "one_piece": {reference: _describe_pieces(info.name, reference) for reference in info.references},
+            "one_piece": {reference: describe_pieces(info.name, reference) for reference in info.references},
         }
         for info in CATALOGUE.values()
     ]
@@ -78,8 +77,9 @@ def surfaces(as_json: JsonOption = False) -> None:
     pieces: list[tuple[str, ...]] = [("one piece", "reference", "side -", "side +", "|f| <=")]
     for info in CATALOGUE.values():
         for reference in info.references:
-            sides = (_list_fractions(info.name, reference, side) for side in "-+")
-            pieces.append((info.name, reference, *sides, f"{find_sheet_limit(info.name, reference):.4g}"))
+            found = describe_pieces(info.name, reference)
+            sides = (_list_fractions(found[side]) for side in "-+")
+            pieces.append((info.name, reference, *sides, f"{found['sheet_to_level']:.4g}"))
     _print_table(pieces)
     print(f"\n{PIECES_NOTE}\n")
     _print_table([("struts", "largest diameter"), *((k, f"{d:.4f} cell") for k, d in LARGEST_DIAMETERS.items())])
@@ -93,28 +93,10 @@ def _print_table(table: Sequence[tuple[str, ...]]) -> None:
         print("  ".join(entry.ljust(width) for entry, width in zip(line, widths, strict=True)).rstrip())
 
 
-def _list_fractions(name: str, reference: str, side: str) -> str:
+def _list_fractions(ranges: Sequence[dict[str, list[float]]]) -> str:
     """The volume fractions at which one side of a surface is one piece."""
-    ends = ((each.fraction, each.to_fraction) for each in find_level_ranges(name, reference, side))
+    ends = (each["volume_fractions"] for each in ranges)
     return ", ".join(f"{low:.3f}-{high:.3g}" for low, high in ends)
-
-
-def _describe_pieces(name: str, reference: str) -> dict[str, object]:
-    """The ranges of levels and volume fractions of both sides, and the level up to which a sheet has two whole channels.
-
-    A level beyond the range of the function is None.
-    """
-    ranges: dict[str, object] = {
-        side: [
-            {
-                "levels": [each.level, each.to_level if abs(each.to_level) < float("inf") else None],
-                "volume_fractions": [each.fraction, each.to_fraction],
-            }
-            for each in find_level_ranges(name, reference, side)
-        ]
-        for side in "-+"
-    }
-    return {**ranges, "sheet_to_level": find_sheet_limit(name, reference)}
 
 
 MAX_ALIAS = 5

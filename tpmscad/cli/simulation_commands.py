@@ -13,6 +13,7 @@ from tpmscad.cli.derived_options import Request, SurfaceArgument, take_options_o
 from tpmscad.cli.options import QuietOption, ReportOption, StepFileArgument, output_option, result_option
 from tpmscad.cli.output import OutputRequest, progress_bar, report_unmet_request, tell, write_report
 from tpmscad.errors import InvalidRequest
+from tpmscad.file_suffixes import MATERIAL_SUFFIXES, MESH_PROGRAMS, MESH_WRITERS, list_suffixes
 from tpmscad.requests.study_options import HomogenizeOptions, MeshStepOptions
 
 VersionOption = Annotated[
@@ -20,7 +21,8 @@ VersionOption = Annotated[
     result_option("--msh-version", help="Version of gmsh's format .msh."),
 ]
 MeshFileOption = Annotated[
-    Path, output_option("The file to write: .msh (gmsh), .inp (Abaqus, CalculiX) or .vtu (VTK).")
+    Path,
+    output_option(f"The file to write: {list_suffixes(f'{suffix} ({of})' for suffix, of in MESH_PROGRAMS.items())}."),
 ]
 ReferenceOption = Annotated[
     str | None,
@@ -57,7 +59,7 @@ ChannelElementSizeOption = Annotated[
         show_default="0.1",
     ),
 ]
-CardOption = Annotated[Path | None, output_option("A material card to write: .inp (Abaqus, CalculiX) or .csv.")]
+CardOption = Annotated[Path | None, output_option(f"A material card to write: {list_suffixes(MATERIAL_SUFFIXES)}.")]
 
 
 @take_options_of(MeshStepOptions)
@@ -73,7 +75,7 @@ def mesh(
 
     Domains that touch share their nodes if they come from a .brep file, which keeps the faces that solids share.
     """
-    writing = OutputRequest(output, report, quiet, suffixes=(".msh", ".inp", ".vtu"))
+    writing = OutputRequest(output, report, quiet, suffixes=tuple(MESH_WRITERS))
     with report_unmet_request(report):
         with progress_bar(f"meshing {file.name}", quiet):
             from tpmscad.studies._mesh_step import mesh_step  # loads the kernel
@@ -94,7 +96,7 @@ def homogenize(
     quiet: QuietOption = False,
 ) -> None:
     """Compute stiffness and conductivity of a lattice that repeats, with an error by refinement; needs scikit-fem."""
-    writing = OutputRequest(output, report, quiet, suffixes=(".inp", ".csv"))
+    writing = OutputRequest(output, report, quiet, suffixes=MATERIAL_SUFFIXES)
     with report_unmet_request(report):
         with progress_bar(f"homogenising {request['surface']}", quiet) as progress:
             found = tpmscad.homogenize(request.pop("surface"), **request, progress=progress)

@@ -21,7 +21,6 @@ from tpmscad.cli.options import (
     result_option,
 )
 from tpmscad.cli.output import (
-    LAYER_SUFFIXES,
     OutputRequest,
     check_report,
     progress_bar,
@@ -31,9 +30,9 @@ from tpmscad.cli.output import (
     write_report,
 )
 from tpmscad.errors import TpmscadError
+from tpmscad.file_suffixes import LAYER_WRITERS, READ_TRIANGLE_SUFFIXES
 from tpmscad.requests.study_options import PrintOptions, RenderStepOptions, SliceStepOptions
 
-TRIANGLE_SUFFIXES = (".stl", ".obj", ".ply", ".3mf")
 VerboseCheckOption = Annotated[
     bool, result_option("--verbose", "-v", help="Tell shells, edges, centroid and tolerance, too.")
 ]
@@ -78,7 +77,7 @@ def check(
     if limits and not printing:
         given = ", ".join(f"--{name.replace('_', '-')}" for name in limits)
         raise typer.BadParameter(f"{given} limits the check before printing: add --print")
-    if file.suffix.lower() in TRIANGLE_SUFFIXES and (metrics or within or printing):
+    if file.suffix.lower() in READ_TRIANGLE_SUFFIXES and (metrics or within or printing):
         raise typer.BadParameter(
             f"--metrics, --within and --print measure the faces of CAD solids, which the triangles of {file.name} are not: "
             "leave them out, or check the STEP file"
@@ -134,7 +133,7 @@ def slice_file(
     quiet: QuietOption = False,
 ) -> None:
     """Slice a STEP file for layered manufacturing: closed contours of every layer, straight from the exact faces."""
-    writing = OutputRequest(output, report, quiet, suffixes=LAYER_SUFFIXES)
+    writing = OutputRequest(output, report, quiet, suffixes=tuple(LAYER_WRITERS))
     with progress_bar(f"slicing {file.name}", quiet):
         from tpmscad.studies._slice_step import slice_step  # loads the kernel
 

@@ -11,6 +11,7 @@ from tpmscad.api.public_calls import SYNONYMS
 from tpmscad.catalogue import find_surface
 from tpmscad.cli.options import remedy_for_number
 from tpmscad.errors import InvalidRequest
+from tpmscad.file_suffixes import MODEL_SUFFIXES, list_suffixes
 
 OPTION_SYNONYMS: Mapping[str, tuple[str, ...]] = {
     **{f"--{word.replace('_', '-')}": (f"--{keyword.replace('_', '-')}",) for word, keyword in SYNONYMS.items()},
@@ -52,7 +53,7 @@ OPTION_SYNONYMS: Mapping[str, tuple[str, ...]] = {
 
 OPTION_REMEDIES: Mapping[str, str] = {
     "--surface": "the name of the surface stands without an option, as in `tpmscad lattice gyroid`",
-    "--format": "the end of the file's name says the format: -o part.step, .stl, .3mf, .brep or .glb",
+    "--format": f"the end of the file's name says the format: -o part{list_suffixes(MODEL_SUFFIXES)}",
     "--unit": "lengths are in mm",
     "--units": "lengths are in mm",
     "--graded": "gradings are recipes: `tpmscad template solidify` prints one",

@@ -292,7 +292,9 @@ def _make_tube_carrier(
         spaces.append(find_space(sample, axis, box, breaks, smooth, tol))
     fitted, error = fit_in_spaces(sample, spaces, [True, True], tol)
     if not error <= 10 * tol:
-        raise TrimmingError(f"the tube round a concave edge is fitted to {error:.2g} only")
+        raise TrimmingError(
+            f"the tube round a concave edge deviates by {error:.2g}, more than {10 * tol:.2g} is allowed"
+        )
     # across first: an end in a point, where the faces are tangent, lies across v, as poles do
     tube = BSplineSurface(
         fitted.poles.swapaxes(0, 1).copy(), fitted.knots_v, fitted.knots_u, fitted.degree_v, fitted.degree_u

@@ -10,6 +10,7 @@ from tpmscad.api.shared_kinds import COUNT, FLAG, PATH
 from tpmscad.errors import InvalidRequest
 from tpmscad.fields.data.beam_files import is_beam_path
 from tpmscad.fields.data.triangle_mesh import is_mesh_path
+from tpmscad.file_suffixes import READ_TRIANGLE_SUFFIXES, list_suffixes
 from tpmscad.files.beam_report import BeamReport, report_beams
 from tpmscad.files.mesh_report import MeshReport, report_mesh
 from tpmscad.kernel.body_import.isolated_reader import check_foreign_step
@@ -19,7 +20,7 @@ from tpmscad.kernel.measure.shape_report import StepReport
 @validate_call()
 def check_step(
     path: Annotated[
-        str | Path, PATH, "The STEP, IGES or BREP file, or triangles: ``.stl``, ``.obj``, ``.ply`` or ``.3mf``."
+        str | Path, PATH, f"The STEP, IGES or BREP file, or triangles: {list_suffixes(READ_TRIANGLE_SUFFIXES)}."
     ],
     *,
     faces: Annotated[

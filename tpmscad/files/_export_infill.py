@@ -25,6 +25,7 @@ from tpmscad.api.shared_kinds import COUNT, EXECUTOR, PATH
 from tpmscad.atomic_file import validate_output_path
 from tpmscad.errors import InvalidRequest, KernelError
 from tpmscad.fields.kinds.cores import CoreField
+from tpmscad.file_suffixes import STEP_SUFFIXES
 from tpmscad.files.checked_write import KERNEL_READ_LIMIT, make_volume_check
 from tpmscad.files.infill_parts import (
     CellLayers,
@@ -45,7 +46,7 @@ from tpmscad.kernel.export.file_check import write_excerpt
 from tpmscad.kernel.occt.convert import as_solid, transform_shape
 from tpmscad.kernel.step.entity_table import EntityTable
 from tpmscad.kernel.step.joined_files import PlacedProduct, write_cells, write_group, write_joined_step
-from tpmscad.kernel.step.part21 import STEP_SUFFIXES, find_schema
+from tpmscad.kernel.step.part21 import find_schema
 from tpmscad.kernel.step.product_entities import write_assembly, write_validation_properties
 from tpmscad.kernel.step.step_reader import read_step
 from tpmscad.parallel import run_as_completed

@@ -17,9 +17,10 @@ from tpmscad.api.shared_arguments import Schema
 from tpmscad.api.shared_kinds import PATH
 from tpmscad.atomic_file import validate_output_path
 from tpmscad.errors import InvalidRequest, NotMet
+from tpmscad.file_suffixes import STEP_SUFFIXES
 from tpmscad.files.checked_write import write_checked_brep
 from tpmscad.kernel.build.solids import build_solids
-from tpmscad.kernel.step.part21 import STEP_SUFFIXES, find_schema
+from tpmscad.kernel.step.part21 import find_schema
 from tpmscad.kernel.step.product_entities import arrange_cells
 from tpmscad.requests.lattice_options import LatticeOptions
 from tpmscad.requests.lattice_request import resolve_lattice_request

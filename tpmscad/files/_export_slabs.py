@@ -27,8 +27,9 @@ from tpmscad.api.shared_arguments import Schema
 from tpmscad.api.shared_kinds import CELL_COUNTS, EXECUTOR, PATH, TEXT
 from tpmscad.atomic_file import validate_output_path
 from tpmscad.errors import InvalidRequest
+from tpmscad.file_suffixes import STEP_SUFFIXES
 from tpmscad.files.slab_files import Cells, Manifest, SlabFile, make_originals, write_slab
-from tpmscad.kernel.step.part21 import STEP_SUFFIXES, find_schema
+from tpmscad.kernel.step.part21 import find_schema
 from tpmscad.parallel import run_as_completed
 from tpmscad.requests.lattice_options import LatticeOptions
 from tpmscad.requests.lattice_request import resolve_lattice_request

@@ -14,14 +14,19 @@ import numpy as np
 
 from tpmscad.atomic_file import validate_output_path
 from tpmscad.errors import InvalidRequest, KernelError
+from tpmscad.file_suffixes import (
+    MODEL_SUFFIXES,
+    STEP_SUFFIXES,
+    TRIANGLE_SUFFIXES,
+    TRIANGLE_WRITERS,
+    list_suffixes,
+    load_writer,
+)
 from tpmscad.kernel.boolean.boolean_operations import OcctSolids
 from tpmscad.kernel.build.solids import BrepSolids
 from tpmscad.kernel.export.brep_file import write_brep_file
-from tpmscad.kernel.export.gltf_file import write_glb
 from tpmscad.kernel.export.mesh_parts import group_faces
 from tpmscad.kernel.export.solid_mesh import measure_meshes
-from tpmscad.kernel.export.stl_file import write_stl
-from tpmscad.kernel.export.threemf_file import write_3mf
 from tpmscad.kernel.occt.construction import make_compound
 from tpmscad.requests.study_options import ExportOptions
 from tpmscad.results.result_summary import measure_diagonal
@@ -29,11 +34,6 @@ from tpmscad.results.result_summary import measure_diagonal
 if TYPE_CHECKING:
     from tpmscad.results.domain_results import FluidDomains
     from tpmscad.results.model import Model
-
-STEP_SUFFIXES = (".step", ".stp")
-MESH_SUFFIXES = (".stl", ".3mf", ".glb")
-BREP_SUFFIX = ".brep"
-SUFFIXES = (*STEP_SUFFIXES, *MESH_SUFFIXES, BREP_SUFFIX)
 
 DEVIATION_FRACTION = 2e-4
 """Default deviation of a mesh, in diagonals of the solid: far below what a printer resolves on a part of its size."""
@@ -49,11 +49,13 @@ def check_export(options: ExportOptions) -> str:
     """The suffix of the file; InvalidRequest if it is unknown, or if an option does not fit the format or is not positive."""
     path = Path(options.path)
     suffix = path.suffix.lower()
-    if suffix not in SUFFIXES:
-        raise InvalidRequest(f"{path.name} ends in {suffix!r}: give it a name ending in {', '.join(SUFFIXES)}")
-    if suffix not in MESH_SUFFIXES and (options.deviation is not None or options.angle is not None):
+    if suffix not in MODEL_SUFFIXES:
         raise InvalidRequest(
-            f"a {suffix} file is exact: leave deviation and angle out, or write {', '.join(MESH_SUFFIXES)}"
+            f"{path.name} ends in {suffix!r}: give it a name ending in {list_suffixes(MODEL_SUFFIXES)}"
+        )
+    if suffix not in TRIANGLE_SUFFIXES and (options.deviation is not None or options.angle is not None):
+        raise InvalidRequest(
+            f"a {suffix} file is exact: leave deviation and angle out, or write {list_suffixes(TRIANGLE_SUFFIXES)}"
         )
     given = {field.name for field in fields(options) if getattr(options, field.name) != field.default}
     if suffix not in STEP_SUFFIXES and given & {"schema", "instanced", "verify"}:
@@ -100,9 +102,9 @@ def write_mesh_or_brep_file(
 
     built: what the solids are made of, for faces that repeat. KernelError if a mesh does not keep the deviation.
     """
-    target, deviation = validate_output_path(options.path, SUFFIXES), options.deviation
+    target, deviation = validate_output_path(options.path, MODEL_SUFFIXES), options.deviation
     suffix = target.suffix.lower()
-    if suffix == BREP_SUFFIX:
+    if suffix not in TRIANGLE_SUFFIXES:
         write_brep_file(result.wrapped, target, result.volume)
         return ExportedFile(target)
     if deviation is None:
@@ -121,5 +123,5 @@ def write_mesh_or_brep_file(
             f"the mesh has volume {enclosed:.9g}, the solid {volume:.9g}: more than a deviation of {deviation:g} over its "
             f"area {area:.6g} explains",
         )
-    {".stl": write_stl, ".3mf": write_3mf, ".glb": write_glb}[suffix](parts, target, result.name)
+    load_writer(TRIANGLE_WRITERS, suffix)(parts, target, result.name)
     return ExportedFile(target, sum(len(part.mesh.triangles) for part in parts), found.deviation)

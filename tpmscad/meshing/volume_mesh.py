@@ -12,8 +12,8 @@ from tpmscad.api.public_calls import validate_call
 from tpmscad.api.shared_kinds import FLOW, PATH, POSITIVE
 from tpmscad.atomic_file import validate_output_path
 from tpmscad.errors import InvalidRequest
-from tpmscad.meshing.inp_files import write_inp
-from tpmscad.meshing.library_meshes import make_meshio_mesh, make_skfem_mesh, write_vtu
+from tpmscad.file_suffixes import MESH_WRITERS, load_writer
+from tpmscad.meshing.library_meshes import make_meshio_mesh, make_skfem_mesh
 from tpmscad.meshing.mesh_arrays import MeshArrays
 from tpmscad.meshing.msh_files import write_msh
 from tpmscad.meshing.openfoam_case import write_openfoam_case
@@ -101,7 +101,8 @@ class VolumeMesh(MeshArrays):
             "``.msh``: gmsh, with groups as physical groups and periodic nodes. ``.inp``: Abaqus and CalculiX, with "
             "node sets, element sets, surfaces, and equations that tie periodic nodes to three reference nodes; hexahedra of 27 "
             "nodes as C3D20, without the nodes inside faces and elements, which a comment says. "
-            "``.vtu``: VTK, with a column for each group, which ParaView, meshio and scikit-fem read; by meshio.",
+            "``.vtu``: VTK, with a column for each group, which ParaView, meshio and scikit-fem read; by meshio. "
+            "``.feb``: FEBio 4, with node sets, surfaces, and a material to be replaced.",
         ],
         *,
         version: Annotated[str, choice_of("4.1", "2.2"), "Version of gmsh's format."] = "4.1",
@@ -118,14 +119,14 @@ class VolumeMesh(MeshArrays):
         >>> mesh = tpmscad.lattice("gyroid", cell=10, thickness=1.5).mesh(0.8)  # doctest: +SKIP
         >>> mesh.write("gyroid.msh")  # doctest: +SKIP
         """
-        target = validate_output_path(path, (".msh", ".inp", ".vtu"))
+        target = validate_output_path(path, tuple(MESH_WRITERS))
         suffix = target.suffix.lower()
         if suffix == ".msh":
             write_msh(self, target, version)
         elif version != "4.1":
             raise InvalidRequest(f'version="{version}" is one of gmsh\'s format: {suffix} has none')
         else:
-            {".inp": write_inp, ".vtu": write_vtu}[suffix](self, target)
+            load_writer(MESH_WRITERS, suffix)(self, target)
 
     @validate_call()
     def write_openfoam(

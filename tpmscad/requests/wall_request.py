@@ -25,7 +25,7 @@ from tpmscad._typing import Array
 from tpmscad.api.public_calls import call_for_array
 from tpmscad.errors import InvalidRequest
 from tpmscad.fields.data.field_notes import collect_notes
-from tpmscad.one_piece_ranges import note_sheet
+from tpmscad.fields.kinds.one_piece_ranges import note_sheet
 from tpmscad.requests.lattice_options import LatticeOptions
 from tpmscad.sources.pore_radii import PoreRadii, find_level_pore_radii, find_pore_radii
 

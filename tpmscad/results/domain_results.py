@@ -119,7 +119,8 @@ class FluidDomains:
         --------
         >>> parts.export("exchanger.brep")
         """
-        from tpmscad.files.file_formats import STEP_SUFFIXES, ExportedFile, check_export, write_mesh_or_brep_file
+        from tpmscad.file_suffixes import STEP_SUFFIXES
+        from tpmscad.files.file_formats import ExportedFile, check_export, write_mesh_or_brep_file
 
         suffix = check_export(options)
         if suffix == ".stl":

@@ -167,7 +167,8 @@ class Model:
         >>> file.deviation <= 0.02
         True
         """
-        from tpmscad.files.file_formats import STEP_SUFFIXES, ExportedFile, check_export, write_mesh_or_brep_file
+        from tpmscad.file_suffixes import STEP_SUFFIXES
+        from tpmscad.files.file_formats import ExportedFile, check_export, write_mesh_or_brep_file
 
         if check_export(options) not in STEP_SUFFIXES:
             return write_mesh_or_brep_file(self, options, [self.built])

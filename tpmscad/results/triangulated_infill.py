@@ -10,10 +10,8 @@ from tpmscad._typing import Array, BoxCorners, IntArray, triple
 from tpmscad.api.public_calls import validate_method_options
 from tpmscad.atomic_file import atomic_write, validate_output_path
 from tpmscad.brep.triangles.closed_mesh import SolidMesh
-from tpmscad.kernel.export.gltf_file import write_glb
+from tpmscad.file_suffixes import TRIANGLE_SUFFIXES, TRIANGLE_WRITERS, load_writer
 from tpmscad.kernel.export.mesh_parts import MeshPart
-from tpmscad.kernel.export.stl_file import write_stl
-from tpmscad.kernel.export.threemf_file import write_3mf
 from tpmscad.kernel.render.picture import draw_scene
 from tpmscad.kernel.render.scene import Scene
 from tpmscad.kernel.step.face_labels import find_label_colour
@@ -23,8 +21,6 @@ from tpmscad.results.result_summary import count_pieces, format_size, round_corn
 
 LABELS = ("surface", "body")
 """Names of the groups of triangles: those of face 0, and all others."""
-
-WRITERS = {".stl": write_stl, ".3mf": write_3mf, ".glb": write_glb}
 
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
@@ -105,10 +101,12 @@ class TriangulatedInfill:
         --------
         >>> tpmscad.infill_triangles(body, "gyroid", cell=1, thickness=0.12).write("part.3mf")  # doctest: +SKIP
         """
-        target = validate_output_path(options.path, tuple(WRITERS))
+        target = validate_output_path(options.path, TRIANGLE_SUFFIXES)
         groups = tuple((label, find_label_colour(label)) for label in LABELS)
         group = np.minimum(self.face, 1)
-        WRITERS[target.suffix.lower()]([MeshPart(self.name, self.mesh, group, groups)], target, self.name)
+        load_writer(TRIANGLE_WRITERS, target.suffix.lower())(
+            [MeshPart(self.name, self.mesh, group, groups)], target, self.name
+        )
 
     @validate_method_options(TrianglesPictureOptions, 'render("part.png", section="z")')
     def render(self, options: TrianglesPictureOptions) -> None:

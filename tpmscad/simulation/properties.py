@@ -12,6 +12,7 @@ from tpmscad._typing import Array
 from tpmscad.api.public_calls import validate_call
 from tpmscad.api.shared_kinds import PATH, POINTS
 from tpmscad.atomic_file import atomic_write, validate_output_path
+from tpmscad.file_suffixes import MATERIAL_SUFFIXES
 from tpmscad.result_display import format_html_table
 from tpmscad.simulation.periodic_cell import VOIGT, IsotropicMaterial
 
@@ -176,7 +177,7 @@ class HomogenizedProperties:
         --------
         >>> tpmscad.homogenize("gyroid", volume_fraction=0.2).write("gyroid.inp")  # doctest: +SKIP
         """
-        target = validate_output_path(path, (".inp", ".csv"))
+        target = validate_output_path(path, MATERIAL_SUFFIXES)
         text = self._format_card() if target.suffix.lower() == ".inp" else self._format_table()
         with atomic_write(target) as aside:
             aside.write_text(text, encoding="utf-8", newline="\n")

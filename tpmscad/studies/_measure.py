@@ -217,8 +217,8 @@ def _measure_wetted_area(report: ShapeReport, faces: Any, envelope: Envelope, si
     samples = sample_faces(faces, spacing)
     if envelope.volume < report.volume * (1.0 - ENVELOPE_TOL_DIAGONALS):
         raise InvalidRequest(
-            f"the envelope's volume {envelope.volume:.6g} is less than the solid's, {report.volume:.6g}: it has to contain "
-            "the solid"
+            f"the envelope's volume {envelope.volume:.6g} is less than the solid's, {report.volume:.6g}: give one that "
+            "contains the solid"
         )
     off = ~envelope.holds_on_surface(samples, ENVELOPE_TOL_DIAGONALS * size)
     n_off = np.bincount(samples.face[off], minlength=len(faces))

@@ -16,9 +16,10 @@ from tpmscad.api.shared_kinds import PATH
 from tpmscad.atomic_file import validate_output_path
 from tpmscad.brep.sections.layer_contours import LayerSection
 from tpmscad.errors import InvalidRequest
+from tpmscad.file_suffixes import LAYER_WRITERS, load_writer
 from tpmscad.kernel.boolean.boolean_operations import OcctSolids
 from tpmscad.kernel.build.solids import BrepSolids
-from tpmscad.kernel.export.layer_files import LAYER_WRITERS, Layer
+from tpmscad.kernel.export.layer_files import Layer
 from tpmscad.kernel.slicing.contours import triangulate_for_slices
 
 MAX_LAYERS = 100_000
@@ -108,7 +109,7 @@ class Slices:
         >>> slices.write("gyroid.cli")  # doctest: +SKIP
         """
         target = validate_output_path(path, tuple(LAYER_WRITERS))
-        LAYER_WRITERS[target.suffix.lower()](self.layers, target, self.name)
+        load_writer(LAYER_WRITERS, target.suffix.lower())(self.layers, target, self.name)
 
     def __repr__(self) -> str:
         first, last = self.layers[0], self.layers[-1]

@@ -13,7 +13,7 @@ import numpy as np
 from tpmscad._typing import Array
 from tpmscad.surfaces import minimal_patch
 from tpmscad.surfaces.differential_geometry import dot
-from tpmscad.surfaces.plane_waves import NODAL_WAVES
+from tpmscad.surfaces.plane_waves import level_set_waves
 
 NEWTON_STEPS = 5
 """Newton steps, which reach round-off; their number is fixed, so that no point depends on the other points of the call."""
@@ -26,9 +26,10 @@ def mid_and_normal(name: str, u: Array, v: Array) -> tuple[Array, Array]:
     """Surface and unit normal with their derivatives by (u, v): (6, ..., 3) each, value, u, v, uu, uv, vv."""
     carrier, along = minimal_patch.mid_and_normal(name, u, v)
     height = _solve_height(name, carrier[0], along[0])
-    k = 2 * np.pi * NODAL_WAVES[name].wave_vectors
+    waves = level_set_waves(name, "nodal")
+    k = 2 * np.pi * waves.wave_vectors
     foot = carrier + height[..., None] * along  # at constant height; the derivatives of the height are added below
-    wave = NODAL_WAVES[name].amplitudes * np.exp(1j * (foot[0] @ k.T))
+    wave = waves.amplitudes * np.exp(1j * (foot[0] @ k.T))
     slope = -wave.imag @ k
     steepness = dot(slope, along[0])
 
@@ -53,8 +54,9 @@ def mid_and_normal(name: str, u: Array, v: Array) -> tuple[Array, Array]:
 
 def _solve_height(name: str, points: Array, directions: Array) -> Array:
     """Signed distance from points along directions to f = 0 by Newton's method: (...)."""
-    k = 2 * np.pi * NODAL_WAVES[name].wave_vectors
-    amplitude = NODAL_WAVES[name].amplitudes
+    waves = level_set_waves(name, "nodal")
+    k = 2 * np.pi * waves.wave_vectors
+    amplitude = waves.amplitudes
     phase, rate = points @ k.T, directions @ k.T
     height = np.zeros(points.shape[:-1])
     for _ in range(NEWTON_STEPS):

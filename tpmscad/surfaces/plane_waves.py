@@ -6,17 +6,14 @@ level set and the orthogonal projection of points onto it.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cache
-from itertools import permutations, product
-from types import MappingProxyType
 
 import numpy as np
-from numpy.typing import ArrayLike
 
 from tpmscad._typing import Array
 from tpmscad.errors import NoFoot
+from tpmscad.fields.kinds.nodal_field import tpms
 from tpmscad.minimal_series import expand_series
 from tpmscad.surfaces.differential_geometry import dot
 
@@ -25,6 +22,9 @@ GRADIENT_STEPS, MAX_FOOT_NEWTON_STEPS = 4, 12
 
 FOOT_STEP_TOL_CELLS = 1e-13
 """Length of the last Newton step, in cells, below which a foot point has converged."""
+
+FORMULA_SAMPLES, ROUND_OFF = 32, 1e-12
+"""Samples along a cell, of which a formula's waves are the discrete Fourier transform, and the amplitude that is none."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -107,45 +107,16 @@ class PlaneWaves:
         return np.asarray(self.amplitudes * x * y * z)
 
 
-def _sine_waves(waves: ArrayLike, factor: float) -> PlaneWaves:
-    """The sum of factor * sin(2 pi k . X)."""
-    wave = np.asarray(waves, float)
-    return PlaneWaves(wave, np.full(len(wave), -1j * factor))
-
-
-def _cosine_orbits(orbits: Mapping[tuple[int, int, int], float]) -> PlaneWaves:
-    """The sum of factor * cos ax cos by cos cz over all distinct permutations of each (a, b, c)."""
-    wave, amplitude = [], []
-    for orbit, factor in orbits.items():
-        for frequencies in sorted(set(permutations(orbit))):
-            signs = [
-                s for s in product(*[(1, -1) if k else (1,) for k in frequencies]) if _leading_sign(s, frequencies) > 0
-            ]
-            wave += [np.multiply(s, frequencies) for s in signs]
-            amplitude += [factor / len(signs)] * len(signs)
-    return PlaneWaves(np.array(wave, float), np.array(amplitude, complex))
-
-
-def _leading_sign(signs: tuple[int, ...], frequencies: tuple[int, ...]) -> int:
-    """Sign of the first nonzero frequency: k and -k give the same cosine, and one of the two is enough."""
-    return next((s for s, k in zip(signs, frequencies, strict=True) if k), 1)
-
-
-NODAL_WAVES: Mapping[str, PlaneWaves] = MappingProxyType(
-    {
-        # sin x cos y = (sin(x + y) + sin(x - y)) / 2, and cyclically
-        "gyroid": _sine_waves([[1, 1, 0], [1, -1, 0], [0, 1, 1], [0, 1, -1], [1, 0, 1], [-1, 0, 1]], 0.5),
-        # sin x (sin y sin z + cos y cos z) + cos x (sin y cos z + cos y sin z)
-        "diamond": _sine_waves([[1, 1, -1], [1, -1, 1], [1, 1, 1], [-1, 1, 1]], 0.5),
-        "schwarz_p": PlaneWaves(np.eye(3), np.ones(3, complex)),
-        "iwp": _cosine_orbits({(1, 1, 0): 2.0, (2, 0, 0): -1.0}),
-        "neovius": _cosine_orbits({(1, 0, 0): 3.0, (1, 1, 1): 4.0}),
-        "frd": _cosine_orbits({(1, 1, 1): 4.0, (2, 2, 0): -1.0}),
-    }
-)
-
-
 @cache
 def level_set_waves(name: str, reference: str) -> PlaneWaves:
     """The function whose zero set is a surface: the nodal formula, or the series of the minimal surface."""
-    return NODAL_WAVES[name] if reference == "nodal" else PlaneWaves(*expand_series(name))
+    if reference == "minimal":
+        return PlaneWaves(*expand_series(name))
+    t = np.arange(FORMULA_SAMPLES) / FORMULA_SAMPLES
+    spectrum = np.fft.fftn(tpms(name, 1.0).on_grid(t, t, t), norm="forward")
+    index = np.argwhere(np.abs(spectrum) > ROUND_OFF)
+    k = np.where(2 * index > FORMULA_SAMPLES, index - FORMULA_SAMPLES, index)
+    leading = k[np.arange(len(k)), (k != 0).argmax(axis=1)]  # of k and -k, which give one real wave, the first is kept
+    twice = np.where(leading > 0, 2.0, 1.0)
+    amplitudes = np.round(twice * spectrum[tuple(index.T)], 14)
+    return PlaneWaves(k[leading >= 0].astype(float), amplitudes[leading >= 0])

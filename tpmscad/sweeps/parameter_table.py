@@ -24,7 +24,7 @@ from tpmscad.api.shared_kinds import PATH, SHAPE
 from tpmscad.atomic_file import validate_output_path
 from tpmscad.catalogue import find_surface
 from tpmscad.errors import InvalidRequest
-from tpmscad.files.file_formats import SUFFIXES
+from tpmscad.file_suffixes import MODEL_SUFFIXES
 from tpmscad.recipe.blend_recipe import BlendRecipe
 from tpmscad.recipe.recipe_runs import read_recipe
 from tpmscad.solids._fluid_domains import fluid_domains
@@ -256,7 +256,7 @@ def _name_file(number: int, pattern: Any, given: Mapping[str, Any]) -> Path | No
                 f"{pattern} takes the cells of its row and its number in braces, gyroid_{{thickness}}_{{row:03d}}.step "
                 f"({type(error).__name__}: {error})"
             ) from error
-        return validate_output_path(name, SUFFIXES)
+        return validate_output_path(name, MODEL_SUFFIXES)
 
 
 def _refuse_repeated(what: str, keys: Sequence[Any], designs: Sequence[Design]) -> None:

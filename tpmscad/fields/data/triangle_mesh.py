@@ -19,11 +19,9 @@ from scipy.spatial import cKDTree
 
 from tpmscad._typing import Array, IntArray
 from tpmscad.errors import InvalidRequest, format_point
-from tpmscad.fields.data.mesh_files import READERS, read_mesh_file
+from tpmscad.fields.data.mesh_files import read_mesh_file
 from tpmscad.fields.data.mesh_shells import list_half_edges, list_open_edges, unite_shells
-
-MESH_SUFFIXES = tuple(READERS)
-"""Formats of triangle meshes."""
+from tpmscad.file_suffixes import READ_TRIANGLE_SUFFIXES, list_suffixes
 
 WELD_FRACTION = 1e-6
 """Of the largest extent: distance up to which vertices are one, if the mesh is open without; STL files round to 6e-8 of it."""
@@ -61,7 +59,7 @@ class TriangleMesh:
 
 def is_mesh_path(source: Any) -> bool:
     """Whether a source is the path of a triangle mesh, by its suffix."""
-    return isinstance(source, str | os.PathLike) and Path(source).suffix.lower() in MESH_SUFFIXES
+    return isinstance(source, str | os.PathLike) and Path(source).suffix.lower() in READ_TRIANGLE_SUFFIXES
 
 
 def is_mesh_object(source: Any) -> bool:
@@ -99,7 +97,8 @@ def read_triangle_mesh(source: Any) -> TriangleMesh:
         name, vertices, triangles, notes = read_mesh_file(Path(source))
     else:
         raise InvalidRequest(
-            f"{type(source).__name__} is no mesh: give the path of a file, {', '.join(MESH_SUFFIXES)}, or an object with arrays "
+            f"{type(source).__name__} is no mesh: give the path of a file, "
+            f"{list_suffixes(READ_TRIANGLE_SUFFIXES)}, or an object with arrays "
             "`vertices` (k, 3) and `faces` (m, 3)"
         )
     return close_mesh(name, np.asarray(vertices, float), np.asarray(triangles, np.int64), notes)

@@ -16,7 +16,7 @@ from tpmscad.api.shared_kinds import FIELD
 from tpmscad.errors import InvalidRequest
 from tpmscad.fields.field import ConstantField, Field, FieldLike, MinMaxField, SumField, as_field
 from tpmscad.fields.kinds.nodal_field import NodalField
-from tpmscad.one_piece_ranges import note_sheet, note_side
+from tpmscad.fields.kinds.one_piece_ranges import note_sheet, note_side
 
 
 @dataclass(frozen=True, slots=True)

@@ -33,7 +33,7 @@ Axes = tuple[Array, Array, Array]
 
 
 class Traced(Protocol):
-    """What has a formula of nodes."""
+    """An object whose values are a formula on the nodes of a tape."""
 
     def trace(self, x: Node, y: Node, z: Node) -> Node:
         """The formula at coordinates."""

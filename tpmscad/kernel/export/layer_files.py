@@ -5,10 +5,9 @@ Sources: "Common Layer Interface (CLI)", version 2.0, 1996 (EuRAM project BE 257
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from types import MappingProxyType
 from xml.sax.saxutils import quoteattr
 
 import numpy as np
@@ -151,9 +150,3 @@ BOX_TRIANGLES = (
 def _join_contours(layers: Sequence[Layer]) -> Array:
     """The points (n, 2) of all contours; the origin if there are none."""
     return np.concatenate([contour for layer in layers for contour in layer.contours] or [np.zeros((1, 2))])
-
-
-LAYER_WRITERS: MappingProxyType[str, Callable[[Sequence[Layer], Path, str], None]] = MappingProxyType(
-    {".svg": write_svg, ".cli": write_cli, ".3mf": write_sliced_3mf}
-)
-"""Writer of each suffix."""

@@ -20,9 +20,10 @@ from tpmscad._compiled_loops import njit_cached
 from tpmscad._typing import Array, IntArray
 from tpmscad.atomic_file import atomic_write, validate_output_path
 from tpmscad.errors import KernelError
+from tpmscad.file_suffixes import STEP_SUFFIXES
 from tpmscad.kernel.occt.convert import CONFUSION_TOLERANCE
 from tpmscad.kernel.step.entity_table import EntityTable, read_entity_table, require, template_marks
-from tpmscad.kernel.step.part21 import STEP_SUFFIXES, DataSection, find_schema, write_exchange_structure
+from tpmscad.kernel.step.part21 import DataSection, find_schema, write_exchange_structure
 from tpmscad.kernel.step.product_entities import (
     BREP_REPRESENTATION,
     FileContext,

@@ -8,8 +8,6 @@ from pathlib import Path
 
 from tpmscad.errors import InvalidRequest
 
-STEP_SUFFIXES = (".step", ".stp")
-
 SOFTWARE = "tpmscad"
 """Originating system in the file header."""
 

@@ -22,10 +22,10 @@ import numpy as np
 from tpmscad._typing import Array, Colour
 from tpmscad.atomic_file import atomic_write, validate_output_path
 from tpmscad.errors import InvalidRequest
+from tpmscad.file_suffixes import STEP_SUFFIXES
 from tpmscad.kernel.step.geometry_entities import write_placement
 from tpmscad.kernel.step.part21 import (
     SCHEMAS,
-    STEP_SUFFIXES,
     DataSection,
     StepSchema,
     find_schema,

@@ -21,6 +21,7 @@ from OCP.TopLoc import TopLoc_Location
 from OCP.TopoDS import TopoDS_Face, TopoDS_Shape, TopoDS_Solid
 
 from tpmscad.errors import InvalidRequest
+from tpmscad.file_suffixes import READ_TRIANGLE_SUFFIXES, TRIANGLE_SUFFIXES
 from tpmscad.kernel.occt import convert
 from tpmscad.kernel.occt.convert import encode_file_name
 from tpmscad.kernel.occt.exploration import faces_of, solids_of
@@ -60,7 +61,6 @@ FITTING_PRECISION = 1e-7
 UNIT_NAMES = {1e-3: "micrometre", 1.0: "millimetre", 10.0: "centimetre", 1e3: "metre", 25.4: "INCH", 304.8: "FOOT"}
 """Names of units of length by their length in mm."""
 
-MESH_SUFFIXES = (".stl", ".3mf", ".obj", ".ply", ".glb")
 MESH_REMEDY = " (it is a mesh of triangles: export the part as .step to check, measure or draw it)"
 """What to do with a file of triangles where a STEP file is read."""
 
@@ -163,7 +163,7 @@ def require_file(path: Path, kind: str, magic: bytes) -> Path:
         raise InvalidRequest(f"there is no file {path}")
     with path.open("rb") as file:
         if magic not in file.read(1024):
-            remedy = MESH_REMEDY if path.suffix.lower() in MESH_SUFFIXES else ""
+            remedy = MESH_REMEDY if path.suffix.lower() in {*TRIANGLE_SUFFIXES, *READ_TRIANGLE_SUFFIXES} else ""
             raise InvalidRequest(f"{path} is not a {kind} file: it does not begin with {magic.decode()}{remedy}")
     return path
 

@@ -103,7 +103,7 @@ def fit_periodic_patches(
 
 
 def is_better_fit(fit: PeriodicFit, other: PeriodicFit) -> bool:
-    """Whether a fit meets the limits, or else does not fold, or else deviates less, where the other does not."""
+    """Whether a fit is better than another: it alone meets the limits, or alone has no fold, or else deviates less."""
 
     def rank(of: PeriodicFit) -> tuple[bool, bool, float]:
         return not of.met, of.min_normal_cosine < MIN_NORMAL_COSINE, of.deviation.max

@@ -64,5 +64,5 @@ def leave_open(body: Body, faces: Iterable[Any], skin: float | None, stages: Sta
     with stages("read"):
         opened = resolve_open_faces(body.cad, resolve_face_selectors(body.cad, faces))
     if opened and skin is None:
-        raise InvalidRequest("open_faces are left out of a skin: give skin=, its thickness")
+        raise InvalidRequest("open_faces are faces without a skin, and there is none: give skin=, its thickness")
     return replace(body, open_faces=opened)

@@ -5,11 +5,13 @@ The wall of a sheet folds where half its thickness reaches the least radius of c
 
 from __future__ import annotations
 
-from typing import Annotated
+import math
+from typing import Annotated, Any
 
 from tpmscad import surfaces
 from tpmscad.api.public_calls import validate_call
 from tpmscad.api.shared_kinds import TEXT
+from tpmscad.fields.kinds.one_piece_ranges import find_level_ranges, find_sheet_limit
 
 
 @validate_call()
@@ -35,7 +37,7 @@ def thickest_wall(
 
     Examples
     --------
-    >>> from tpmscad.studies._thickest_wall import thickest_wall
+    >>> from tpmscad.studies.surface_limits import thickest_wall
     >>> round(thickest_wall("gyroid"), 4)
     0.3765
     """
@@ -45,3 +47,21 @@ def thickest_wall(
     surfaces.check_reference(info, reference)
     measures = surfaces.cell_measures(info.name, reference)
     return float(2.0 * min(measures.max_offset, -measures.min_offset))
+
+
+def describe_pieces(name: str, reference: str) -> dict[str, Any]:
+    """The ranges of levels and volume fractions of both sides, and the level up to which a sheet has two whole channels.
+
+    A level beyond the range of the function is None.
+    """
+    ranges: dict[str, Any] = {
+        side: [
+            {
+                "levels": [each.level, None if math.isinf(each.to_level) else each.to_level],
+                "volume_fractions": [each.fraction, each.to_fraction],
+            }
+            for each in find_level_ranges(name, reference, side)
+        ]
+        for side in "-+"
+    }
+    return {**ranges, "sheet_to_level": find_sheet_limit(name, reference)}

@@ -1,7 +1,8 @@
 """Ranges of levels in which one side of each catalogued surface is one connected piece in all of space.
 
-Measured by `python -m benchmarks.one_piece_ranges levels`: components with their translations on two grids, their ends critical
-values of the function. A sheet between two levels is one piece wherever both sides of a level in it are: the border of a
+The table is measured by `python -m benchmarks.one_piece_ranges levels`: components with their translations on two grids, their
+ends critical values of the function. Surfaces without a row are measured at first use, on one grid, to about a hundredth of the
+range of their function. A sheet between two levels is one piece wherever both sides of a level in it are: the border of a
 connected set whose complement is connected, too, is connected. Its channels are what lies on the sides of its levels.
 
 Between normal offsets that a surface allows, both sides of all surfaces are one piece (`... offsets`): their curvature limits
@@ -13,7 +14,16 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import cache
 from types import MappingProxyType
+
+import numpy as np
+
+from tpmscad.fields.kinds.nodal_field import tpms
+from tpmscad.topology import periodic_pieces
+
+GRID = 64
+"""Samples along a cell of a surface without a row in the table."""
 
 SHARE = 1e-9
 """Of a level: how far beyond the end of a range it is still in it."""
@@ -46,7 +56,20 @@ class LevelRange:
 
 def find_level_ranges(name: str, reference: str, side: str) -> tuple[LevelRange, ...]:
     """The ranges of a side, "-" for {f <= level} and "+" for {f >= level}, of a surface and its reference."""
-    return tuple(LevelRange(*row) for row in _RANGES[name, reference, side])
+    rows = _RANGES.get((name, reference, side)) or _measure_ranges(name, reference, side)
+    return tuple(LevelRange(*row) for row in rows)
+
+
+@cache
+def _measure_ranges(name: str, reference: str, side: str) -> tuple[tuple[float, float, float, float], ...]:
+    """The rows of a side as samples of one period show them, joined by faces alone."""
+    sign = -1.0 if side == "+" else 1.0
+    axis = np.arange(GRID) / GRID
+    values = sign * tpms(name, 1.0, reference=reference).on_grid(axis, axis, axis)
+    return tuple(
+        (sign * float(low), sign * float(high), float((values <= low).mean()), float((values <= high).mean()))
+        for low, high in periodic_pieces(values).one_piece_levels
+    )
 
 
 def is_one_piece(name: str, reference: str, side: str, level: float) -> bool:
@@ -58,7 +81,7 @@ def find_sheet_limit(name: str, reference: str) -> float:
     """The greatest c at which both channels beside the sheet |f| <= c are one piece each."""
     below, above = (find_level_ranges(name, reference, side) for side in "-+")
     reach = [abs(each.level) for ranges in (below, above) for each in ranges if each.contains(0.0)]
-    return min(reach)
+    return min(reach, default=0.0)
 
 
 def note_side(name: str, reference: str, side: str, level: float, what: str) -> tuple[str, ...]:
