@@ -114,7 +114,7 @@ JOBS: dict[str, tuple[str, ...]] = {
         "Model.export",
     ),
     "Meshes": ("Model.mesh", "Model.hexahedra", "infill_triangles"),
-    "Simulate": ("homogenize", "permeability", "estimate_flow"),
+    "Simulate": ("homogenize", "permeability", "estimate_flow", "estimate_exchanger"),
     "Measure and check before printing": (
         "measure",
         "check_print",

@@ -24,6 +24,7 @@ from tpmscad.kernel.boolean.boolean_operations import OcctSolids, subtract_solid
 from tpmscad.kernel.boolean.cut_faces import label_cut_solids
 from tpmscad.kernel.boolean.hollow_body import is_plane
 from tpmscad.kernel.build.solids import BrepSolids
+from tpmscad.kernel.measure.mass_properties import find_face_centre
 from tpmscad.kernel.occt.exploration import faces_of
 from tpmscad.kernel.step.face_labels import OPENING, label_faces, label_outer_faces
 from tpmscad.requests.channel_openings import ChannelOpenings, resolve_channel_openings
@@ -101,9 +102,13 @@ def fluid_domains(options: FluidDomainsOptions) -> FluidDomains:
     with stages("trim"):
         found = _compute_domains(block, body, kept, ends)
     block = replace(block, measures=body.join_measures(block.measures))
+    centres = [find_face_centre(face) for face in faces_of(body.cad.shape)] if isinstance(body, KernelBody) else []
     touches = tuple(
         FaceContact(
-            face, label, {name: domain.areas[face] for name, domain in found.items() if domain.areas.get(face, 0.0) > 0}
+            face,
+            label,
+            {name: domain.areas[face] for name, domain in found.items() if domain.areas.get(face, 0.0) > 0},
+            centres[face] if centres else None,
         )
         for face, label in body.face_labels.items()
     )
@@ -124,7 +129,8 @@ def fluid_domains(options: FluidDomainsOptions) -> FluidDomains:
     }
     name = f"{request.surface} exchanger"
     wall, plus, minus = (models[domain] for domain in (WALL, PLUS, MINUS))
-    return FluidDomains(name, wall, plus, minus, touches, volume, request.surface, request.cell)
+    offset = None if request.is_graded or request.levels is not None else request.offset
+    return FluidDomains(name, wall, plus, minus, touches, volume, request.surface, request.cell, offset)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
