@@ -212,7 +212,7 @@ SURFACES = ("gyroid", "diamond", "primitive", "iwp")
 MATRIX = 6
 """The first bodies, each with all surfaces, are the table of 24."""
 
-PROPOSAL = re.compile(r"a (skin|cell) of ([0-9.]+)")
+PROPOSAL = re.compile(r"closed: (?:use )?a (skin|cell) of ([0-9.]+)")
 """What a refusal proposes."""
 
 OPENING_STEP, CLOSED_STEP, WALL_STEP = 0.06, 0.05, 0.25
@@ -300,7 +300,7 @@ def run_openings(names: Sequence[str], case: str, transition: float | None, file
                 print(f"{label}: refused in {seconds:.1f} CPU s, {error}", flush=True)
                 asked |= {proposal[1]: float(proposal[2])}
                 outcome, seconds, error = _make_exchanger(body, surface, transition, asked)
-                label = f"{label} with {proposal[0]}"
+                label = f"{label} with a {proposal[1]} of {proposal[2]}"
             print(f"{label}: {seconds:.1f} CPU s, {error or outcome}", flush=True)
             if number < MATRIX:
                 found.append(("not made" if error else outcome.split(",")[0], seconds))

@@ -121,9 +121,9 @@ def _occt_face_moments(face: TopoDS_Face) -> Array:
     return np.array([area.Mass(), outward * volume, *(outward * centre)])
 
 
-def find_face_centre(face: TopoDS_Shape) -> tuple[float, float, float]:
-    """The centroid of a face."""
+def measure_face(face: TopoDS_Shape) -> tuple[float, tuple[float, float, float]]:
+    """Area and centroid of a face."""
     properties = GProp_GProps()
     BRepGProp.SurfaceProperties_s(face, properties)
     x, y, z = properties.CentreOfMass().Coord()
-    return x, y, z
+    return properties.Mass(), (x, y, z)
