@@ -87,8 +87,8 @@ CONCAVE_OPEN = {
         28 * 28 * 18 - (16 * 12 + 56 + np.pi) * 9 - 2 * RIM - 4 * CORNER + 4 * 2 / 3,
     ),
 }
-"""Bodies whose face at height 10 is open and meets faces with a skin of 1 along concave edges, and what is left of them. Where two
-quarters of tubes meet within the outline they have 2/3 in common."""
+"""Bodies whose face at height 10 is open and meets faces with a skin of 1 along concave edges, and what is left of them. Where
+two quarters of tubes meet within the outline they have 2/3 in common."""
 
 
 @pytest.mark.parametrize("name", CONCAVE_OPEN)
