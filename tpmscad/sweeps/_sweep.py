@@ -265,7 +265,9 @@ def sweep(
     ] = False,
     flow: Annotated[
         Mapping[str, Any] | None,
-        ANYTHING.described_as("two fluids and what they pass", '{"plus": hot, "minus": cold, "arrangement": "cross"}'),
+        ANYTHING.described_as(
+            "two fluids and how they pass", '{"plus": {"fluid": "water", "temperature": 60, "mass_flow": 0.01}}'
+        ),
         "Of exchangers, estimate effectiveness, heat and pressure drops, too: `plus`, `minus`, `arrangement` and "
         "`wall_conductivity` as in `estimate_exchanger`, and `wall_density`, kg/m3, for the mass.",
     ] = None,
