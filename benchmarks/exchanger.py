@@ -44,8 +44,10 @@ import tpmscad
 from tests.meshing.mesh_facets import interior_facets
 from tpmscad import fields, surfaces
 from tpmscad._typing import Array
+from tpmscad.brep.triangles.closed_mesh import join_meshes
 from tpmscad.fields.kinds.normal_distance import NormalDistance
 from tpmscad.kernel.body_import.cad_body import read_bodies
+from tpmscad.kernel.export.solid_mesh import mesh_solids
 from tpmscad.kernel.measure.shape_sampling import sample_faces
 from tpmscad.kernel.occt.exploration import faces_of
 from tpmscad.meshing.library_meshes import skfem_order
@@ -216,7 +218,10 @@ PROPOSAL = re.compile(r"closed: (?:use )?a (skin|cell) of ([0-9.]+)")
 """What a refusal proposes."""
 
 OPENING_STEP, CLOSED_STEP, WALL_STEP = 0.06, 0.05, 0.25
-"""Spacing of points in openings, mm, of those on closed faces, in skins, and of those on the sides of the wall, mm."""
+"""Spacing of points in openings, mm, of those on closed faces, in skins, and of those on a channel's faces, mm."""
+
+WALL_DEVIATION, WALL_ANGLE = 0.01, 0.2
+"""Fineness, mm and radians, of the triangles whose points tell how far the channels are apart."""
 
 
 def integrate_openings(made: tpmscad.FluidDomains, body: bd.Part, surface: str, asked: dict[str, Any]) -> float:
@@ -277,8 +282,16 @@ def _divide_face(face: Any) -> tuple[Array, Array]:
 
 def measure_least_distance(made: tpmscad.FluidDomains) -> float:
     """Least distance of points on the two channels, mm: what is between them is nowhere thinner by more than the sampling."""
-    plus, minus = (sample_faces(faces_of(model.wrapped), WALL_STEP).points for model in (made.plus, made.minus))
-    return float(cKDTree(plus).query(minus)[0].min())
+    found = []
+    for model in (made.plus, made.minus):
+        mesh = join_meshes(mesh_solids(model.wrapped, WALL_DEVIATION, WALL_ANGLE))
+        corners = mesh.points[mesh.triangles]
+        found.append(
+            np.concatenate(
+                [mesh.points, corners.mean(axis=1), *(0.5 * (corners + np.roll(corners, 1, axis=1))).swapaxes(0, 1)]
+            )
+        )
+    return float(cKDTree(found[0]).query(found[1])[0].min())
 
 
 def run_openings(names: Sequence[str], case: str, transition: float | None, file: Sequence[str] | None) -> None:

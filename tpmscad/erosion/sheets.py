@@ -174,7 +174,10 @@ def _fit_offset(carrier: FreeFormSurface, by: float, polygons: tuple[Array, ...]
             spaces.append(own)
             adaptive.append(False)
         else:
-            spaces.append(find_space(sample, axis, box, breaks, np.maximum(smooth - 1, 0), tol))
+            try:
+                spaces.append(find_space(sample, axis, box, breaks, np.maximum(smooth - 1, 0), tol))
+            except ValueError as error:  # a bend so near to the end of the face that no samples lie between
+                raise TrimmingError(f"the offset of a free-form face has no fit: {error}") from error
             adaptive.append(True)
     fitted, error = fit_in_spaces(sample, spaces, adaptive, tol)
     if error > 10 * tol:
