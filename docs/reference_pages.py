@@ -115,7 +115,7 @@ JOBS: dict[str, tuple[str, ...]] = {
         "Model.export",
     ),
     "Meshes": ("Model.mesh", "Model.hexahedra", "infill_triangles"),
-    "Simulate": ("homogenize", "design_for", "permeability", "estimate_flow"),
+    "Simulate": ("homogenize", "design_for", "permeability", "estimate_flow", "estimate_exchanger"),
     "Measure and check before printing": (
         "measure",
         "check_print",

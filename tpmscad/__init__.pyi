@@ -31,6 +31,7 @@ from tpmscad.studies._check_print import PrintReport as PrintReport
 from tpmscad.studies._check_print import check_print as check_print
 from tpmscad.studies._design_for import LatticeDesign as LatticeDesign
 from tpmscad.studies._design_for import design_for as design_for
+from tpmscad.studies._estimate_exchanger import estimate_exchanger as estimate_exchanger
 from tpmscad.studies._estimate_flow import estimate_flow as estimate_flow
 from tpmscad.studies._homogenize import homogenize as homogenize
 from tpmscad.studies._infill_layers import infill_layers as infill_layers

@@ -23,11 +23,18 @@ from tpmscad.kernel.occt.exploration import faces_of
 pytestmark = pytest.mark.kernel
 
 
-def eroded(body: Any, skin: float, open_along: tuple[bd.Vector, ...]) -> tuple[Brep, float, float]:
-    """The part deeper than the skin, without one below the outermost planar faces, and the least and greatest thickness."""
+def eroded(
+    body: Any, skin: float, open_along: tuple[bd.Vector, ...] = (), at_height: float | None = None
+) -> tuple[Brep, float, float]:
+    """The part deeper than the skin, without one below the outermost planar faces, and the least and greatest thickness.
+
+    at_height: that of a face that looks up and gets none.
+    """
     read = read_body(body)
     own = faces_of(read.shape)
     opened = [outermost(body, along) for along in open_along]
+    if at_height is not None:
+        opened += [f for f in body.faces() if abs(f.center().Z - at_height) < 1e-9 and f.normal_at().Z > 0.99]
     source = read_free_form_body(read.shape, [str(i) for i in range(len(own))])
     is_open = np.array([any(face.IsSame(o.wrapped) for o in opened) for face in own])
     brep = erode_body(source.brep, source.free_form, skin, is_open[source.brep.faces.tag])
@@ -61,6 +68,60 @@ def test_concave_edges_may_end_in_an_open_face() -> None:
     )
     assert volume(brep) == pytest.approx((30 - 2 * t) * (26 - 2 * t) * (22 - t) - pocket, rel=1e-9)
     assert thickness == pytest.approx([t, t], rel=1e-6)
+
+
+PLATE = bd.Pos(0, 0, 5) * bd.Box(40, 30, 10)
+RIM = np.pi / 4 * 56  # a quarter of a tube below each side of the outline of 16 x 12, on either side of it
+CORNER = np.pi / 6  # an eighth of a sphere below each of its corners
+CONCAVE_OPEN = {
+    "plate with a round boss": (
+        PLATE + bd.Pos(0, 0, 15) * bd.Cylinder(8, 10),
+        38 * 28 * 9 + np.pi * 49 * 9 - np.pi / 2 * 16 * np.pi,
+    ),
+    "plate with a block": (
+        PLATE + bd.Pos(0, 0, 15) * bd.Box(16, 12, 10),
+        38 * 28 * 9 + 14 * 10 * 9 - 2 * RIM - 4 * CORNER + 4 * 2 / 3,
+    ),
+    "pocket": (
+        bd.Pos(0, 0, 10) * bd.Box(30, 30, 20) - bd.Pos(0, 0, 15) * bd.Box(16, 12, 10),
+        28 * 28 * 18 - (16 * 12 + 56 + np.pi) * 9 - 2 * RIM - 4 * CORNER + 4 * 2 / 3,
+    ),
+}
+"""Bodies whose face at height 10 is open and meets faces with a skin of 1 along concave edges, and what is left of them. Where
+two quarters of tubes meet within the outline they have 2/3 in common."""
+
+
+@pytest.mark.parametrize("name", CONCAVE_OPEN)
+def test_below_an_open_face_the_skin_goes_round_its_concave_edges(name: str) -> None:
+    body, expected = CONCAVE_OPEN[name]
+    brep, *thickness = eroded(body, 1.0, at_height=10.0)
+    assert volume(brep) == pytest.approx(expected, rel=1e-9)
+    assert thickness == pytest.approx([1.0, 1.0], rel=1e-6)
+
+
+@pytest.mark.parametrize(
+    "boss",
+    [
+        bd.extrude(bd.Pos(0, 0, 10) * bd.Ellipse(12, 7), 8),
+        bd.extrude(bd.Pos(0, 0, 10) * bd.Polygon((-10, -8), (12, -6), (0, 9)), 8),
+        bd.extrude(bd.Pos(0, 0, 10) * bd.RectangleRounded(16, 12, 3), 8),
+        bd.Pos(0, 0, 15) * bd.Cone(9, 5, 10),
+        bd.Pos(0, 10, 15) * bd.Box(16, 10, 10),
+    ],
+    ids=["ellipse", "triangle", "rounded", "cone", "flush with a side"],
+)
+def test_below_an_open_face_the_skin_has_its_thickness_round_any_boss(boss: Any) -> None:
+    _, *thickness = eroded(PLATE + boss, 1.0, at_height=10.0)
+    assert thickness == pytest.approx([1.0, 1.0], rel=1e-6)
+
+
+@pytest.mark.parametrize("skin", [0.1, 0.01])
+def test_a_skin_may_be_much_thinner_than_a_face(skin: float) -> None:
+    """Than what lies between two nodes at which the depth is sampled."""
+    for opened, size in (((), (10 - 2 * skin) ** 3), ((UP,), (10 - 2 * skin) ** 2 * (10 - skin))):
+        brep, *thickness = eroded(bd.Box(10, 10, 10), skin, opened)
+        assert volume(brep) == pytest.approx(size, rel=1e-9)
+        assert thickness == pytest.approx([skin, skin], rel=1e-6)
 
 
 def test_rounds_that_end_the_skin_may_end_in_an_open_face() -> None:

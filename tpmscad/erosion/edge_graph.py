@@ -14,8 +14,26 @@ from tpmscad.trimming.operands.network_tables import PatchPolynomials, tabulate_
 MERGE_REL_TOL = 1e-6
 """In body sizes: vertices within it are one."""
 
+BEYOND_RTOL = 1e-6
+"""Of the skin: by how much farther a point outside a face must be from the sheet than one on it."""
+
 GRID = 33
 """Nodes along each parameter of a sheet, at which its depth is sampled."""
+
+
+NEAR_NODES = np.array([0.5, 2.0])
+"""In skins: more nodes at these distances from the ends of a sheet, where the skin is thinner than a gap between nodes."""
+
+MIN_SPEED = 1e-12
+"""Lower bound of the speed of a parameter, at a pole."""
+
+
+def _place_nodes(low: float, high: float, skin: float) -> Array:
+    """The nodes of a range of parameters, of which the skin takes as much as `skin`."""
+    even = np.linspace(low, high, GRID + 2)
+    near = NEAR_NODES * skin
+    near = near[near < even[1] - low]
+    return np.sort(np.concatenate([even[1:-1], low + near, high - near]))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -33,7 +51,7 @@ class TracedEdge:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SheetGrid:
-    """Nodes (n, n) of a sheet, n = `GRID`: (u, v), which are in the domain, and which are deep enough as well."""
+    """Nodes (m, n) of a sheet, at least `GRID` each: (u, v), which are in the domain, and which are deep enough as well."""
 
     uv: Array
     inside: BoolArray
@@ -102,18 +120,38 @@ class EdgeGraph:
         near = shell.sites.nearest(point[None], shell.skin)
         site = int(near.site[0])
         sheet = int(shell.sheet_of_site[site]) if site >= 0 else -1
+        if (
+            sheet >= 0
+            and isinstance(shell.sites.sites[site], FaceSite)
+            and self._is_beyond(sheet, near.parameters[0], point)
+        ):
+            # below an open face beside a concave edge, which is as near as the border of the face beyond it
+            near = shell.sites.nearest(point[None], shell.skin, without=site)
+            site = int(near.site[0])
+            sheet = int(shell.sheet_of_site[site]) if site >= 0 else -1
         if sheet < 0:
             return None
         if isinstance(shell.sites.sites[site], FaceSite | OpenSite):
             return sheet, near.parameters[0]
         return sheet, shell.sheets[sheet].parameters_near(point)
 
+    def _is_beyond(self, sheet: int, uv: Array, point: Array) -> bool:
+        """Whether a point (3,) is farther than the skin from a face's sheet at the (u, v) of its foot: outside the face."""
+        return (
+            float(np.linalg.norm(self.shell.sheets[sheet].carrier(*uv) - point)) > (1 + BEYOND_RTOL) * self.shell.skin
+        )
+
     def grid(self, number: int) -> SheetGrid:
         """The nodes of a sheet, sampled when they are first asked for."""
         if number not in self.grids:
             sheet = self.shell.sheets[number]
             low, high = sheet.box()
-            axes = (np.linspace(a, b, GRID + 2)[1:-1] for a, b in zip(low, high, strict=True))
+            u, v = 0.5 * (low + high)
+            speeds = (np.linalg.norm(sheet.carrier(u, v, *order)) for order in ((1, 0), (0, 1)))
+            axes = [
+                _place_nodes(a, b, self.shell.skin / max(float(speed), MIN_SPEED))
+                for a, b, speed in zip(low, high, speeds, strict=True)
+            ]
             uv = np.stack(np.meshgrid(*axes, indexing="ij"), axis=2)
             inside = sheet.contains(uv.reshape(-1, 2)).reshape(uv.shape[:2])
             deep = inside.copy()

@@ -21,7 +21,7 @@ from tpmscad.brep.free_form_surface import BodyCarrier, FreeFormSurface
 from tpmscad.erosion.face_regions import build_regions
 from tpmscad.erosion.sheets import Sheet, Tube, TubeEnd, make_ball, make_tube, offset_face
 from tpmscad.erosion.sites import BORDER_REL_TOL, BodySites, EdgeSite, FaceSite, OpenSite, Site, VertexSite, depth_limit
-from tpmscad.errors import TrimmingError
+from tpmscad.errors import TrimmingError, format_point
 from tpmscad.splines.adaptive_curve_fit import FIT_DEGREE, fit_adaptively
 from tpmscad.splines.bspline import BSplineCurve, BSplineSurface, is_segment, isoparametric_curve, line_segment
 from tpmscad.splines.knots import knots_within
@@ -60,7 +60,7 @@ LINE_TOL = 1e-11
 OPPOSITE = 1e-7
 """1 + cosine of the angle at a vertex between edges that continue each other."""
 
-ARC_SAMPLES = 65
+ARC_SAMPLES = 257
 """Points along an arc of a sphere's border, where it is a polygon."""
 
 
@@ -322,7 +322,10 @@ class _Assembly:
             self.rims.append(SheetEdge(side, reach, (sheet, number), (pcurves[0], pcurves[1]), (sense, along_tube)))
 
     def add_open_joint(self, joint: _Joint) -> None:
-        """What an edge of an open face needs: a rim in a concave edge of two of them, a tube where the skin ends in a round."""
+        """What an edge of an open face needs: a rim in a concave edge of two of them, a tube where the skin ends in a round.
+
+        Under a concave edge with a face that has a skin the tube goes on from below that face to below the open one.
+        """
         brep, edge = self.brep, joint.edge
         span = float(brep.edges.span[edge, 0]), float(brep.edges.span[edge, 1])
         curve = self.curves[edge]
@@ -335,8 +338,9 @@ class _Assembly:
             return
         if convex and joint.cosine <= OPEN_RIM_COSINE:
             return
-        if not convex and not (np.abs(joint.rise) <= SMOOTH_SINE).all():
-            raise TrimmingError("an open face meets a face with a skin along a concave edge")
+        if not (convex or concave or (np.abs(joint.rise) <= SMOOTH_SINE).all()):
+            at = format_point(curve(0.5 * sum(span)))
+            raise TrimmingError(f"the edge of an open face about {at} is concave in one part only")
         k = 0 if self.is_open[joint.faces[1]] else 1  # the face with a skin
         face, opened, use = joint.faces[k], joint.faces[1 - k], joint.uses[1 - k]
 
@@ -344,8 +348,9 @@ class _Assembly:
             points, tangents = curve(t), curve(t, 1)
             tangents = tangents / np.linalg.norm(tangents, axis=1, keepdims=True)
             into = np.cross(self.carriers[opened].gradient(points), brep.uses.sense[use] * tangents)
-            along = np.cos(RIM_OVERHANG) * into - np.sin(RIM_OVERHANG) * self.inward(opened, points)
-            return np.stack([self.inward(face, points), along])
+            below = self.inward(opened, points)
+            along = np.cos(RIM_OVERHANG) * into - np.sin(RIM_OVERHANG) * below
+            return np.stack([self.inward(face, points), *([below] if concave else []), along])
 
         wide = self._widen_span(joint, span) if is_segment(curve) else span
         self._add_tube(joint, curve, span, wide, inward, (k,))
@@ -377,12 +382,17 @@ class _Assembly:
             if len(own) == 2 and 1 + own[0][1].leaving @ own[1][1].leaving <= OPPOSITE:
                 self._join_pair(center, own)
             elif len(own) > 2:
-                self._add_ball(vertex, center, own)
+                chain = _chain_arcs([end.arc(center, 1.0)(np.array([0.0, end.split])) - center for _, end in own])
+                if chain is not None:
+                    self._add_ball(vertex, center, [(*own[i], 0.0, own[i][1].split, forward) for i, forward in chain])
+            elif len(own) == 2 and all(end.split < end.angle for _, end in own):
+                pieces = [(*each, each[1].split, each[1].angle, number > 0) for number, each in enumerate(own)]
+                self._add_ball(vertex, center, pieces)
 
     def _join_pair(self, center: Array, own: list[tuple[int, TubeEnd]]) -> None:
         """The rim between two tubes that continue each other."""
         (one, first), (two, second) = own
-        arc, angle = _arc(center, first.normals, self.skin)
+        arc, angle = first.arc(center, self.skin), first.angle
         swap = np.linalg.norm(second.normals[0] - first.normals[0]) > np.linalg.norm(
             second.normals[1] - first.normals[0]
         )
@@ -391,17 +401,23 @@ class _Assembly:
         senses = [_left_sense(self.sheets[s], p) for s, p in zip((one, two), parameters, strict=True)]
         self.rims.append(SheetEdge(arc, (0.0, angle), (one, two), (pcurves[0], pcurves[1]), (senses[0], senses[1])))
 
-    def _add_ball(self, vertex: int, center: Array, own: list[tuple[int, TubeEnd]]) -> None:
-        """The sphere of a corner, if the arcs of its tubes close, with its rims."""
-        chain = _chain_arcs([end.normals for _, end in own])
-        if chain is None:
-            return
-        directions = np.array([own[i][1].normals[0 if forward else 1] for i, forward in chain])
-        sphere = make_ball(center, directions, self.skin)
+    def _add_ball(self, vertex: int, center: Array, pieces: Sequence[tuple[int, TubeEnd, float, float, bool]]) -> None:
+        """The sphere of a corner and its rims, along pieces of the arcs in which tubes end there.
+
+        A piece is a tube's sheet and end, the angles of the arc from and to which it goes, and whether it is passed that way. Two
+        pieces that leave an open face out are closed beyond it.
+        """
+        arcs = [end.arc(center, self.skin) for _, end, *_ in pieces]
+        starts = [
+            arc(np.array([low if ahead else high]))[0] for arc, (*_, low, high, ahead) in zip(arcs, pieces, strict=True)
+        ]
+        if len(pieces) == 2:
+            *_, high, _ = pieces[1]
+            starts.append(arcs[1](np.array([high]))[0])
+        sphere = make_ball(center, (np.array(starts) - center) / self.skin, self.skin)
         number = len(self.sheets)
         made, border = [], []
-        for i, forward in chain:
-            arc, angle = _arc(center, own[i][1].normals, self.skin)
+        for arc, (_, _, low, high, forward) in zip(arcs, pieces, strict=True):
 
             def parameters(t: Array, arc: Circle = arc) -> Array:
                 return sphere.parameters(arc(t))
@@ -409,30 +425,30 @@ class _Assembly:
             def error(fit: BSplineCurve, t: Array, arc: Circle = arc) -> Array:
                 return np.asarray(np.linalg.norm(sphere(*fit(t).T) - arc(t), axis=1))
 
-            pcurve = fit_adaptively(parameters, np.array([0.0, angle]), error, RIM_REL_TOL * self.size)
+            pcurve = fit_adaptively(parameters, np.array([low, high]), error, RIM_REL_TOL * self.size)
             if pcurve is None:
                 raise TrimmingError(f"the corner at {center.round(6)} has an arc that no spline fits")
-            path = parameters(np.linspace(0.0, angle, ARC_SAMPLES))
-            made.append((arc, angle, pcurve, forward))
+            path = parameters(np.linspace(low, high, ARC_SAMPLES))
+            made.append(pcurve)
             border.append(path[:-1] if forward else path[:0:-1])
+        if len(pieces) == 2:
+            ways = (np.array([starts[-1], starts[0]]) - center) / self.skin
+            between = Circle(center, ways[0], _unit(np.cross(*ways)), self.skin)
+            angle = float(np.arctan2(np.linalg.norm(np.cross(*ways)), ways[0] @ ways[1]))
+            border.append(sphere.parameters(between(np.linspace(0.0, angle, ARC_SAMPLES)))[:-1])
         polygon = np.concatenate(border)
         turn = 1 if _signed_area(polygon) > 0 else -1
         segments = np.stack([polygon, np.roll(polygon, -1, axis=0)], axis=1)
         self._add_sheet(Sheet(sphere, -1, segments, -1))
         self.ball_of_vertex[vertex] = number
-        for (i, _), (arc, angle, pcurve, forward) in zip(chain, made, strict=True):
-            sheet, end = own[i]
-            own_line = line_segment(end.parameters[0], end.parameters[1], (0.0, angle))
+        for arc, pcurve, (sheet, end, low, high, forward) in zip(arcs, made, pieces, strict=True):
+            own_line = line_segment(end.place(low), end.place(high), (low, high))
             senses = _left_sense(self.sheets[sheet], end.parameters), turn if forward else -turn
-            self.rims.append(SheetEdge(arc, (0.0, angle), (sheet, number), (own_line, pcurve), senses))
+            self.rims.append(SheetEdge(arc, (low, high), (sheet, number), (own_line, pcurve), senses))
 
 
-def _arc(center: Array, normals: Array, radius: float) -> tuple[Circle, float]:
-    """The arc of a circle from one to the other of two unit normals (2, 3), and its angle."""
-    axis = np.cross(*normals)
-    axis = axis / np.linalg.norm(axis)
-    angle = float(np.arctan2(np.linalg.norm(np.cross(*normals)), normals[0] @ normals[1]))
-    return Circle(center, normals[0], axis, radius), angle
+def _unit(vector: Array) -> Array:
+    return np.asarray(vector / np.linalg.norm(vector))
 
 
 def _left_sense(sheet: Sheet, ends: Array) -> int:

@@ -174,7 +174,10 @@ def _fit_offset(carrier: FreeFormSurface, by: float, polygons: tuple[Array, ...]
             spaces.append(own)
             adaptive.append(False)
         else:
-            spaces.append(find_space(sample, axis, box, breaks, np.maximum(smooth - 1, 0), tol))
+            try:
+                spaces.append(find_space(sample, axis, box, breaks, np.maximum(smooth - 1, 0), tol))
+            except ValueError as error:  # a bend so near to the end of the face that no samples lie between
+                raise TrimmingError(f"the offset of a free-form face has no fit: {error}") from error
             adaptive.append(True)
     fitted, error = fit_in_spaces(sample, spaces, adaptive, tol)
     if error > 10 * tol:
@@ -194,12 +197,27 @@ def _is_exact(sample: Callable[[Array, Array], Array], axis: int, box: Array, sp
 
 @dataclass(frozen=True, slots=True, eq=False)
 class TubeEnd:
-    """One end of a tube: the vertex, the edge's direction away from it, the parameters (2, 2) at both sides of the tube."""
+    """One end of a tube: the vertex, the edge's direction away from it, the parameters (2, 2) at both sides of the tube.
+
+    normals (2, 3): the directions of both sides, from the first of which the tube turns about `axis` (3,) by `angle`. `split`:
+    the angle at which the second of three directions lies, that below an open face; else `angle`.
+    """
 
     vertex: int
     leaving: Array
     normals: Array
     parameters: Array
+    axis: Array
+    angle: float
+    split: float
+
+    def place(self, angle: float) -> Array:
+        """The parameters (2,) at an angle."""
+        return np.asarray(self.parameters[0] + angle / self.angle * (self.parameters[1] - self.parameters[0]))
+
+    def arc(self, center: Array, radius: float) -> Circle:
+        """The border of the tube at this end, from angle 0 on."""
+        return Circle(center, self.normals[0], self.axis, radius)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -219,7 +237,11 @@ def make_tube(
     skin: float,
     size: float,
 ) -> Tube:
-    """The tube round a concave edge between two vertices; `inward(t)` are the inward unit normals (2, n, 3) of its faces."""
+    """The tube round a concave edge between two vertices.
+
+    inward(t): unit vectors (m, n, 3) square to the edge, the inward normals of its faces, or a path of such directions, each less
+    than half a turn from the last, from one side of the tube to the other.
+    """
     low, high = span
     t = np.linspace(low, high, SAMPLES)
     normals, tangents = inward(t), curve(t, 1)
@@ -237,14 +259,28 @@ def make_tube(
     foot = curve(0.5 * (low + high))
     sense = 1 if normal @ (foot - carrier(*middle)) > 0 else -1
     sides = [line_segment(corners[0, f], corners[1, f], span) for f in (0, 1)]
+    turns, firsts = _turn(normals, tangents), _turn(normals[:2], tangents)
+    made = [
+        TubeEnd(
+            vertex,
+            way * tangents[at],
+            normals[[0, -1], at],
+            corners[at],
+            np.sign(turns[at]) * tangents[at],
+            float(abs(turns[at])),
+            float(abs(firsts[at])),
+        )
+        for vertex, way, at in zip(ends, (1, -1), (0, -1), strict=True)
+    ]
     return Tube(
-        Sheet(carrier, sense, np.stack([path[:-1], path[1:]], axis=1), -1),
-        (sides[0], sides[1]),
-        (
-            TubeEnd(ends[0], tangents[0], normals[:, 0], corners[0]),
-            TubeEnd(ends[1], -tangents[-1], normals[:, -1], corners[1]),
-        ),
+        Sheet(carrier, sense, np.stack([path[:-1], path[1:]], axis=1), -1), (sides[0], sides[1]), (made[0], made[1])
     )
+
+
+def _turn(normals: Array, tangents: Array) -> Array:
+    """The angles (n,) about tangents (n, 3) from the first to the last of directions (m, n, 3)."""
+    sine = np.einsum("mni,ni->mn", np.cross(normals[:-1], normals[1:]), tangents)
+    return np.asarray(np.arctan2(sine, (normals[:-1] * normals[1:]).sum(axis=2)).sum(axis=0))
 
 
 def _make_tube_carrier(
@@ -260,25 +296,23 @@ def _make_tube_carrier(
     if is_segment(curve) and np.ptp(normals, axis=1).max() <= CONSTANT_TOL:
         start, end = curve(np.array(span))
         tube = CylindricalSurface(start, normals[0, 0], tangents[0], skin)
-        turn = float(np.arctan2(normals[1, 0] @ tube.y_axis, normals[1, 0] @ tube.x_axis))
+        turn = float(_turn(normals[:, :1], tangents[:1])[0])
         return tube, np.array([0.0, np.linalg.norm(end - start)]), np.array([0.0, turn]), False
     if isinstance(curve, Circle):
         radial = curve(np.linspace(*span, SAMPLES)) - curve.origin
         radial = radial / np.linalg.norm(radial, axis=1, keepdims=True)
         angle = np.arctan2(normals @ curve.normal, (normals * radial).sum(axis=2))
-        turn = np.angle(np.exp(1j * (angle - angle[0, 0])))
-        if np.ptp(turn, axis=1).max() <= CONSTANT_TOL:
+        off = np.angle(np.exp(1j * (angle - angle[:, :1])))
+        if np.ptp(off, axis=1).max() <= CONSTANT_TOL:
             torus = ToroidalSurface(curve.origin, curve.x_axis, curve.normal, curve.radius, skin)
-            return torus, np.array(span), angle[0, 0] + turn[:, 0], True
+            turn = np.angle(np.exp(1j * np.diff(angle[:, 0]))).sum()
+            return torus, np.array(span), angle[0, 0] + np.array([0.0, turn]), True
 
     def sample(s: Array, w: Array) -> Array:
-        one, two = inward(s)[:, :, None, :]
-        angle = np.arccos(np.clip((one * two).sum(axis=2), -1.0, 1.0))[..., None]
-        w = w[:, None]
-        first, second = np.sin((1 - w) * angle), np.sin(w * angle)
-        sine = np.sin(angle)
-        is_flat = sine == 0.0  # at an end at which the faces are tangent both normals are one
-        between = (np.where(is_flat, 1.0, first) * one + second * two) / np.where(is_flat, 1.0, sine)
+        own, along = inward(s), curve(s, 1)
+        along = along / np.linalg.norm(along, axis=1, keepdims=True)
+        angle = (w * _turn(own, along)[:, None])[..., None]
+        between = np.cos(angle) * own[0][:, None] + np.sin(angle) * np.cross(along, own[0])[:, None]
         return np.asarray(curve(s)[:, None] + skin * between)
 
     box = np.array([span, (0.0, 1.0)])

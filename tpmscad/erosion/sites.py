@@ -171,11 +171,13 @@ class BodySites:
         reaches = np.array([BEYOND if isinstance(site, OpenSite) else 1.0 for site in sites])
         return cls(sites, boxes + margin * np.array([[-1.0], [1.0]]), reaches)
 
-    def nearest(self, points: Array, limit: float) -> NearestSites:
-        """The nearest sites of points (n, 3), sought up to the distance `limit` (model units)."""
+    def nearest(self, points: Array, limit: float, without: int = -1) -> NearestSites:
+        """The nearest sites of points (n, 3), sought up to the distance `limit` (model units), one of them left out."""
         depth, site = np.full(len(points), np.inf), np.full(len(points), -1)
         parameters = np.zeros((len(points), 2))
         for s, at in self._near_boxes(points, limit):
+            if s == without:
+                continue
             distance, uv = self.sites[s].feet(points[at], limit)
             closer = distance < np.minimum(depth[at] - TIE_TOL * limit, limit)
             depth[at[closer]], site[at[closer]], parameters[at[closer]] = distance[closer], s, uv[closer]

@@ -76,6 +76,11 @@ class LatticeRequest:
         """Whether the normal distances vary."""
         return self.thickness is not None or self.centre is not None
 
+    @property
+    def even_offset(self) -> tuple[float, float] | None:
+        """The normal distances of the two walls, if they are the same everywhere."""
+        return None if self.is_graded or self.levels is not None else self.offset
+
     def turned(self, rotation: Array) -> LatticeRequest:
         """The same wall in coordinates that `rotation` (3, 3) takes to those of the model."""
         thickness, centre = (f and partial(_evaluate_turned, f, rotation) for f in (self.thickness, self.centre))

@@ -28,6 +28,7 @@ from tpmscad.results.result_summary import count_pieces, format_html, format_siz
 
 if TYPE_CHECKING:
     from tpmscad.files.file_formats import ExportedFile
+    from tpmscad.studies.flow_results import ExchangerEstimate, FlowEstimate
 
 WALL, PLUS, MINUS = "wall", "channel +", "channel -"
 """Names of the domains; a channel is named by the sign of the surface's nodal value in it."""
@@ -35,11 +36,15 @@ WALL, PLUS, MINUS = "wall", "channel +", "channel -"
 
 @dataclass(frozen=True, slots=True, eq=False)
 class FaceContact:
-    """One face of the body, by its index and its label, and the area of each domain on it, model units squared."""
+    """One face of the body, by its index and its label, the area of each domain on it, model units squared, and its centre.
+
+    `centre` is None if the body is no CAD body.
+    """
 
     face: int
     label: str
     areas: Mapping[str, float]
+    centre: tuple[float, float, float] | None = None
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -60,6 +65,8 @@ class FluidDomains:
         Name of the surface in the catalogue.
     cell : (float, float, float)
         Edge lengths of its cell, model units.
+    offset : (float, float) or None
+        Normal distances of the two sides of the wall from the surface, model units; None if they vary.
     """
 
     name: str
@@ -70,6 +77,7 @@ class FluidDomains:
     volume: float
     surface: str
     cell: tuple[float, float, float]
+    offset: tuple[float, float] | None = None
 
     @property
     def certificate(self) -> Certificate:
@@ -208,6 +216,18 @@ class FluidDomains:
         on_body = {name: sum(contact.areas.get(name, 0.0) for contact in self.touches) for name in (PLUS, MINUS)}
         return {name: 4.0 * self.domains[name].volume / (self.domains[name].area - on_body[name]) for name in on_body}
 
+    def estimate_flow(self, **arguments: Any) -> FlowEstimate:
+        """`tpmscad.estimate_flow` of a channel of these domains: pressure drop and heat transfer by published correlations."""
+        from tpmscad.studies._estimate_flow import estimate_flow
+
+        return estimate_flow(self, **arguments)
+
+    def estimate_exchanger(self, **arguments: Any) -> ExchangerEstimate:
+        """`tpmscad.estimate_exchanger` of these domains: effectiveness, heat and pressure drops with two fluids."""
+        from tpmscad.studies._estimate_exchanger import estimate_exchanger
+
+        return estimate_exchanger(self, **arguments)
+
     def to_dict(self) -> dict[str, Any]:
         """The certificate and the figures of every domain as plain values, ready for JSON.
 
@@ -245,7 +265,7 @@ class FluidDomains:
         models = (self.wall, self.plus, self.minus)
         content, parts = pack_results([model.built.dismantle() for model in models])
         states = [{**model.__getstate__(), "built": None} for model in models]
-        figures = self.touches, self.volume, self.surface, self.cell
+        figures = self.touches, self.volume, self.surface, self.cell, self.offset
         return _restore_domains, (self.name, content, parts, states, figures)
 
     def __repr__(self) -> str:

@@ -138,6 +138,26 @@ class ForchheimerFit:
         return flow.viscosity * speed / permeability + flow.density * inertia * speed**2
 
 
+@dataclass(frozen=True, slots=True)
+class FrictionFit:
+    """Darcy friction factor f = a phi^n / Re + b phi^m Re^p."""
+
+    a: float
+    n: float
+    b: float
+    m: float = 0.0
+    p: float = 0.0
+
+    def friction(self, flow: ChannelFlow) -> float:
+        """Darcy friction factor."""
+        inertia = self.b * flow.porosity**self.m * flow.reynolds**self.p
+        return self.a * flow.porosity**self.n / flow.reynolds + inertia
+
+    def pressure_gradient(self, flow: ChannelFlow) -> float:
+        """Pressure gradient, Pa/m."""
+        return self.friction(flow) * flow.density * flow.velocity**2 / (2.0 * flow.hydraulic_diameter)
+
+
 def _power_law(factor: float, of_reynolds: float, of_prandtl: float, flow: ChannelFlow) -> float:
     """Nusselt number c Re^p Pr^q."""
     return factor * flow.reynolds**of_reynolds * _known_prandtl(flow) ** of_prandtl
@@ -175,6 +195,9 @@ def darcy_law(permeability: float) -> FlowCorrelation:
 GAJETTI_GYROID = ForchheimerFit(0.0156, 2.78, 0.0908, -1.81)
 GAJETTI_DIAMOND = ForchheimerFit(0.0106, 2.89, 0.0666, -1.69)
 SAVOLDI_GYROID = ForchheimerFit(0.0157, 2.72, 0.0784, -2.04)
+SJTU_GYROID = FrictionFit(552.0, 0.247, 1.16)
+SJTU_DIAMOND = FrictionFit(807.0, 0.714, 0.486, -0.703)
+YAN_GYROID = FrictionFit(0.0, 0.0, 4.0 * 2.577, 0.0, -0.095)
 
 
 def _gajetti(surface: str, fit: ForchheimerFit) -> FlowCorrelation:
@@ -221,6 +244,36 @@ def _yan_2023(surface: str, factor: float, power: float, highest: float) -> Flow
     )
 
 
+_SJTU = partial(
+    FlowCorrelation,
+    authors="SJTU-TPMSHX",
+    journal="github.com/alexlu997/SJTU-TPMSHX, df_cfd_coeffs_dev.csv and nu_correlations.py",
+    year=2026,
+    doi="",
+    reynolds=(94.0, 50600.0),
+)
+_SJTU_PRESSURE = partial(
+    _SJTU,
+    basis="water computed in sheets of 20 cells of 4 to 8 mm with walls of 0.3 to 0.6 mm, laminar and turbulent, smooth",
+)
+_SJTU_HEAT = partial(
+    _SJTU,
+    basis="the same computations",
+    scatter="rms 10 %",
+    prandtl=PRANDTL_OF_WATER,
+)
+_YAN_2024 = partial(
+    FlowCorrelation,
+    surfaces=("gyroid",),
+    authors="Yan, Deng, Xiao, Wang, Luo",
+    journal="Appl. Therm. Eng. 241, 122402",
+    year=2024,
+    doi="10.1016/j.applthermaleng.2024.122402",
+    basis="110 measurements of water in a printed exchanger, the roughness of its walls included",
+    scatter="not stated in what was read",
+    reynolds=(150.0, 3000.0),
+)
+
 PRESSURE_DROP: tuple[FlowCorrelation, ...] = (
     _gajetti("gyroid", GAJETTI_GYROID),
     _gajetti("diamond", GAJETTI_DIAMOND),
@@ -230,6 +283,21 @@ PRESSURE_DROP: tuple[FlowCorrelation, ...] = (
         scatter="mean 5.8 %, at most 18.5 %",
         evaluate=SAVOLDI_GYROID.pressure_gradient,
     ),
+    _SJTU_PRESSURE(
+        surfaces=("gyroid",),
+        formula="f = 552 phi^0.247 / Re + 1.16",
+        scatter="rms 6 %, at most 15 %; printed walls lost 2.4 to 9 times as much",
+        evaluate=SJTU_GYROID.pressure_gradient,
+        porosity=(0.275, 0.443),
+    ),
+    _SJTU_PRESSURE(
+        surfaces=("diamond",),
+        formula="f = 807 phi^0.714 / Re + 0.486 phi^-0.703",
+        scatter="rms 14 %, at most 33 %; printed walls lost 2.3 to 8 times as much",
+        evaluate=SJTU_DIAMOND.pressure_gradient,
+        porosity=(0.226, 0.429),
+    ),
+    _YAN_2024(formula="f = 4 x 2.577 Re^-0.095", evaluate=YAN_GYROID.pressure_gradient),
 )
 """Correlations of the pressure gradient."""
 
@@ -243,18 +311,22 @@ HEAT_TRANSFER: tuple[FlowCorrelation, ...] = (
     ),
     _yan_2023("gyroid", 0.606, 0.589, 440.0),
     _yan_2023("diamond", 0.683, 0.56, 380.0),
-    FlowCorrelation(
-        surfaces=("gyroid",),
-        authors="Yan, Deng, Xiao, Wang, Luo",
-        journal="Appl. Therm. Eng. 241, 122402",
-        year=2024,
-        doi="10.1016/j.applthermaleng.2024.122402",
+    _YAN_2024(
         formula="Nu = 0.471 Re^0.627 Pr^(1/3)",
-        basis="110 measurements of water in a printed exchanger, the roughness of its walls included",
-        scatter="not stated in what was read",
         evaluate=partial(_power_law, 0.471, 0.627, 1.0 / 3.0),
-        reynolds=(150.0, 3000.0),
         prandtl=(3.5, 9.0),
+    ),
+    _SJTU_HEAT(
+        surfaces=("gyroid",),
+        formula="Nu = 0.3941 Re^0.6435 Pr^(1/3)",
+        evaluate=partial(_power_law, 0.3941, 0.6435, 1.0 / 3.0),
+        porosity=(0.275, 0.443),
+    ),
+    _SJTU_HEAT(
+        surfaces=("diamond",),
+        formula="Nu = 0.3201 Re^0.6679 Pr^(1/3)",
+        evaluate=partial(_power_law, 0.3201, 0.6679, 1.0 / 3.0),
+        porosity=(0.226, 0.429),
     ),
 )
 """Correlations of the Nusselt number."""

@@ -13,6 +13,7 @@ from itertools import chain
 
 import numpy as np
 
+from tpmscad._typing import Array
 from tpmscad.api.public_calls import validate_options
 from tpmscad.brep.boundary_representation import Brep
 from tpmscad.brep.moments import integral_properties
@@ -24,6 +25,7 @@ from tpmscad.kernel.boolean.boolean_operations import OcctSolids, subtract_solid
 from tpmscad.kernel.boolean.cut_faces import label_cut_solids
 from tpmscad.kernel.boolean.hollow_body import is_plane
 from tpmscad.kernel.build.solids import BrepSolids
+from tpmscad.kernel.measure.mass_properties import measure_face
 from tpmscad.kernel.occt.exploration import faces_of
 from tpmscad.kernel.step.face_labels import OPENING, label_faces, label_outer_faces
 from tpmscad.requests.channel_openings import ChannelOpenings, resolve_channel_openings
@@ -80,20 +82,9 @@ def fluid_domains(options: FluidDomainsOptions) -> FluidDomains:
     >>> parts.export_step("exchanger.step")  # doctest: +SKIP
     """
     stages = StageTimer(options.progress)
-    request = resolve_lattice_request(lattice_in_body(options))
-    body = find_body(options.body, options.box, options.solid, request.tol, stages, is_default=options.tol is None)
-    with stages("read"):
-        body, kept = _read_passive(body, options)
-        openings = _resolve_openings(options, body)
-    turn = rotation_matrix(options.rotation)
-    ends, length = None, 0.0
-    if openings is not None:
-        assert isinstance(body, KernelBody)
-        length = _resolve_transition(body, openings, options.transition, request)
-        if not length:
-            ends = ChannelEnds(openings, _resolve_skin(request, options.skin))
-            with stages("sample"):
-                require_connected(body, request, turn, ends)
+    asked = prepare_domains(options, stages)
+    request, body, openings, ends = asked.request, asked.body, asked.openings, asked.ends
+    turn, length, kept = asked.rotation, asked.length, asked.kept
     if openings is None or not length:
         block = build_lattice_block(request, turn, body.cad, stages)
     else:
@@ -101,9 +92,13 @@ def fluid_domains(options: FluidDomainsOptions) -> FluidDomains:
     with stages("trim"):
         found = _compute_domains(block, body, kept, ends)
     block = replace(block, measures=body.join_measures(block.measures))
+    centres = [measure_face(face)[1] for face in faces_of(body.cad.shape)] if isinstance(body, KernelBody) else []
     touches = tuple(
         FaceContact(
-            face, label, {name: domain.areas[face] for name, domain in found.items() if domain.areas.get(face, 0.0) > 0}
+            face,
+            label,
+            {name: domain.areas[face] for name, domain in found.items() if domain.areas.get(face, 0.0) > 0},
+            centres[face] if centres else None,
         )
         for face, label in body.face_labels.items()
     )
@@ -124,7 +119,7 @@ def fluid_domains(options: FluidDomainsOptions) -> FluidDomains:
     }
     name = f"{request.surface} exchanger"
     wall, plus, minus = (models[domain] for domain in (WALL, PLUS, MINUS))
-    return FluidDomains(name, wall, plus, minus, touches, volume, request.surface, request.cell)
+    return FluidDomains(name, wall, plus, minus, touches, volume, request.surface, request.cell, request.even_offset)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -141,6 +136,41 @@ class DomainSolids:
     notes: tuple[str, ...]
     moved: float = 0.0
     checks: tuple[Check, ...] = ()
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class RequestedDomains:
+    """What is asked of fluid domains: the lattice, turned by `rotation` (3, 3), the body, and the solids that are kept.
+
+    `ends`: where they end abruptly; else they close over `length`, model units.
+    """
+
+    request: LatticeRequest
+    body: Body
+    kept: tuple[CadBody, ...]
+    openings: ChannelOpenings | None
+    rotation: Array
+    ends: ChannelEnds | None
+    length: float
+
+
+def prepare_domains(options: FluidDomainsOptions, stages: StageTimer) -> RequestedDomains:
+    """The valid request of the options; InvalidRequest, too, if samples say that a channel does not connect its openings."""
+    request = resolve_lattice_request(lattice_in_body(options))
+    body = find_body(options.body, options.box, options.solid, request.tol, stages, is_default=options.tol is None)
+    with stages("read"):
+        body, kept = _read_passive(body, options)
+        openings = _resolve_openings(options, body)
+    turn = rotation_matrix(options.rotation)
+    ends, length = None, 0.0
+    if openings is not None:
+        assert isinstance(body, KernelBody)
+        length = _resolve_transition(body, openings, options.transition, request)
+        if not length:
+            ends = ChannelEnds(openings, _resolve_skin(request, options.skin))
+            with stages("sample"):
+                require_connected(body, request, turn, ends)
+    return RequestedDomains(request, body, kept, openings, turn, ends, length)
 
 
 def _resolve_openings(options: FluidDomainsOptions, body: Body) -> ChannelOpenings | None:
@@ -172,7 +202,7 @@ def _resolve_skin(request: LatticeRequest, skin: float | None) -> float:
     """The wall along faces where a channel does not open: as thick as the wall between the channels, if that has a thickness."""
     if skin is not None:
         return skin
-    if request.is_graded or request.levels is not None:
+    if request.even_offset is None:
         raise InvalidRequest(
             "openings: the thickness of this wall varies: give skin=, the wall along faces where channels do not open"
         )

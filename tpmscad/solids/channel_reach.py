@@ -51,7 +51,7 @@ class BodySamples:
     """Samples of a body: `points` (n, 3) of a grid, and after them those of its openings.
 
     `inside` (nx, ny, nz): which nodes of the grid lie in the body. `face` (n,): the number of the opening, or -1. `depth`: for
-    each channel the distances (n,) from its closed faces, infinite beyond the skin.
+    each channel the distances (n,) from its closed faces, infinite where the skin is a spacing behind.
     """
 
     spacing: float
@@ -102,10 +102,10 @@ def require_connected(body: KernelBody, request: LatticeRequest, rotation: Array
     if spacing > edge / MIN_SAMPLES_PER_CELL:
         return
     wall = WallHeight.of(request, rotation)
-    coarse = _sample_body(body, ends, 2 * spacing)
+    coarse = sample_body(body, ends, 2 * spacing)
     if find_fault(body, coarse, wall, ends) is None:
         return
-    fine = _sample_body(body, ends, spacing)
+    fine = sample_body(body, ends, spacing)
     fault = find_fault(body, fine, wall, ends)
     if fault is None:
         return
@@ -142,7 +142,7 @@ def _list_smaller(value: float) -> list[float]:
 
 def _is_wall_possible(request: LatticeRequest, edge: float) -> bool:
     """Whether a smaller cell can have the wall."""
-    if request.is_graded or request.levels is not None:
+    if request.even_offset is None:
         return False
     try:
         for distance in request.offset:
@@ -152,7 +152,7 @@ def _is_wall_possible(request: LatticeRequest, edge: float) -> bool:
     return True
 
 
-def _sample_body(body: KernelBody, ends: ChannelEnds, spacing: float) -> BodySamples:
+def sample_body(body: KernelBody, ends: ChannelEnds, spacing: float) -> BodySamples:
     """The samples of a body at a spacing."""
     own = faces_of(body.cad.shape)
     low, high = enclosing_box(body.cad.shape)
@@ -170,7 +170,7 @@ def _sample_body(body: KernelBody, ends: ChannelEnds, spacing: float) -> BodySam
         depth[name] = np.full(len(points), np.inf)
         if closed:
             tree = cKDTree(sample_faces(closed, min(spacing, ends.skin)).points)
-            depth[name] = tree.query(points, distance_upper_bound=ends.skin)[0]
+            depth[name] = tree.query(points, distance_upper_bound=ends.skin + spacing)[0]
     return BodySamples(spacing, inside, points, face, depth)
 
 

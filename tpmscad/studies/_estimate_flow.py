@@ -2,16 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
 from typing import Annotated
 
-from tpmscad import surfaces
 from tpmscad.api.argument_kinds import choice_of
 from tpmscad.api.public_calls import validate_call
 from tpmscad.api.shared_kinds import ANYTHING, POSITIVE
 from tpmscad.errors import InvalidRequest
-from tpmscad.results.domain_results import MINUS, PLUS, FluidDomains
+from tpmscad.results.domain_results import FluidDomains
 from tpmscad.simulation.flow_correlations import (
     HEAT_TRANSFER,
     PRESSURE_DROP,
@@ -19,22 +16,8 @@ from tpmscad.simulation.flow_correlations import (
     FlowCorrelation,
     darcy_law,
 )
-from tpmscad.studies.flow_results import SOLVE_FLOW, FlowEstimate, FlowEstimateRow, suggest_remedy
-
-METRES = 1e-3
-"""Metres in a model unit, mm."""
-
-
-@dataclass(frozen=True, slots=True)
-class ChannelGeometry:
-    """A channel, lengths in mm; `cross_section` is that of wall and both channels, None if it is not known."""
-
-    surface: str
-    side: str
-    cell: float
-    porosity: float
-    hydraulic_diameter: float
-    cross_section: float | None
+from tpmscad.studies.channel_geometry import METRES, ChannelGeometry, describe_channel, measure_channel
+from tpmscad.studies.flow_results import SOLVE_FLOW, FlowEstimate, FlowEstimateRow
 
 
 @validate_call(
@@ -49,13 +32,17 @@ def estimate_flow(
         "`tpmscad.fluid_domains`, whose channel is measured.",
     ],
     *,
-    length: Annotated[float, POSITIVE.described_as(example="40.0"), "Flow length, mm."],
     density: Annotated[
         float, POSITIVE.described_as("a positive number, kg/m3", "998.0"), "Density of the fluid, kg/m3."
     ],
     viscosity: Annotated[
         float, POSITIVE.described_as("a positive number, Pa s", "0.001"), "Dynamic viscosity of the fluid, Pa s."
     ],
+    length: Annotated[
+        float | None,
+        POSITIVE.described_as(example="40.0"),
+        "Flow length, mm; that of fluid domains is by default the distance of the channel's two openings.",
+    ] = None,
     cell: Annotated[
         float | None, POSITIVE.described_as(example="8.0"), "Edge length of the cubic cell, mm; with a name."
     ] = None,
@@ -75,7 +62,7 @@ def estimate_flow(
         float | None,
         POSITIVE.described_as("a positive number, mm2", "1024.0"),
         "Cross-section of wall and both channels, mm2; with a name, where `volume_flow` needs it and pumping power "
-        "follows from it. That of fluid domains is their volume over `length`.",
+        "follows from it. That of fluid domains follows from their channel's volume and `length`.",
     ] = None,
     conductivity: Annotated[
         float | None,
@@ -112,9 +99,11 @@ def estimate_flow(
     Notes
     -----
     Estimates for the middle of an exchanger of smooth walls, not results: inlets, manifolds and the walls of the body are not in
-    them, nor is the roughness of printed walls unless a correlation says so, which raises the pressure drop. Sources: Gajetti et
-    al. (2025) for the pressure drop in gyroid and Diamond, Savoldi et al. (2026) for both in the gyroid, Yan et al. (2023, 2024)
-    for heat transfer; the rows name them in full. Reynolds numbers are those of the hydraulic diameter and of `velocity`.
+    them, nor is the roughness of printed walls unless a correlation says so, which raises the pressure drop several times.
+    Sources: Gajetti et al. (2025) for the pressure drop in gyroid and Diamond, Savoldi et al. (2026) for both in the gyroid,
+    SJTU-TPMSHX (2026) for both in both up to a Reynolds number of 50,600, Yan et al. (2023, 2024) for heat transfer, and for the
+    pressure drop in a printed gyroid; the rows name them in full. Reynolds numbers are those of the hydraulic diameter and of
+    `velocity`.
 
     Examples
     --------
@@ -134,16 +123,36 @@ def estimate_flow(
         excess = [f"`{name}`" for name, value in given.items() if value is not None]
         if excess:
             raise InvalidRequest(f"fluid domains have their own {', '.join(excess)}: leave out what is given twice")
-        geometry = _measure_channel(channel, side, length)
+        geometry = measure_channel(channel, side, length)
     elif isinstance(channel, str):
-        if cell is None or thickness is None:
-            raise InvalidRequest(f'estimate_flow("{channel}") needs cell= and thickness=, as in cell=8, thickness=0.8')
-        geometry = _describe_channel(channel, cell, thickness, side, cross_section)
+        if cell is None or thickness is None or length is None:
+            raise InvalidRequest(
+                f'estimate_flow("{channel}") needs cell=, thickness= and length=, as in cell=8, thickness=0.8, length=48'
+            )
+        geometry = describe_channel(channel, cell, (-thickness / 2, thickness / 2), side, length, cross_section)
     else:
         raise InvalidRequest(
             f"channel: a {type(channel).__name__} is neither the name of a surface nor a result of tpmscad.fluid_domains"
         )
     velocity, volume_flow = _resolve_velocity(velocity, volume_flow, geometry)
+    found = estimate_channel(
+        geometry, density, viscosity, conductivity, specific_heat, velocity, volume_flow, permeability
+    )
+    _require_a_value(found)
+    return found
+
+
+def estimate_channel(
+    geometry: ChannelGeometry,
+    density: float,
+    viscosity: float,
+    conductivity: float | None,
+    specific_heat: float | None,
+    velocity: float,
+    volume_flow: float | None,
+    permeability: float | None = None,
+) -> FlowEstimate:
+    """The estimate of a flow through a channel, whose rows may all be outside of their ranges."""
     prandtl = None
     if conductivity is not None and specific_heat is not None:
         prandtl = viscosity * specific_heat / conductivity
@@ -159,17 +168,16 @@ def estimate_flow(
     laws = [of for of in PRESSURE_DROP if geometry.surface in of.surfaces]
     if permeability is not None:
         laws.append(darcy_law(permeability * METRES**2))
-    drops = tuple(_estimate_pressure_drop(of, flow, length * METRES, volume_flow) for of in laws)
+    drops = tuple(_estimate_pressure_drop(of, flow, geometry.length * METRES, volume_flow) for of in laws)
     heats: tuple[FlowEstimateRow, ...] = ()
     if conductivity is not None:
         heats = tuple(
             _estimate_heat_transfer(of, flow, conductivity) for of in HEAT_TRANSFER if geometry.surface in of.surfaces
         )
-    _require_a_value(geometry.surface, drops, heats, suggest_remedy(drops, flow.reynolds, velocity, volume_flow))
     return FlowEstimate(
-        f"{geometry.surface} channel {geometry.side}",
+        geometry.name,
         geometry.hydraulic_diameter,
-        length,
+        geometry.length,
         geometry.porosity,
         velocity,
         volume_flow,
@@ -177,37 +185,7 @@ def estimate_flow(
         prandtl,
         drops,
         heats,
-    )
-
-
-def _describe_channel(
-    surface: str, cell: float, thickness: float, side: str, cross_section: float | None
-) -> ChannelGeometry:
-    """The channel on one side of the symmetric wall of an endless sheet, exactly, by Steiner's formula."""
-    info = surfaces.find_surface(surface)
-    reference, sign = info.references[0], 1.0 if side == "+" else -1.0
-    offset = 0.5 * sign * thickness / cell
-    surfaces.check_offset(info.name, reference, offset * cell, cell)
-    porosity = surfaces.skeletal_volume_fraction(info.name, reference, offset, side)
-    if porosity <= 0.0:
-        raise InvalidRequest(f"thickness {thickness:g} leaves no channel in a cell of {cell:g}: thin the wall")
-    area = surfaces.cell_measures(info.name, reference).swept_area(offset)
-    return ChannelGeometry(info.name, side, cell, porosity, 4.0 * porosity / area * cell, cross_section)
-
-
-def _measure_channel(domains: FluidDomains, side: str, length: float) -> ChannelGeometry:
-    """The channel of fluid domains, measured; its mean cross-section is the volume over the flow length."""
-    edges = set(domains.cell)
-    if len(edges) > 1:
-        raise InvalidRequest(f"the correlations are of cubic cells, the cell of these domains is {list(domains.cell)}")
-    name = PLUS if side == "+" else MINUS
-    return ChannelGeometry(
-        domains.surface,
-        side,
-        edges.pop(),
-        domains.domains[name].volume / domains.volume,
-        domains.hydraulic_diameters[name],
-        domains.volume / length,
+        geometry.is_core,
     )
 
 
@@ -255,10 +233,9 @@ def _estimate_heat_transfer(of: FlowCorrelation, flow: ChannelFlow, conductivity
     )
 
 
-def _require_a_value(
-    surface: str, drops: Sequence[FlowEstimateRow], heats: Sequence[FlowEstimateRow], remedy: str | None
-) -> None:
+def _require_a_value(found: FlowEstimate) -> None:
     """InvalidRequest if no correlation applies; the message names each with its limit, and the remedy."""
+    drops, heats, surface = found.pressure_drops, found.heat_transfers, found.name.partition(" ")[0]
     if any(row.within_range for row in (*drops, *heats)):
         return
     if not drops and not heats:
@@ -272,4 +249,4 @@ def _require_a_value(
         for quantity, rows in (("pressure drop", drops), ("heat transfer", heats))
         for row in rows
     )
-    raise InvalidRequest(f"no correlation of the {surface} covers this flow ({reasons}): {remedy or SOLVE_FLOW}")
+    raise InvalidRequest(f"no correlation of the {surface} covers this flow ({reasons}): {found.remedy or SOLVE_FLOW}")

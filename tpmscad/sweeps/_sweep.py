@@ -9,6 +9,8 @@ from difflib import get_close_matches
 from pathlib import Path
 from typing import Annotated, Any
 
+import numpy as np
+
 from tpmscad._lazy_import import import_extra
 from tpmscad._typing import ProgressOption
 from tpmscad.api.public_calls import validate_call
@@ -18,11 +20,20 @@ from tpmscad.errors import InvalidRequest
 from tpmscad.parallel import run_as_completed
 from tpmscad.result_display import fit_lines, format_html_table
 from tpmscad.stage_timer import StageTimer
+from tpmscad.studies._estimate_exchanger import read_stream
 from tpmscad.sweeps.cell_text import parse_cell
-from tpmscad.sweeps.design_runs import FIGURES, METRICS, PROPERTIES, describe_failure, run_design
+from tpmscad.sweeps.design_runs import (
+    FIGURES,
+    METRICS,
+    PROPERTIES,
+    SOLID,
+    describe_failure,
+    describe_flow,
+    run_design,
+)
 from tpmscad.sweeps.parameter_table import Design, read_table
 from tpmscad.sweeps.results_plot import plot_columns
-from tpmscad.sweeps.results_table import ResultsTable, open_results, read_figure
+from tpmscad.sweeps.results_table import REQUESTED, ResultsTable, open_results, read_figure
 
 
 @dataclass(frozen=True, slots=True, repr=False)
@@ -94,6 +105,11 @@ class SweepResults:
             'A column whose values part the designs, such as "surface": each has a line, a colour and an entry of the '
             "legend.",
         ] = None,
+        front: Annotated[
+            str | None,
+            TEXT.described_as(example='"least,greatest"'),
+            "Whether the least or the greatest of x and of y are best: the designs that no other beats in both are joined.",
+        ] = None,
         ax: Annotated[Any, ANYTHING, "Axes to draw into; by default those of a new figure."] = None,
     ) -> Any:
         """Draw one column over another, as a line with a marker for each design that is met.
@@ -120,7 +136,66 @@ class SweepResults:
         """
         columns = [self.column(name) for name in (x, y, by or x)]
         met = [cells for row, *cells in zip(self.rows, *columns, strict=True) if row["met"]]
-        return plot_columns((x, y, by), met, ax)
+        axes = plot_columns((x, y, by), met, ax, joined=front is None)
+        if front is not None:
+            ends = [word.strip() for word in front.split(",")]
+            if len(ends) != 2 or not set(ends) <= {"least", "greatest"}:
+                raise InvalidRequest(
+                    f"front {front!r} must say least or greatest for each of x and y, as in 'least,greatest'"
+                )
+            best = self._find_front((x, y), [1.0 if word == "least" else -1.0 for word in ends])
+            axes.plot(*zip(*sorted((row[x], row[y]) for row in best), strict=True), "k--", zorder=0)
+        return axes
+
+    @validate_call('results.pareto(least="pressure_drop_plus", greatest="effectiveness")')
+    def pareto(
+        self,
+        *,
+        least: Annotated[
+            str, TEXT.described_as(example='"mass"'), "Figures whose least values are best, by commas."
+        ] = "",
+        greatest: Annotated[
+            str, TEXT.described_as(example='"effectiveness"'), "Figures whose greatest values are best, by commas."
+        ] = "",
+    ) -> list[dict[str, Any]]:
+        """The parameters of the designs that no other beats in all of some figures, as rows for another sweep.
+
+        Returns
+        -------
+        list of dict
+            The parameters by the names of the table's columns, in its order; those that are met and have all figures count.
+
+        Raises
+        ------
+        InvalidRequest
+            If no figure is named, or one is no column of numbers.
+
+        Examples
+        --------
+        >>> coarse = tpmscad.sweep("designs.csv", flow=flow, solids=False)  # doctest: +SKIP
+        >>> best = coarse.pareto(least="pressure_drop_plus,mass", greatest="effectiveness")  # doctest: +SKIP
+        >>> tpmscad.sweep(best, flow=flow)  # doctest: +SKIP
+        """
+        names = [[name.strip() for name in text.split(",") if name.strip()] for text in (least, greatest)]
+        if not any(names):
+            raise InvalidRequest("name the figures whose least, or greatest, values are best")
+        signs = [1.0] * len(names[0]) + [-1.0] * len(names[1])
+        return [
+            {name.removeprefix(REQUESTED): row[name] for name in row if name not in FIGURES and row[name] is not None}
+            for row in self._find_front([*names[0], *names[1]], signs)
+        ]
+
+    def _find_front(self, names: Sequence[str], signs: Sequence[float]) -> list[Mapping[str, Any]]:
+        """The rows that are met and that no other beats in all columns, of each of which the least times its sign is best."""
+        columns = [self.column(name) for name in names]
+        rows = [
+            (row, cells)
+            for row, *cells in zip(self.rows, *columns, strict=True)
+            if row["met"] and all(isinstance(cell, int | float) for cell in cells)
+        ]
+        values = np.array([cells for _, cells in rows], float).reshape(-1, len(names)) * signs
+        beaten = [bool(((values <= v).all(axis=1) & (values < v).any(axis=1)).any()) for v in values]
+        return [row for (row, _), is_beaten in zip(rows, beaten, strict=True) if not is_beaten]
 
     def to_dict(self) -> dict[str, Any]:
         """Plain values, as in a report. The path, the number of reused rows, and the rows."""
@@ -188,6 +263,20 @@ def sweep(
         "repeat, as lattices of whole cells do; the solid's Poisson ratio is 0.3. Needs ``pip install "
         "'tpmscad[simulation]'``.",
     ] = False,
+    flow: Annotated[
+        Mapping[str, Any] | None,
+        ANYTHING.described_as(
+            "two fluids and how they pass", '{"plus": {"fluid": "water", "temperature": 60, "mass_flow": 0.01}}'
+        ),
+        "Of exchangers, estimate effectiveness, heat and pressure drops, too: `plus`, `minus`, `arrangement` and "
+        "`wall_conductivity` as in `estimate_exchanger`, and `wall_density`, kg/m3, for the mass.",
+    ] = None,
+    solids: Annotated[
+        bool,
+        FLAG,
+        "False: of exchangers only figures by samples, in a second or two each, and no solids; `pareto` then chooses the "
+        "rows whose solids are worth it.",
+    ] = True,
     progress: Annotated[
         ProgressOption,
         PROGRESS,
@@ -208,7 +297,11 @@ def sweep(
         The rows: parameters, met, volume, area, porosity, faces, max_deviation, rms_deviation, Betti numbers (pieces, tunnels,
         cavities), metrics, properties, file, error, message, seconds. Lengths are in mm. Properties are E1 to E3, nu12 to nu23,
         G12 to G23, bulk_modulus, conductivity, and property_error, the relative change by the last refinement of the mesh. Moduli
-        are relative to Young's modulus of the solid, and the conductivity, the mean over the axes, to that of the solid.
+        are relative to Young's modulus of the solid, and the conductivity, the mean over the axes, to that of the solid. Of
+        exchangers the volume, wetted area (mm2), hydraulic diameter and opening area of each channel, and with `flow` the
+        pressure drops (Pa), effectiveness and heat (W), the least that the sources say, so that drops are those of smooth walls,
+        compactness (m2/m3) and mass (g) of the wall; `coarse` tells figures by samples, where met says that samples of each
+        channel connect its openings.
 
     Raises
     ------
@@ -229,15 +322,22 @@ def sweep(
     designs = read_table(table)
     if properties:
         _require_lattices(designs.designs)
+    if flow is not None:
+        for side in ("plus", "minus"):
+            read_stream(f"flow: {side}", flow.get(side))
+    if not solids and (other := next((d for d in designs.designs if d.function != "fluid_domains"), None)):
+        raise InvalidRequest(f"row {other.number}: only exchangers have figures without solids: leave out solids=False")
     results = open_results(path, designs.columns)
-    wanted = (METRICS,) * metrics + (PROPERTIES,) * properties
-    missing = [design for design in designs.designs if not _is_done(design, results, wanted)]
+    wanted = (METRICS,) * metrics + (PROPERTIES,) * properties + (SOLID,) * solids
+    told = None if flow is None else describe_flow(flow)
+    missing = [design for design in designs.designs if not _is_done(design, results, wanted, told)]
     order = [design.key for design in designs.designs]
     tasks = []
     for design in missing:
         row = results.rows.pop(design.key, {})
         measured = (metrics or _has_any(row, METRICS), properties or _has_any(row, PROPERTIES))  # none is lost
-        tasks.append((design.function, dict(design.parameters), design.file and design.file.resolve(), *measured))
+        file = design.file and design.file.resolve()
+        tasks.append((design.function, dict(design.parameters), file, *measured, flow, solids))
     results.write(order)
     n_done = len(order) - len(missing)
     with StageTimer(progress)("designs") as report:
@@ -264,14 +364,16 @@ def _require_lattices(designs: Sequence[Design]) -> None:
             )
 
 
-def _is_done(design: Design, results: ResultsTable, wanted: Sequence[Sequence[str]]) -> bool:
-    """Whether the results hold a design as it is asked for now: with its file and the groups of figures that are wanted."""
+def _is_done(design: Design, results: ResultsTable, wanted: Sequence[Sequence[str]], flow: str | None) -> bool:
+    """Whether the results hold a design as it is asked for now: with its file, the groups of figures, and the flow."""
     row = results.rows.get(design.key)
     if row is None:
         return False
     if row.get("error"):
         return True
     if not all(_has_any(row, group) for group in wanted):
+        return False
+    if flow is not None and design.function == "fluid_domains" and row.get("flow") != flow:
         return False
     return design.file is None or (row.get("file") == str(design.file) and design.file.is_file())
 

@@ -26,6 +26,20 @@ LABELS: Mapping[str, str] = {
     "smallest_wall": "smallest wall, mm",
     "smallest_pore": "smallest pore, mm",
     "hydraulic_diameter": "hydraulic diameter, mm",
+    **{
+        f"{name}_{side}": f"{label} of channel {sign}, {unit}"
+        for side, sign in (("plus", "+"), ("minus", "-"))
+        for name, label, unit in (
+            ("volume", "volume", "mm³"),
+            ("wetted_area", "wetted area", "mm²"),
+            ("hydraulic_diameter", "hydraulic diameter", "mm"),
+            ("opening_area", "area of openings", "mm²"),
+            ("pressure_drop", "pressure drop", "Pa"),
+        )
+    },
+    "heat": "heat, W",
+    "compactness": "compactness, m²/m³",
+    "mass": "mass of the wall, g",
     "seconds": "time, s",
     "volume_fraction": "volume fraction",
     **{name: f"{name}, mm" for name in ("cell", "thickness", "offset", "skin")},
@@ -38,8 +52,10 @@ MARKERS = "os^Dv<>P"
 """Of the lines, in turn: they are told apart without colours, too."""
 
 
-def plot_columns(names: tuple[str, str, str | None], rows: Sequence[Sequence[Any]], ax: Any = None) -> Any:
-    """Axes with the second column over the first, and a line for each value of the third if it is named.
+def plot_columns(
+    names: tuple[str, str, str | None], rows: Sequence[Sequence[Any]], ax: Any = None, *, joined: bool = True
+) -> Any:
+    """Axes with the second column over the first, and a line, or points, for each value of the third if it is named.
 
     `rows` holds for each design the values of the three columns; without a name the third is not looked at.
     """
@@ -62,7 +78,9 @@ def plot_columns(names: tuple[str, str, str | None], rows: Sequence[Sequence[Any
         ax = import_extra("matplotlib.pyplot", "figures", "plot", "matplotlib").subplots(layout="constrained")[1]
     for number, (label, points) in enumerate(lines.items()):
         marker = MARKERS[number % len(MARKERS)]
-        ax.plot(*zip(*sorted(points), strict=True), marker=marker, label=label if by else None)
+        ax.plot(
+            *zip(*sorted(points), strict=True), marker=marker, label=label if by else None, ls="-" if joined else ""
+        )
     ax.set(xlabel=LABELS.get(x, x), ylabel=LABELS.get(y, y))
     if by:
         ax.legend(title=LABELS.get(by, by))

@@ -119,3 +119,11 @@ def _occt_face_moments(face: TopoDS_Face) -> Array:
     centre = np.array(cone.CentreOfMass().Coord()) * volume if volume else np.zeros(3)
     outward = orientation_sign(face)
     return np.array([area.Mass(), outward * volume, *(outward * centre)])
+
+
+def measure_face(face: TopoDS_Shape) -> tuple[float, tuple[float, float, float]]:
+    """Area and centroid of a face."""
+    properties = GProp_GProps()
+    BRepGProp.SurfaceProperties_s(face, properties)
+    x, y, z = properties.CentreOfMass().Coord()
+    return properties.Mass(), (x, y, z)
