@@ -32,6 +32,7 @@ RESULTS = (
     "tpmscad.studies._permeability.ChannelPermeability",
     "tpmscad.LatticeDesign",
     "tpmscad.studies.flow_results.FlowEstimate",
+    "tpmscad.studies.flow_results.ExchangerEstimate",
     "tpmscad.Metrics",
     "tpmscad.PrintReport",
     "tpmscad.kernel.body_import.cad_body.BodyFile",

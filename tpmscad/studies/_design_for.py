@@ -46,7 +46,7 @@ LEAST_FRACTION, MOST_STRUTS, LIMIT_SHARE = 0.02, 0.5, 0.97
 MAX_EVALUATIONS = 9
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, repr=False)
 class LatticeDesign:
     """A lattice with a property asked for.
 
