@@ -20,7 +20,6 @@ from tpmscad.fields.kinds.coordinate_transforms import place_samples
 from tpmscad.fields.kinds.data_domains import bound_by_data
 from tpmscad.fields.kinds.label_partitions import LabelPartition
 from tpmscad.fields.kinds.sampled_data import SampledField
-from tpmscad.files.beam_report import report_beams
 from tpmscad.solids.matter.field_patches import limit_tol_to_walls
 
 DEFAULT_TOL_CELLS = 0.01
@@ -99,6 +98,8 @@ def make_array_field(
 
 def _read_beams(path: Path, tol: float | None) -> tuple[Field, BoxCorners, float]:
     """The beams of a 3MF file with what is beside them, a box around all, and the tolerance."""
+    from tpmscad.files.beam_report import report_beams  # loads the kernel
+
     field = fields.beams(path)
     low, high = np.array(report_beams(path).bounds)
     margin = BEAMS_MARGIN * float((high - low).max())
