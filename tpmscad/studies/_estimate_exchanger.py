@@ -163,8 +163,7 @@ def estimate_exchanger(
     elif isinstance(channel, str):
         if core is None or cell is None or thickness is None:
             raise InvalidRequest(
-                f'estimate_exchanger("{channel}") needs core=, cell= and thickness=, as in core=(60, 30, 30), cell=8, '
-                "thickness=0.8"
+                f"an exchanger of {channel} needs its core, `cell` and `thickness`: for instance (60, 30, 30), 8 and 0.8"
             )
         volume, wall = core[0] * core[1] * core[2], thickness
         lengths = core[0], core[1 if arrangement == "cross" else 0]

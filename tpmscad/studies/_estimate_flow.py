@@ -127,7 +127,7 @@ def estimate_flow(
     elif isinstance(channel, str):
         if cell is None or thickness is None or length is None:
             raise InvalidRequest(
-                f'estimate_flow("{channel}") needs cell=, thickness= and length=, as in cell=8, thickness=0.8, length=48'
+                f"the flow in {channel} needs `cell`, `thickness` and the length of the channel: for instance 8, 0.8 and 48"
             )
         geometry = describe_channel(channel, cell, (-thickness / 2, thickness / 2), side, length, cross_section)
     else:
