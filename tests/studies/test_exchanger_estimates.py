@@ -77,7 +77,7 @@ def test_fluids_by_name_have_the_properties_of_tables() -> None:
         ({"minus": {"density": 1.0, "volume_flow": 1.0}}, "minus: viscosity, conductivity, specific_heat is missing"),
         ({"minus": COLD | {"density": -1.0}}, "density -1 must be positive"),
         ({"plus": {"fluid": "water", "volume_flow": 1e-5}}, "plus: give the temperature of water"),
-        ({"core": None}, "needs core=, cell= and thickness="),
+        ({"core": None}, "needs its core, `cell` and `thickness`"),
         (
             {"plus": HOT | {"volume_flow": 1.0}},
             "no correlation of heat transfer covers gyroid channel . at Reynolds number",

@@ -195,7 +195,7 @@ def test_where_no_pressure_drop_is_known_the_stated_limit_has_one(velocity: floa
         ("gyroid", {"velocity": 1.0, "volume_flow": 1.0}, "here: both"),
         ("gyroid", {"volume_flow": 1e-6}, "`volume_flow` needs `cross_section`"),
         ("gyroid", {"velocity": 0.02, "specific_heat": None}, "needs `conductivity` and `specific_heat`"),
-        ("gyroid", {"velocity": 0.02, "thickness": None}, "needs cell=, thickness= and length="),
+        ("gyroid", {"velocity": 0.02, "thickness": None}, "needs `cell`, `thickness` and the length"),
         ("gyroid", {"velocity": 0.02, "thickness": 5.0}, "thickness below 3.01177"),
         ("gyroid", {"velocity": -0.02}, "velocity -0.02 must be positive"),
         ("gyroid", {"velocity": 0.02, "density": "998"}, "density '998' is not a number"),
