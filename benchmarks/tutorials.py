@@ -28,6 +28,9 @@ FOLDER = ROOT / "docs" / "tutorials"
 PICTURES = FOLDER / "pictures"
 FRONT_ENDS = ("build123d", "CadQuery")
 
+PROGRESS = re.compile(r"^tpmscad: .* \.\.\..*\n", re.MULTILINE)
+"""What long work tells on standard error, which pages do not show."""
+
 PICTURE_BYTES = 150_000
 """Greatest size of a kept picture."""
 
@@ -77,7 +80,7 @@ def run_snippet(snippet: Snippet, namespace: dict[str, Any]) -> str:
     )
     if done.returncode:
         raise RuntimeError(f"status {done.returncode} of\n{snippet.text}{done.stdout}")
-    return done.stdout
+    return PROGRESS.sub("", done.stdout)
 
 
 def run_page(

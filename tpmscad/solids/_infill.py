@@ -91,7 +91,7 @@ def _fill(options: InfillOptions, body: Body, tol: float, stages: StageTimer) ->
     """One body filled."""
     with stages("read"):
         is_exact = isinstance(body, KernelBody)
-        passive = PassiveRegions.read_for(body.cad, is_exact, options.keep, options.clear)
+        passive = PassiveRegions.read_for(body.cad, is_exact, options.keep, options.clear, options.skin)
     body = leave_open(body, options.open_faces, options.skin, stages)
     if isinstance(options.surface, str):
         request, turn = resolve_lattice_request(lattice_in_body(options)), rotation_matrix(options.rotation)

@@ -77,14 +77,18 @@ class PassiveRegions:
         return cls(_read_all(keep, "kept"), _read_all(clear, "cleared"))
 
     @classmethod
-    def read_for(cls, body: CadBody, is_exact: bool, keep: Any = None, clear: Any = None) -> PassiveRegions:
+    def read_for(
+        cls, body: CadBody, is_exact: bool, keep: Any = None, clear: Any = None, skin: float | None = None
+    ) -> PassiveRegions:
         """The same for a body that is filled, with the surroundings of its holes if ("bosses", width) are kept.
 
-        A body that is kept and shares faces with the filled one, which is_exact, is grown beyond them, so that it lies `within`.
+        Surroundings no wider than a `skin` lie in it, and need nothing. A body that is kept and shares faces with the filled one,
+        which is_exact, is grown beyond them, so that it lies `within`.
         """
         cleared = _read_all(clear, "cleared")
         if _is_bosses(keep):
-            return cls((), cleared, _find_bosses(body, is_exact, keep))
+            bosses = _find_bosses(body, is_exact, keep)
+            return cls((), cleared, bosses if skin is None or keep[1] > skin else ())
         kept = _read_all(keep, "kept")
         grown = {i: grow_beyond(each.shape, body.shape) for i, each in enumerate(kept)} if is_exact else {}
         within = [replace(kept[i], shape=solid) for i, solid in grown.items() if solid is not None]

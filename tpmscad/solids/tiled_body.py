@@ -96,7 +96,7 @@ def read_tiled_body(
         raise InvalidRequest(f"a skin without a solid needs a CAD body: leave skin out, or {instead}")
     body = leave_open(body, options.open_faces, options.skin, stages)
     opened = tuple(body.open_faces) if isinstance(body, KernelBody) else ()
-    passive = PassiveRegions.read_for(body.cad, isinstance(body, KernelBody), options.keep, options.clear)
+    passive = PassiveRegions.read_for(body.cad, isinstance(body, KernelBody), options.keep, options.clear, options.skin)
     if filling is not None:
         return TiledBody(body.cad, opened, filling, turn, tol, passive.cut_within(body.cad), name)
     if copies and isinstance(options.surface, CoreField):
