@@ -28,7 +28,7 @@ FOLDER = ROOT / "docs" / "tutorials"
 PICTURES = FOLDER / "pictures"
 FRONT_ENDS = ("build123d", "CadQuery")
 
-PROGRESS = re.compile(r"^tpmscad: .* \.\.\..*\n", re.MULTILINE)
+PROGRESS = re.compile(r"^tpmscad: .*( \.\.\.|: \d+ %.*)\n", re.MULTILINE)
 """What long work tells on standard error, which pages do not show."""
 
 PICTURE_BYTES = 150_000
