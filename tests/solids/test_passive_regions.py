@@ -139,6 +139,15 @@ def test_a_map_takes_no_passive_regions() -> None:
         tpmscad.solidify(plate, tpmscad.maps.between(faces[0], faces[-1]), tol=0.02, keep=bd.Box(1, 1, 1))
 
 
+def test_what_is_kept_round_a_hole_no_wider_than_the_skin_lies_in_it() -> None:
+    plate = bd.Box(20, 16, 8) - bd.Pos(3, 1, 0) * bd.Cylinder(2, 8)
+    core: dict[str, Any] = {"surface": "square", "cell": 3.0, "thickness": 0.4, "skin": 1.0}
+    kept = tpmscad.infill(plate, keep=("bosses", 1.0), **core)
+    assert kept.certificate.met
+    assert kept.volume == pytest.approx(tpmscad.infill(plate, **core).volume, rel=1e-12)
+    assert tpmscad.infill(plate, keep=("bosses", 1.2), **core).volume > kept.volume + 1.0
+
+
 def test_a_boss_of_a_filled_body_and_its_bolt_hole_have_their_own_faces(tmp_path: Path) -> None:
     """The boss ends in faces of the body: it is grown beyond them, so that no faces coincide where the cut is made."""
     body, boss, bolt = bd.Box(12, 10, 8), bd.Pos(1, 0.5, 0) * bd.Cylinder(2.5, 8), bd.Pos(1, 0.5, 0) * bd.Cylinder(1, 9)
