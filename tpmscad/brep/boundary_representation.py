@@ -178,12 +178,13 @@ def _scale_length_parameters(brep: Brep, factor: float) -> tuple[tuple[BSplineCu
     return tuple(pcurves), replace(uses, pcurve=index)
 
 
-def sample_edges(brep: Brep, count: int) -> Array:
-    """Points at equal steps of the parameter along each edge, its ends included: (E, count, 3)."""
-    edges = brep.edges
-    keys, key = np.unique(np.column_stack([edges.curve, edges.span]), axis=0, return_inverse=True)
+def sample_edges(brep: Brep, count: int, chosen: IntArray | None = None) -> Array:
+    """Points at equal steps of the parameter along each edge, or the chosen ones (E,), ends included: (E, count, 3)."""
+    own = slice(None) if chosen is None else chosen
+    curve, span, motion = brep.edges.curve[own], brep.edges.span[own], brep.edges.motion[own]
+    keys, key = np.unique(np.column_stack([curve, span]), axis=0, return_inverse=True)
     local = [brep.curves[int(index)](np.linspace(low, high, count)) for index, low, high in keys.tolist()]
-    return edges.motion[:, None].apply(np.array(local).reshape(-1, count, 3)[key.ravel()])
+    return motion[:, None].apply(np.array(local).reshape(-1, count, 3)[key.ravel()])
 
 
 def select_faces(brep: Brep, selected: IntArray) -> Brep:

@@ -20,6 +20,7 @@ from tpmscad.brep.boundary_representation import (
     drop_unused_geometry,
     join_breps,
     reverse_faces,
+    sample_edges,
     select_faces,
 )
 from tpmscad.brep.carriers import Plane
@@ -95,7 +96,7 @@ def find_faces_in_openings(brep: Brep, planes: Sequence[Plane], outlines: Sequen
         if not isinstance(brep.carriers[faces.carrier[f]], Plane):
             continue
         edge = uses.edge[faces.use_start[faces.loop_start[f]] : faces.use_start[faces.loop_start[f + 1]]]
-        points = sample_edges(brep, edge, 2).reshape(-1, 3)
+        points = sample_edges(brep, 3, edge).reshape(-1, 3)
         for i, (plane, outline) in enumerate(zip(planes, outlines, strict=True)):
             flat = plane.parameters(points)
             in_plane = np.abs(plane.distance(points)).max() < OPENING_TOL
@@ -104,21 +105,11 @@ def find_faces_in_openings(brep: Brep, planes: Sequence[Plane], outlines: Sequen
     return found
 
 
-def sample_edges(brep: Brep, edges: IntArray, chords: int) -> Array:
-    """Points along edges, from start to end: (n, chords + 1, 3)."""
-    own, fractions = brep.edges, np.linspace(0.0, 1.0, chords + 1)
-    points = []
-    for e in edges.tolist():
-        low, high = own.span[e]
-        points.append(own.motion[e].apply(brep.curves[own.curve[e]](low + (high - low) * fractions)))
-    return np.array(points).reshape(-1, chords + 1, 3)
-
-
 def _sample_closely(brep: Brep, edges: IntArray) -> Array:
     """Points along edges, as of `sample_edges`, with so many chords for each that they are accurate."""
     chords = CHORDS_PER_EDGE
     while True:
-        points = sample_edges(brep, edges, 2 * chords)
+        points = sample_edges(brep, 2 * chords + 1, edges)
         ends, middles = points[:, ::2], points[:, 1::2]
         off = np.linalg.norm(middles - 0.5 * (ends[:, 1:] + ends[:, :-1]), axis=2).max(initial=0.0)
         if chords >= MAX_CHORDS or off <= CHORD_REL_TOL * float(np.ptp(points, axis=(0, 1)).max(initial=0.0)):
@@ -246,7 +237,7 @@ class _OpenedFaces:
         made = Edges(
             edges.curve[of], edges.motion[of], np.column_stack([low, high]), start, end, edges.deviation[of].copy()
         )
-        ends = sample_edges(replace(joined, edges=made), np.arange(len(of)), 1)
+        ends = sample_edges(replace(joined, edges=made), 2)
         misses = np.linalg.norm(ends - joined.vertices[np.stack([start, end], axis=1)], axis=2).max(axis=1)
         np.maximum(made.deviation, VERTEX_MARGIN * misses, out=made.deviation)
         return _append_edges(edges, made), parts

@@ -56,7 +56,7 @@ def _mesh_lines(mesh: MeshArrays) -> Iterator[str]:
     first = 1
     for kind, nodes in mesh.cells.items():
         yield f'<Elements type="{FEBIO_KINDS[kind]}" name="{kind}">'
-        yield from _numbered("elem", nodes, first)
+        yield from _format_numbered("elem", nodes, first)
         yield "</Elements>"
         first += len(nodes)
     for name, chosen in mesh.node_sets.items():
@@ -67,12 +67,12 @@ def _mesh_lines(mesh: MeshArrays) -> Iterator[str]:
         yield f"<Surface name={quoteattr(name)}>"
         first = 1
         for (kind, nodes), own in zip(mesh.facets.items(), split(mesh.facets, rows), strict=True):
-            yield from _numbered(FEBIO_KINDS[kind], nodes[own], first)
+            yield from _format_numbered(FEBIO_KINDS[kind], nodes[own], first)
             first += len(own)
         yield "</Surface>"
 
 
-def _numbered(tag: str, nodes: IntArray, first: int) -> Iterator[str]:
+def _format_numbered(tag: str, nodes: IntArray, first: int) -> Iterator[str]:
     """An element of XML for each row of nodes."""
     for number, row in enumerate((nodes + 1).tolist(), first):
         yield f'<{tag} id="{number}">{",".join(map(str, row))}</{tag}>'
