@@ -46,16 +46,6 @@ PHI = fields.tpms("gyroid", CELL)
 CENTRE = np.array([-1.5, -0.9, 0.4])
 
 
-def _honeycomb() -> Any:
-    prisms = []
-    for i, k in np.ndindex(5, 6):
-        at = np.array([4.2 * (i - 2) + 2.1 * (k % 2), 4.2 * np.sqrt(3) / 2 * (k - 2.5), 0.0])
-        sides = [np.array([np.cos(a), np.sin(a), 0.0]) for a in np.radians((0, 60, 120))]
-        slabs = [fields.halfspace(tuple(at + s * 1.85 * n), tuple(s * n)) for n in sides for s in (1, -1)]
-        prisms.append(fields.intersection(*slabs))
-    return ~fields.union(*prisms)
-
-
 def _data() -> Any:
     axis = np.arange(-9.0, 9.01, 0.5)
     x, y, z = np.meshgrid(axis, axis, axis, indexing="ij")
@@ -82,7 +72,7 @@ MATTER: dict[str, Callable[[], tuple[dict[str, Any], Callable[[Array], BoolArray
     "plates": lambda: _of_field(
         fields.translate(fields.plate_lattice("cubic", CELL, 0.6, cells=(4, 4, 4)), (-10.03, -9.97, -10.04))
     ),
-    "core": lambda: _of_field(_honeycomb()),
+    "core": lambda: _of_field(fields.core("honeycomb", cell=4.2, thickness=0.5)),
     "data": lambda: _of_field(_data()),
     "mapped": lambda: ({**WALL, "map": _make_bend()}, lambda p: _near_surface(0.35)(_unbend(p))),
 }
