@@ -443,6 +443,8 @@ def test_an_example_in_readme_guide_or_help_is_good_usage(
         "labels.nii",
         "scan.stl",
         "designs.csv",
+        "exchangers.csv",
+        "flow.toml",
         "implant.3mf",
     ):
         Path(name).touch()

@@ -150,6 +150,28 @@ def test_free_form_bodies_may_be_open(name: str) -> None:
     assert {brep.tags[t] for t in brep.faces.tag} == {"skin"}
 
 
+def test_smooth_edges_may_meet_open_faces_at_an_angle() -> None:
+    """An oblique prism between open ends: its section across is eroded, and its length stays."""
+    length, width, radius, height, skin, lean = 20.0, 14.0, 5.0, 12.0, 0.8, (0.3, 0.2)
+    along = bd.Vector(*lean, 1).normalized()
+    body = bd.extrude(bd.RectangleRounded(length, width, radius), height / along.Z, along)
+    brep, least, greatest = eroded(body, skin, (UP, DOWN))
+    area = (length * width - (4 - np.pi) * radius**2) * along.Z
+    straight = [2 * (size - 2 * radius) * np.sqrt(1 - c**2) for size, c in ((length, along.X), (width, along.Y))]
+    section = area - (sum(straight) + ellipse_perimeter(radius, radius * along.Z)) * skin + np.pi * skin**2
+    assert volume(brep) == pytest.approx(section * height / along.Z, rel=1e-7)
+    assert least == pytest.approx(skin, rel=1e-6)
+    assert greatest == pytest.approx(skin / along.Z, rel=3e-3)  # at samples
+
+
+def test_offset_sheets_go_on_beyond_the_ends_of_splines() -> None:
+    outlines = ((-22, 10, 9), (-8, 14, 11), (8, 15, 10), (22, 9, 9))
+    body = bd.loft([bd.Plane.XY.offset(z) * bd.Ellipse(*radii) for z, *radii in outlines])
+    _, least, greatest = eroded(body, 0.6, (UP, DOWN))
+    assert least == pytest.approx(0.6, rel=1e-6)
+    assert greatest < 1.45 * 0.6
+
+
 def test_the_skin_ends_in_a_round_beside_a_leaning_face_and_a_fillet() -> None:
     long_edges = bd.Box(40, 24, 12).edges().filter_by(bd.Axis.Y).sort_by(bd.Axis.Z)[-2:]
     below_the_fillet, below_the_round = 3 * 2 - np.pi, np.pi / 4

@@ -143,6 +143,19 @@ def test_three_sources_agree_on_the_heat_transfer_of_water(reynolds: float) -> N
     assert computed == pytest.approx(heat("Yan et al. 2023", "diamond").evaluate(diamond), rel=0.2)
 
 
+@pytest.mark.parametrize("surface", ["gyroid", "diamond"])
+@pytest.mark.parametrize("reynolds", [3000.0, 12000.0])
+def test_gases_and_water_transfer_alike(surface: str, reynolds: float) -> None:
+    """Air measured, carbon dioxide and water computed, of the same Reynolds number: Nusselt numbers over Pr^(1/3)."""
+    fluids = (("", 6.0), ("(air) ", 0.72), ("(carbon dioxide) ", 0.9))
+    of_prandtl = [
+        heat(f"SJTU-TPMSHX {fluid}2026", surface).evaluate(channel(reynolds, surface=surface, prandtl=prandtl))
+        / prandtl ** (1.0 / 3.0)
+        for fluid, prandtl in fluids
+    ]
+    assert max(of_prandtl) < 1.4 * min(of_prandtl)
+
+
 @pytest.mark.parametrize("reynolds", [150.0, 1000.0, 3000.0])
 def test_a_printed_exchanger_loses_more_than_smooth_walls_do(reynolds: float) -> None:
     """Why 2.577 Re^-0.095 is the factor of Fanning: a quarter of it is less than what is computed for smooth walls."""
@@ -175,6 +188,9 @@ def test_values_are_those_calculated_by_hand() -> None:
     # 0.3941 x 10^1.9305 x 2 and 0.3201 x 10^2.0037 x 2
     assert heat("SJTU-TPMSHX 2026").evaluate(flow) == pytest.approx(67.17, rel=1e-3)
     assert heat("SJTU-TPMSHX 2026", "diamond").evaluate(flow) == pytest.approx(64.56, rel=1e-3)
+    # 0.126 x 10^2.3694 x 2 / 2^0.2409 and 0.184809 x 10^2.122263 x 2 x 2^0.281792
+    assert heat("SJTU-TPMSHX (air) 2026").evaluate(flow) == pytest.approx(49.93, rel=1e-3)
+    assert heat("SJTU-TPMSHX (carbon dioxide) 2026", "diamond").evaluate(flow) == pytest.approx(59.55, rel=1e-3)
 
 
 @pytest.mark.parametrize(("fit", "surface"), [(GAJETTI_GYROID, "gyroid"), (GAJETTI_DIAMOND, "diamond")])

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import csv
 from pathlib import Path
 from typing import Any
 
@@ -9,6 +10,7 @@ import build123d as bd
 import pytest
 
 import tpmscad
+from tests.cli.test_cli import run
 
 pytestmark = pytest.mark.kernel
 
@@ -86,6 +88,9 @@ def test_a_design_without_an_estimate_is_a_row_with_its_reason_and_the_others_go
     ("given", "said"),
     [
         ({"flow": {"plus": FLOW["plus"]}}, "flow: minus: None is unknown"),
+        ({"flow": FLOW | {"arangement": "cross"}}, "flow: 'arangement' is unknown; the keys are plus, minus, arr"),
+        ({"flow": FLOW | {"arrangement": "mixed"}}, "flow: arrangement 'mixed' is none of counter, cross, parallel"),
+        ({"flow": FLOW | {"wall_density": "steel"}}, "flow: wall_density 'steel' must be a positive number"),
         ({"flow": {"plus": {"fluid": "water"}, "minus": FLOW["minus"]}}, "flow: plus: give the temperature of water"),
     ],
 )
@@ -97,6 +102,28 @@ def test_a_flow_is_read_before_any_work(folder: Path, given: dict[str, Any], sai
 def test_only_exchangers_have_figures_without_solids(folder: Path) -> None:
     with pytest.raises(tpmscad.InvalidRequest, match="row 1: only exchangers have figures without solids"):
         tpmscad.sweep([{"surface": "P", "cell": 4, "thickness": 0.5}], solids=False, progress=False)
+
+
+def test_the_command_line_takes_a_flow_and_makes_no_solids(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    row = design(thickness=0.8, openings="+=<X,>X;-=<Y,>Y")
+    with Path("table.csv").open("w", newline="") as file:
+        writer = csv.DictWriter(file, row)
+        writer.writeheader()
+        writer.writerow(row)
+    streams = [
+        f"[{side}]\n" + "".join(f"{name} = {value}\n" for name, value in FLOW[side].items())
+        for side in ("plus", "minus")
+    ]
+    walls = 'arrangement = "cross"\nwall_conductivity = 15.0\nwall_density = 7900.0\n'
+    Path("flow.toml").write_text(walls + "".join(streams))
+    assert run("sweep table.csv --flow flow.toml --no-solids -q -o command.csv") == 0
+    (made,) = sweep([row], solids=False, output="command.csv").rows
+    (alone,) = sweep([row], solids=False, output="alone.csv").rows
+    assert made["coarse"] is True
+    assert made["effectiveness"] == pytest.approx(alone["effectiveness"], rel=1e-12)
+    Path("table.csv").write_text("surface,cell,thickness\ngyroid,8,0.8\n")
+    assert run("sweep table.csv --no-solids -q -o none.csv") == 2
+    assert "only exchangers have figures without solids: leave out --no-solids" in capsys.readouterr().err
 
 
 def test_fronts_name_figures(folder: Path) -> None:

@@ -102,6 +102,7 @@ COMMANDS = (
             "template sweep > designs.csv",
             "sweep designs.csv -o results.csv",
             "sweep designs.csv --jobs 2 --metrics -o results.csv",
+            "sweep exchangers.csv --flow flow.toml --no-solids -o coarse.csv",
         ),
     ),
     Command(

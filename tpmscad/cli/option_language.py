@@ -44,6 +44,7 @@ _LABELS = "fields.labels"
 RENAMED_VALUES: Mapping[tuple[str, str], str] = {
     ("loose", "keep"): "--keep-loose",
     ("instanced", "True"): "--instanced",
+    ("solids", "False"): "--no-solids",
     ("centred", "True"): "--cell-data",
     ("centred", "False"): "--point-data",
 }

@@ -34,6 +34,20 @@ PropertiesOption = Annotated[
         help="Compute homogenised stiffness and conductivity, too, relative to a solid of Poisson's ratio 0.3.",
     ),
 ]
+FlowOption = Annotated[
+    Path | None,
+    typer.Option(
+        metavar="FLOW.toml",
+        exists=True,
+        dir_okay=False,
+        help="Of exchangers, estimate effectiveness, heat and pressure drops of two fluids, too: tables plus and minus with "
+        "density, viscosity, conductivity, specific_heat, volume_flow or mass_flow (SI units), temperature; arrangement, "
+        "wall_conductivity, wall_density.",
+    ),
+]
+SolidsOption = Annotated[
+    bool, typer.Option("--solids/--no-solids", help="Make solids, or take figures of exchangers from samples alone.")
+]
 
 
 def sweep(
@@ -42,16 +56,29 @@ def sweep(
     output: ResultsOption = Path("results.csv"),
     metrics: WidthsOption = False,
     properties: PropertiesOption = False,
+    flow: FlowOption = None,
+    solids: SolidsOption = True,
     jobs: JobsOption = 1,
     report: ReportOption = None,
     quiet: QuietOption = False,
 ) -> None:
     """Make and measure every design of a table; after an interruption the same command goes on."""
     from tpmscad.parallel import start_processes  # loads NumPy
+    from tpmscad.recipe.toml_entry import read_document
 
+    fluids = None if flow is None else read_document(flow).value
     writing = OutputRequest(output, report, quiet, suffixes=(".csv",))
     with progress_bar(f"sweep of {table.name}", quiet) as progress, start_processes(jobs) as executor:
-        results = tpmscad.sweep(table, executor, output, metrics=metrics, properties=properties, progress=progress)
+        results = tpmscad.sweep(
+            table,
+            executor,
+            output,
+            metrics=metrics,
+            properties=properties,
+            flow=fluids,
+            solids=solids,
+            progress=progress,
+        )
     write_report(report, results.to_dict())
     tell(results, writing)
     if not results.met:

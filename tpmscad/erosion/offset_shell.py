@@ -207,16 +207,25 @@ class _Assembly:
         uv = carrier.parameters(points) if pcurve < 0 else self.brep.pcurves[pcurve](t)
         into = np.cross(carrier.gradient(points), self.brep.uses.sense[use] * tangents)
         frame = np.stack([carrier(uv[:, 0], uv[:, 1], 1, 0), carrier(uv[:, 0], uv[:, 1], 0, 1)], axis=2)
-        lean = np.zeros((STRIP_SAMPLES, 1))
+        lean, slant = np.zeros((STRIP_SAMPLES, 1)), np.zeros((STRIP_SAMPLES, 1))
         for end, (vertex, way) in enumerate(zip(self._ends(joint.edge), (-1.0, 1.0), strict=True)):
-            beside = (j for j in self.joints if j is not joint and vertex in self._ends(j.edge))
-            lean[-end, 0] = way if any(self._needs_strip(face, j) for j in beside) else 0.0
+            for beside in (j for j in self.joints if j is not joint and vertex in self._ends(j.edge)):
+                if self._needs_strip(face, beside):
+                    lean[-end, 0] = way
+                elif face in beside.faces and (np.abs(beside.rise) <= SMOOTH_SINE).all():
+                    along = self._leave(beside.edge, vertex)
+                    slant[-end, 0] = (along @ tangents[-end]) / -(along @ into[-end])
         sides = []
         for out in (-STRIP_INSET, 1.0):
-            move = MITRE_LENGTH * self.skin * (lean * tangents - out * into)
+            move = MITRE_LENGTH * self.skin * (lean * tangents + out * (slant * tangents - into))
             sides.append(uv + np.einsum("nij,nj->ni", np.linalg.pinv(frame), move))
         path = np.concatenate([sides[0], sides[1][::-1], sides[0][:1]])
         return np.stack([path[:-1], path[1:]], axis=1)
+
+    def _leave(self, edge: int, vertex: int) -> Array:
+        """The unit tangent (3,) of an edge at one of its vertices."""
+        at = self.brep.edges.span[edge, self._ends(edge).index(vertex)]
+        return _unit(self.curves[edge](at, 1))
 
     def _ends(self, edge: int) -> tuple[int, int]:
         """The vertices of an edge."""

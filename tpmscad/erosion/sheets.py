@@ -166,7 +166,7 @@ def _fit_offset(carrier: FreeFormSurface, by: float, polygons: tuple[Array, ...]
 
     spaces, adaptive = [], []
     for axis, (knots, degree) in enumerate(((spline.knots_u, spline.degree_u), (spline.knots_v, spline.degree_v))):
-        inner, count = knots_within(knots, *box[axis])
+        inner, count = knots_within(knots, *np.clip(box[axis], *ends[axis]))  # its ends are no breaks of what goes on
         breaks = np.concatenate([box[axis, :1], inner, box[axis, 1:]])
         smooth = degree - count
         own = make_break_knots(breaks, smooth, degree), degree

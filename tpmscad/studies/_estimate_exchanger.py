@@ -26,6 +26,9 @@ ATMOSPHERE = 101325.0
 PROPERTIES = {"density": "D", "viscosity": "V", "conductivity": "L", "specific_heat": "C"}
 """The properties of a fluid, in SI units, and their names in CoolProp."""
 
+FLOW_KEYS = ("plus", "minus", "arrangement", "wall_conductivity", "wall_density")
+"""What is said of two fluids in a sweep."""
+
 STREAM = ANYTHING.described_as(
     "properties of a fluid and its flow",
     '{"density": 998, "viscosity": 1e-3, "conductivity": 0.6, "specific_heat": 4180, "volume_flow": 1e-5}',
@@ -76,6 +79,20 @@ def read_stream(argument: str, given: Any) -> FluidStream:
     flow = numbers.pop("mass_flow", 0.0) / numbers["density"] or numbers.pop("volume_flow")
     temperature = values.get("temperature")
     return FluidStream(**numbers, volume_flow=flow, temperature=None if temperature is None else float(temperature))
+
+
+def check_flow(flow: Mapping[str, Any]) -> None:
+    """InvalidRequest unless two streams, how they pass each other, and the material of the wall can be read."""
+    if unknown := next((name for name in flow if name not in FLOW_KEYS), None):
+        raise InvalidRequest(f"flow: {unknown!r} is unknown; the keys are {', '.join(FLOW_KEYS)}")
+    for side in FLOW_KEYS[:2]:
+        read_stream(f"flow: {side}", flow.get(side))
+    if flow.get("arrangement", "counter") not in ARRANGEMENTS:
+        raise InvalidRequest(f"flow: arrangement {flow['arrangement']!r} is none of {', '.join(ARRANGEMENTS)}")
+    for name in FLOW_KEYS[3:]:
+        value = flow.get(name)
+        if value is not None and not (isinstance(value, int | float) and value > 0):
+            raise InvalidRequest(f"flow: {name} {value!r} must be a positive number")
 
 
 def _look_up(argument: str, values: Mapping[str, Any]) -> dict[str, float]:

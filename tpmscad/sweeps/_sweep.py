@@ -20,7 +20,7 @@ from tpmscad.errors import InvalidRequest
 from tpmscad.parallel import run_as_completed
 from tpmscad.result_display import fit_lines, format_html_table
 from tpmscad.stage_timer import StageTimer
-from tpmscad.studies._estimate_exchanger import read_stream
+from tpmscad.studies._estimate_exchanger import check_flow
 from tpmscad.sweeps.cell_text import parse_cell
 from tpmscad.sweeps.design_runs import (
     FIGURES,
@@ -323,8 +323,7 @@ def sweep(
     if properties:
         _require_lattices(designs.designs)
     if flow is not None:
-        for side in ("plus", "minus"):
-            read_stream(f"flow: {side}", flow.get(side))
+        check_flow(flow)
     if not solids and (other := next((d for d in designs.designs if d.function != "fluid_domains"), None)):
         raise InvalidRequest(f"row {other.number}: only exchangers have figures without solids: leave out solids=False")
     results = open_results(path, designs.columns)
