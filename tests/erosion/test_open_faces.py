@@ -13,6 +13,8 @@ from tests.erosion.test_eroded_body import ellipse_perimeter
 from tests.shapes.misfits import volume
 from tpmscad.brep.boundary_representation import Brep
 from tpmscad.erosion.eroded_body import erode_body
+from tpmscad.erosion.offset_shell import build_offset_shell
+from tpmscad.erosion.sites import FaceSite
 from tpmscad.kernel.body_import.body_brep import read_free_form_body
 from tpmscad.kernel.body_import.cad_body import read_body
 from tpmscad.kernel.boolean.hollow_body import find_skin_faces
@@ -162,6 +164,21 @@ def test_smooth_edges_may_meet_open_faces_at_an_angle() -> None:
     assert volume(brep) == pytest.approx(section * height / along.Z, rel=1e-7)
     assert least == pytest.approx(skin, rel=1e-6)
     assert greatest == pytest.approx(skin / along.Z, rel=3e-3)  # at samples
+
+
+def test_where_two_faces_go_on_side_by_side_no_foot_is_in_neither() -> None:
+    """The halves of a countersunk hole, which goes on to open faces along the rims between them."""
+    skin = 0.9
+    hole = bd.Pos(0, 0, 5) * bd.Cylinder(4, 10) + bd.Pos(0, 0, 1) * bd.Cone(6, 4, 2)
+    body = bd.Rot(0, 0, 35) * (bd.Pos(0, 0, 5) * bd.Box(30, 24, 10) - hole)
+    own = faces_of(read_body(body).shape)
+    source = read_free_form_body(body.wrapped, [str(i) for i in range(len(own))])
+    opened = [outermost(body, along).wrapped for along in (UP, DOWN)]
+    is_open = np.array([any(face.IsSame(o) for o in opened) for face in own])[source.brep.faces.tag]
+    shell = build_offset_shell(source.brep, source.free_form, skin, is_open)
+    faces = [site for site in shell.sites.sites if isinstance(site, FaceSite)]
+    points = np.concatenate([rim.curve(np.linspace(*rim.span, 400)) for rim in shell.rims])
+    assert np.min([face.feet(points, 2 * skin)[0] for face in faces], axis=0).max() < skin * (1 + 1e-9)
 
 
 def test_offset_sheets_go_on_beyond_the_ends_of_splines() -> None:

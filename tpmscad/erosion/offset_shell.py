@@ -39,8 +39,8 @@ RIM_OVERHANG = 0.2
 MITRE_LENGTH, STRIP_INSET = 1.05, 0.05
 """In skins: how far a face goes on beyond an open one, which a thickness of 1.45 needs; what of it lies in the face itself."""
 
-STRIP_SAMPLES = 33
-"""Points along each side of such a strip."""
+STRIP_SAMPLES, STRIP_PIECES = 33, 4
+"""Points along each side of such a strip, and chords between two of them."""
 
 ROUND_OFF = 1e-9
 """In body sizes: height above an open face that is round-off."""
@@ -184,7 +184,8 @@ class _Assembly:
             depth = 0.0 if self.is_open[f] else self.skin
             sheet = offset_face(self.carriers[f], sense, (region.segments, *strips), depth, self.size, f)
             self.sheet_of_face[f] = -1 if sheet is None else self._add_sheet(sheet)
-            site = FaceSite(region, beyond, strips)
+            between = (self._trace_strip(self.carriers[f], strip) for strip in strips)
+            site = FaceSite(replace(region, border=np.concatenate([region.border, *between])), beyond, strips)
             self.sites.append(OpenSite(site, sense, ROUND_OFF * self.size) if self.is_open[f] else site)
             self.site_sheets.append(int(self.sheet_of_face[f]))
 
@@ -221,6 +222,14 @@ class _Assembly:
             sides.append(uv + np.einsum("nij,nj->ni", np.linalg.pinv(frame), move))
         path = np.concatenate([sides[0], sides[1][::-1], sides[0][:1]])
         return np.stack([path[:-1], path[1:]], axis=1)
+
+    @staticmethod
+    def _trace_strip(carrier: BodyCarrier, strip: Array) -> Array:
+        """The border (m, 2, 3) of a strip (n, 2, 2) in space: a foot on the side that two strips share belongs to either."""
+        fractions = np.linspace(0.0, 1.0, STRIP_PIECES + 1)[:, None]
+        uv = strip[:, 0, None] + fractions * (strip[:, 1] - strip[:, 0])[:, None]
+        points = carrier(uv[..., 0].ravel(), uv[..., 1].ravel()).reshape(*uv.shape[:2], 3)
+        return np.stack([points[:, :-1], points[:, 1:]], axis=2).reshape(-1, 2, 3)
 
     def _leave(self, edge: int, vertex: int) -> Array:
         """The unit tangent (3,) of an edge at one of its vertices."""
