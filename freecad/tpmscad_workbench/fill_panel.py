@@ -15,6 +15,7 @@ from PySide import QtCore, QtGui
 from freecad.tpmscad_workbench import filled_objects
 from freecad.tpmscad_workbench.infill_run import (
     CORES,
+    HOLES,
     RECIPE_WORD,
     SAVED_SUFFIXES,
     STRUTS_WORD,
@@ -46,12 +47,12 @@ FIELDS = {
     ),
     "keep": (
         "Keep solid",
-        "Bodies of the document with commas between, or holes 3: 3 mm round every round hole",
+        "Bodies of the document, and holes 3 for 3 mm round every round hole, with commas between",
         "none",
     ),
     "clear": (
         "Keep empty",
-        "Bodies of the document with commas between, or holes 3: 3 mm round every round hole",
+        "Bodies of the document with commas between",
         "none",
     ),
     "tol": ("Tolerance", "Greatest deviation from the surface in mm", "cell / 1000"),
@@ -305,8 +306,8 @@ class FillPanel(RunPanel):
         self._kind.setCurrentIndex(self._kind.findText(settings.kind))
         self._wall.setCurrentIndex(self._wall.findText(settings.wall))
         self._wall_value.setText(settings.wall_value)
-        for name, text in self._texts.items():
-            text.setText(getattr(settings, name))
+        for name in self._texts:
+            self._write(name, getattr(settings, name))
         self._show_what_counts()
 
     def _show_what_counts(self) -> None:
@@ -343,8 +344,15 @@ class FillPanel(RunPanel):
         if not chosen:
             self._tell(f"{FIELDS[field][0]}: no other body is selected: select bodies in the tree", wrong=True)
             return
-        self._texts[field].setText(", ".join(one.Label for one in chosen))
+        holes = [part.strip() for part in self._texts[field].text().split(",") if HOLES.fullmatch(part.strip())]
+        self._write(field, ", ".join([*(one.Label for one in chosen), *holes]))
         self._tell("")
+
+    def _write(self, field: str, text: str) -> None:
+        """Write a text into a field, its beginning in sight, and whole under the pointer."""
+        self._texts[field].setText(text)
+        self._texts[field].setCursorPosition(0)
+        self._texts[field].setToolTip(f"{FIELDS[field][1]}\n{text}" if text else FIELDS[field][1])
 
     def read(self) -> FillSettings:
         """The settings in the form."""
@@ -365,7 +373,7 @@ class FillPanel(RunPanel):
             wrong = f"faces of {', '.join(sorted(others))} are" if others else "no face is"
             self._tell(f"{wrong} selected: select plane faces of {self._body.Label} in the model", wrong=True)
             return
-        self._texts["open_faces"].setText(", ".join(names))
+        self._write("open_faces", ", ".join(names))
         self._tell("")
 
     def start_or_cancel(self) -> None:

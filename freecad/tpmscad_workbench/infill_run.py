@@ -61,6 +61,9 @@ GRACE_SECONDS = 2.0
 SURFACES_SECONDS = 120.0
 """Time for the list of surfaces, which takes half a second of processor time."""
 
+HOLES = re.compile(r"(?:holes|bosses)\s+[-+.\d]+")
+"""The surroundings of round holes among what is kept: holes 3."""
+
 _FACE_NAME = re.compile(r"\bFace(\d+)\b")
 
 
@@ -78,9 +81,9 @@ class FillSettings:
 
     `surface` is the name of a surface or a core, a cell of struts ("octet struts"), or "recipe" for the field of the TOML file
     `recipe`. `wall` is one of `WALLS`, `wall_value` its value; of struts the thickness is their diameter. `open_faces` holds
-    names of faces (Face3) and selectors (>Z), with commas between. `keep` and `clear` hold names of bodies of the document with
-    commas between, or "holes 3": all round holes, with 3 mm around them. `more` are further options of the command, written as
-    in a shell.
+    names of faces (Face3) and selectors (>Z), with commas between. `keep` and `clear` hold names of bodies of the document, and
+    "holes 3" for all round holes with 3 mm around them, with commas between. `more` are further options of the command, written
+    as in a shell.
     """
 
     surface: str = "gyroid"
@@ -153,11 +156,13 @@ def read_number(text: str, field: str) -> float:
 
 
 def read_passive(text: str) -> tuple[str, list[str]]:
-    """What `keep` or `clear` names: the surroundings of holes in the words of the option, or names of bodies."""
-    holes = re.fullmatch(r"\s*(?:holes|bosses)[ ,]+([-+.\d]+)\s*", text)
-    if holes:
-        return f"bosses,{read_number(holes[1], 'width round holes'):g}", []
-    return "", [name.strip() for name in text.split(",") if name.strip()]
+    """What `keep` or `clear` names: the surroundings of holes in the words of the option, and names of bodies."""
+    parts = [part.strip() for part in text.split(",") if part.strip()]
+    holes = [part for part in parts if HOLES.fullmatch(part)]
+    if len(holes) > 1:
+        raise Refusal(f"{', '.join(holes)}: give one width for all holes")
+    width = read_number(holes[0].split()[1], "width round holes") if holes else 0.0
+    return f"bosses,{width:g}" if holes else "", [part for part in parts if part not in holes]
 
 
 def write_struts(settings: FillSettings, low: Sequence[float], high: Sequence[float], folder: Path) -> None:
@@ -213,7 +218,7 @@ def build_command(program: Sequence[str], settings: FillSettings) -> list[str]:
     passive = {}
     for name, text, file in (("keep", settings.keep, KEEP_FILE), ("clear", settings.clear, CLEAR_FILE)):
         holes, bodies = read_passive(text)
-        passive[name] = holes or (file if bodies else "")
+        passive[name] = ",".join([*([file] if bodies else []), *([holes] if holes else [])])
     options = {
         **of_field,
         **passive,

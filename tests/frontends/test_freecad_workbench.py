@@ -324,6 +324,10 @@ def test_struts_cover_the_box_of_the_body_and_cores_take_no_kind(tmp_path: Path)
 def test_passive_bodies_refusals_and_files_are_read_as_typed() -> None:
     assert infill_run.read_passive("holes 2.50") == ("bosses,2.5", [])
     assert infill_run.read_passive(" Boss, Rib ") == ("", ["Boss", "Rib"])
+    assert infill_run.read_passive("Boss, holes 3, Rib") == ("bosses,3", ["Boss", "Rib"])
+    assert "--keep=keep.step,bosses,3" in infill_run.build_command(["t"], FillSettings(keep="holes 3, Boss"))
+    with pytest.raises(Refusal, match="holes 2, holes 3: give one width"):
+        infill_run.read_passive("holes 2, holes 3")
     fields = ["cell", "skin", "open_faces", "thickness"]
     assert infill_run.name_field("--open-faces '=Z' is no selector; --cell is well", fields) == "open_faces"
     assert infill_run.name_field("thickness below 1", fields) == "thickness"

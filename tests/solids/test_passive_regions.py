@@ -203,6 +203,10 @@ def test_the_surroundings_of_holes_are_kept_by_a_width_or_a_radius() -> None:
             ring = bd.Pos(x, y, 0) * (bd.Cylinder(radius + 0.79, 5.9) - bd.Cylinder(radius + 0.01, 6))
             assert (model.solid & ring).volume == pytest.approx(ring.volume, rel=1e-6)
     assert one.volume < both.volume
+    post = bd.Pos(5, 3, 0) * bd.Box(2, 2, 4)
+    mixed = tpmscad.infill(body, **wall, keep=[post, ("bosses", 0.8, 1.5)])
+    assert (mixed.solid & post).volume == pytest.approx(post.volume, rel=1e-6)
+    assert mixed.volume == pytest.approx(one.volume + post.volume - (one.solid & post).volume, rel=1e-5)
     with pytest.raises(InvalidRequest, match=r"its round holes have radii of 1, 1\.5"):
         tpmscad.infill(body, **wall, keep=("bosses", 0.8, 2.0))
     for wrong in (("bosses",), ("bosses", -1), ("bosses", "wide")):

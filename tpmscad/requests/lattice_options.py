@@ -177,7 +177,7 @@ class PassiveOptions:
         Any,
         SHAPE,
         "CAD solids that the result contains with their own, exact faces, such as bosses and flanges; all solids of a shape or "
-        "a file. Within a skin they lie in the body.",
+        "a file, the surroundings of round holes, or a list of both. Within a skin they lie in the body.",
     ] = None
     clear: Annotated[
         Any,
