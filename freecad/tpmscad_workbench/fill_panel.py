@@ -14,7 +14,6 @@ from PySide import QtCore, QtGui
 
 from freecad.tpmscad_workbench import filled_objects
 from freecad.tpmscad_workbench.infill_run import (
-    CORES,
     HOLES,
     RECIPE_WORD,
     SAVED_SUFFIXES,
@@ -294,14 +293,16 @@ class FillPanel(RunPanel):
 
     def _show(self, settings: FillSettings) -> None:
         """Fill the form."""
-        surfaces = {settings.surface: settings.surface}
+        structures = {"surfaces": {settings.surface: settings.surface}}
         try:
-            surfaces = list_structures(filled_objects.read_program(), self._folder)
+            structures = list_structures(filled_objects.read_program(), self._folder)
         except Refusal as refusal:
             self._tell(str(refusal), wrong=True)
         self._surface.setSizeAdjustPolicy(QtGui.QComboBox.AdjustToMinimumContentsLengthWithIcon)
-        for name, title in surfaces.items():
-            self._surface.addItem(title, name)
+        self._have_kinds = set(structures["surfaces"])
+        for titles in structures.values():
+            for name, title in titles.items():
+                self._surface.addItem(title, name)
         self._surface.setCurrentIndex(max(0, self._surface.findData(settings.surface)))
         self._kind.setCurrentIndex(self._kind.findText(settings.kind))
         self._wall.setCurrentIndex(self._wall.findText(settings.wall))
@@ -323,7 +324,9 @@ class FillPanel(RunPanel):
         self._wall.setToolTip(
             why or ("of struts the thickness is their diameter" if is_struts else "What defines the wall")
         )
-        self._kind.setEnabled(not (is_recipe or is_struts or name in CORES))
+        self._kind.setEnabled(name in self._have_kinds)
+        if not self._kind.isEnabled():
+            self._kind.setCurrentIndex(0)
         self._kind.setToolTip("" if self._kind.isEnabled() else "kinds are those of surfaces alone")
         if is_struts:
             self._wall.setCurrentIndex(0)

@@ -146,7 +146,7 @@ def parse_part(text: str) -> Path | tuple[str | float, ...] | list[Any]:
     file, comma, numbers = text.rpartition("bosses,")
     if not comma or (file and not file.endswith(",")):
         return Path(text)
-    holes = ("bosses", *map(float, numbers.split(",")))
+    holes: tuple[str | float, ...] = ("bosses", *map(float, numbers.split(",")))
     return [Path(file[:-1]), holes] if file else holes
 
 
