@@ -1,6 +1,6 @@
 """The keywords of `lattice`, `infill` and `fluid_domains`, each declared once.
 
-The classes are the arguments of the functions, validated one by one at the door (`tpmscad.api.public_calls`). What they mean
+The classes are the arguments of the functions, validated one by one (`tpmscad.api.public_calls`). What they mean
 together is resolved in `lattice_request`. The command line reads this module for its options, so it does without NumPy.
 """
 
