@@ -14,7 +14,7 @@ from PySide import QtCore, QtGui
 
 from freecad.tpmscad_workbench import filled_objects
 from freecad.tpmscad_workbench.infill_run import (
-    CORES,
+    HOLES,
     RECIPE_WORD,
     SAVED_SUFFIXES,
     STRUTS_WORD,
@@ -46,12 +46,12 @@ FIELDS = {
     ),
     "keep": (
         "Keep solid",
-        "Bodies of the document with commas between, or holes 3: 3 mm round every round hole",
+        "Bodies of the document, and holes 3 for 3 mm round every round hole, with commas between",
         "none",
     ),
     "clear": (
         "Keep empty",
-        "Bodies of the document with commas between, or holes 3: 3 mm round every round hole",
+        "Bodies of the document with commas between",
         "none",
     ),
     "tol": ("Tolerance", "Greatest deviation from the surface in mm", "cell / 1000"),
@@ -293,20 +293,22 @@ class FillPanel(RunPanel):
 
     def _show(self, settings: FillSettings) -> None:
         """Fill the form."""
-        surfaces = {settings.surface: settings.surface}
+        structures = {"surfaces": {settings.surface: settings.surface}}
         try:
-            surfaces = list_structures(filled_objects.read_program(), self._folder)
+            structures = list_structures(filled_objects.read_program(), self._folder)
         except Refusal as refusal:
             self._tell(str(refusal), wrong=True)
         self._surface.setSizeAdjustPolicy(QtGui.QComboBox.AdjustToMinimumContentsLengthWithIcon)
-        for name, title in surfaces.items():
-            self._surface.addItem(title, name)
+        self._have_kinds = set(structures["surfaces"])
+        for titles in structures.values():
+            for name, title in titles.items():
+                self._surface.addItem(title, name)
         self._surface.setCurrentIndex(max(0, self._surface.findData(settings.surface)))
         self._kind.setCurrentIndex(self._kind.findText(settings.kind))
         self._wall.setCurrentIndex(self._wall.findText(settings.wall))
         self._wall_value.setText(settings.wall_value)
-        for name, text in self._texts.items():
-            text.setText(getattr(settings, name))
+        for name in self._texts:
+            self._write(name, getattr(settings, name))
         self._show_what_counts()
 
     def _show_what_counts(self) -> None:
@@ -322,7 +324,9 @@ class FillPanel(RunPanel):
         self._wall.setToolTip(
             why or ("of struts the thickness is their diameter" if is_struts else "What defines the wall")
         )
-        self._kind.setEnabled(not (is_recipe or is_struts or name in CORES))
+        self._kind.setEnabled(name in self._have_kinds)
+        if not self._kind.isEnabled():
+            self._kind.setCurrentIndex(0)
         self._kind.setToolTip("" if self._kind.isEnabled() else "kinds are those of surfaces alone")
         if is_struts:
             self._wall.setCurrentIndex(0)
@@ -343,8 +347,15 @@ class FillPanel(RunPanel):
         if not chosen:
             self._tell(f"{FIELDS[field][0]}: no other body is selected: select bodies in the tree", wrong=True)
             return
-        self._texts[field].setText(", ".join(one.Label for one in chosen))
+        holes = [part.strip() for part in self._texts[field].text().split(",") if HOLES.fullmatch(part.strip())]
+        self._write(field, ", ".join([*(one.Label for one in chosen), *holes]))
         self._tell("")
+
+    def _write(self, field: str, text: str) -> None:
+        """Write a text into a field, its beginning in sight, and whole under the pointer."""
+        self._texts[field].setText(text)
+        self._texts[field].setCursorPosition(0)
+        self._texts[field].setToolTip(f"{FIELDS[field][1]}\n{text}" if text else FIELDS[field][1])
 
     def read(self) -> FillSettings:
         """The settings in the form."""
@@ -365,7 +376,7 @@ class FillPanel(RunPanel):
             wrong = f"faces of {', '.join(sorted(others))} are" if others else "no face is"
             self._tell(f"{wrong} selected: select plane faces of {self._body.Label} in the model", wrong=True)
             return
-        self._texts["open_faces"].setText(", ".join(names))
+        self._write("open_faces", ", ".join(names))
         self._tell("")
 
     def start_or_cancel(self) -> None:

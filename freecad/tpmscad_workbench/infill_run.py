@@ -30,13 +30,6 @@ KEEP_FILE, CLEAR_FILE, STRUTS_FILE = "keep.step", "clear.step", "struts.toml"
 SAVED_SUFFIXES = (".step", ".3mf", ".stl")
 """Formats that a filled body is saved in."""
 
-CORES = ("honeycomb", "square", "triangular", "re-entrant")
-STRUTS = (
-    *("cubic", "bcc", "bccz", "fcc", "fbcc", "octahedron", "octet", "diamond", "kelvin", "rhombic-dodecahedron"),
-    *("cuboctahedron", "re-entrant"),
-)
-"""Names of cores and of cells of struts, as the program has them."""
-
 STRUTS_WORD, RECIPE_WORD = " struts", "recipe"
 """What the names of cells of struts end in here, since diamond is a surface, too; and the name for a field of a recipe."""
 
@@ -59,7 +52,10 @@ GRACE_SECONDS = 2.0
 """Time that a cancelled program has to end by itself; a long operation of the kernel does not hear an interrupt."""
 
 SURFACES_SECONDS = 120.0
-"""Time for the list of surfaces, which takes half a second of processor time."""
+"""Time for the list of structures, which takes half a second of processor time."""
+
+HOLES = re.compile(r"(?:holes|bosses)\s+[-+.\d]+")
+"""The surroundings of round holes among what is kept: holes 3."""
 
 _FACE_NAME = re.compile(r"\bFace(\d+)\b")
 
@@ -78,9 +74,9 @@ class FillSettings:
 
     `surface` is the name of a surface or a core, a cell of struts ("octet struts"), or "recipe" for the field of the TOML file
     `recipe`. `wall` is one of `WALLS`, `wall_value` its value; of struts the thickness is their diameter. `open_faces` holds
-    names of faces (Face3) and selectors (>Z), with commas between. `keep` and `clear` hold names of bodies of the document with
-    commas between, or "holes 3": all round holes, with 3 mm around them. `more` are further options of the command, written as
-    in a shell.
+    names of faces (Face3) and selectors (>Z), with commas between. `keep` and `clear` hold names of bodies of the document, and
+    "holes 3" for all round holes with 3 mm around them, with commas between. `more` are further options of the command, written
+    as in a shell.
     """
 
     surface: str = "gyroid"
@@ -153,11 +149,13 @@ def read_number(text: str, field: str) -> float:
 
 
 def read_passive(text: str) -> tuple[str, list[str]]:
-    """What `keep` or `clear` names: the surroundings of holes in the words of the option, or names of bodies."""
-    holes = re.fullmatch(r"\s*(?:holes|bosses)[ ,]+([-+.\d]+)\s*", text)
-    if holes:
-        return f"bosses,{read_number(holes[1], 'width round holes'):g}", []
-    return "", [name.strip() for name in text.split(",") if name.strip()]
+    """What `keep` or `clear` names: the surroundings of holes in the words of the option, and names of bodies."""
+    parts = [part.strip() for part in text.split(",") if part.strip()]
+    holes = [part for part in parts if HOLES.fullmatch(part)]
+    if len(holes) > 1:
+        raise Refusal(f"{', '.join(holes)}: give one width for all holes")
+    width = read_number(holes[0].split()[1], "width round holes") if holes else 0.0
+    return f"bosses,{width:g}" if holes else "", [part for part in parts if part not in holes]
 
 
 def write_struts(settings: FillSettings, low: Sequence[float], high: Sequence[float], folder: Path) -> None:
@@ -198,9 +196,7 @@ def build_command(program: Sequence[str], settings: FillSettings) -> list[str]:
     A value is joined to its option, so that a text with a minus is no option.
     """
     surface, of_field = settings.surface, {"kind": settings.kind}
-    if surface in CORES:
-        of_field = {"cell": settings.cell, settings.wall: settings.wall_value}
-    elif surface == RECIPE_WORD:
+    if surface == RECIPE_WORD:
         surface, of_field = os.path.abspath(os.path.expanduser(settings.recipe.strip())), {}
         if not os.path.isfile(surface):
             raise Refusal(
@@ -213,7 +209,7 @@ def build_command(program: Sequence[str], settings: FillSettings) -> list[str]:
     passive = {}
     for name, text, file in (("keep", settings.keep, KEEP_FILE), ("clear", settings.clear, CLEAR_FILE)):
         holes, bodies = read_passive(text)
-        passive[name] = holes or (file if bodies else "")
+        passive[name] = ",".join([*([file] if bodies else []), *([holes] if holes else [])])
     options = {
         **of_field,
         **passive,
@@ -245,11 +241,11 @@ def make_environment(environment: Mapping[str, str], folder: Path) -> dict[str, 
     return {**kept, **dict.fromkeys(("TMPDIR", "TEMP", "TMP"), str(folder)), "PYTHONIOENCODING": "utf-8"}
 
 
-def list_structures(program: Sequence[str], folder: Path) -> dict[str, str]:
-    """The titles of what bodies are filled with by their names: the installed tpmscad's surfaces, cores, struts, a recipe."""
+def list_structures(program: Sequence[str], folder: Path) -> dict[str, dict[str, str]]:
+    """The titles of what bodies are filled with by their names: the program's surfaces, cores and struts, and a recipe."""
     try:
         answer = subprocess.run(
-            [*program, "surfaces", "--json"],
+            [*program, "surfaces", "--names"],
             env=make_environment(os.environ, folder),
             stdin=subprocess.DEVNULL,
             capture_output=True,
@@ -257,16 +253,15 @@ def list_structures(program: Sequence[str], folder: Path) -> dict[str, str]:
             errors="replace",
             timeout=SURFACES_SECONDS,
         )
-        surfaces = {surface["name"]: surface["title"] for surface in json.loads(answer.stdout)}
+        listed = json.loads(answer.stdout)
+        struts = {f"{name}{STRUTS_WORD}": title for name, title in listed["struts"].items()}
+        return {**listed, "struts": struts, "recipes": {RECIPE_WORD: "Field of a recipe"}}
     except (OSError, ValueError, KeyError, TypeError, subprocess.TimeoutExpired) as error:
         said = answer.stderr.strip() if isinstance(error, ValueError) else ""
         raise Refusal(
-            f"{program[0]} does not list its surfaces ({said or error}): give the program tpmscad, or a python that has it, in "
-            "Edit > Preferences > tpmscad"
+            f"{program[0]} does not list its structures ({said or error}): give the program tpmscad, or a python that has it, "
+            "in Edit > Preferences > tpmscad"
         ) from None
-    cores = {name: f"{name.capitalize()} core" for name in CORES}
-    struts = {f"{name}{STRUTS_WORD}": f"{name.capitalize()}{STRUTS_WORD}" for name in STRUTS}
-    return {**surfaces, **cores, **struts, RECIPE_WORD: "Field of a recipe"}
 
 
 def save_command(command: Sequence[str], target: Path) -> list[str]:

@@ -190,6 +190,8 @@ def test_every_option_of_infill_reaches_the_workflow(recorder: Recorder) -> None
     assert {name: called[name] for name in expected} == expected
     assert run(line.replace("bosses.step", "bosses,3,2.5")) == 0
     assert recorder.called["keep"] == ("bosses", 3.0, 2.5)
+    assert run(line.replace("bosses.step", "bosses.step,bosses,3")) == 0
+    assert recorder.called["keep"] == [Path("bosses.step"), ("bosses", 3.0)]
     assert run(line.replace("bosses.step", "bosses,wide")) == 2
 
 

@@ -21,7 +21,9 @@ from tpmscad import fields
 from tpmscad.brep.boundary_representation import Brep, spline_faces
 from tpmscad.brep.orthogonal_projection import project_to_patch
 from tpmscad.errors import KernelError
-from tpmscad.kernel.export.solid_mesh import measure_meshes, mesh_solids
+from tpmscad.kernel.export.chord_crossings import find_crossing_uses
+from tpmscad.kernel.export.edge_division import count_least_chords, divide_edges, explore_faces
+from tpmscad.kernel.export.solid_mesh import count_open_sides, measure_meshes, mesh_solids
 from tpmscad.kernel.occt.exploration import ShapeKey, faces_of
 
 pytestmark = pytest.mark.kernel
@@ -141,3 +143,31 @@ def test_edges_beside_their_faces_are_told() -> None:
         measure_meshes(box, 0.01, 0.5)
     (mesh,) = mesh_solids(box, 0.01, 0.5)
     assert mesh.volume == pytest.approx(64, rel=1e-2)  # the body as it is, for what asks where it is solid
+
+
+def thin_tube(wall: float) -> Any:
+    """A tube whose circles begin at other angles, so that chords of the outer one cross those of the inner one."""
+    return bd.Cylinder(5, 3) - bd.Rot(0, 0, 37) * bd.Cylinder(5 - wall, 3)
+
+
+def test_of_chords_that_cross_the_longer_ones_of_a_cusp_or_a_sliver_are_divided() -> None:
+    outlines = explore_faces([faces_of(thin_tube(0.03).wrapped)])
+    division = divide_edges(outlines, 0.05, 0.35, count_least_chords(outlines))
+    divided: set[float] = set()
+    for r, face in enumerate(outlines.sources):
+        edges = outlines.uses_of(r)
+        found = find_crossing_uses(face, [division.placed[e] for e in edges.tolist()], outlines.ends[edges])
+        divided |= {round(float(np.hypot(*division.placed[e][1][0, :2])), 6) for e in edges[found].tolist()}
+    assert divided == {5.0}, "chords of the inner circle lie on the other side of it"
+
+
+@pytest.mark.parametrize("wall", [0.03, 1e-3, 1e-4])
+def test_a_wall_much_thinner_than_the_deviation_is_meshed_closed(wall: float) -> None:
+    tube = thin_tube(wall)
+    found = measure_meshes(tube.wrapped, 0.05, 0.35)
+    (mesh,) = found.meshes
+    assert found.deviation <= 0.05
+    assert not count_open_sides(mesh.triangles)
+    corners = mesh.points[mesh.triangles]
+    volume = np.einsum("ij,ij->", corners[:, 0], np.cross(corners[:, 1], corners[:, 2])) / 6
+    assert 0 < volume < 4 * tube.volume

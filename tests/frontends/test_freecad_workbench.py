@@ -176,8 +176,9 @@ def test_a_refusal_of_the_real_program_arrives(real_program: list[str], tmp_path
 
 def test_the_structures_are_those_of_the_program(real_program: list[str], tmp_path: Path) -> None:
     struts = [f"{kind} struts" for kind in KINDS]
-    assert list(infill_run.list_structures(real_program, tmp_path)) == [*CATALOGUE, *CORES, *struts, "recipe"]
-    with pytest.raises(Refusal, match=r"program does not list its surfaces \(broken\)"):
+    found = infill_run.list_structures(real_program, tmp_path)
+    assert [name for titles in found.values() for name in titles] == [*CATALOGUE, *CORES, *struts, "recipe"]
+    with pytest.raises(Refusal, match=r"program does not list its structures \(broken\)"):
         infill_run.list_structures(stand_in(tmp_path, "echo broken >&2; exit 1"), tmp_path)
 
 
@@ -302,7 +303,7 @@ def test_a_body_is_filled_inside_freecad(real_program: list[str], tmp_path: Path
     assert answer["Owned"] == [True, True, False]
 
 
-def test_struts_cover_the_box_of_the_body_and_cores_take_no_kind(tmp_path: Path) -> None:
+def test_struts_cover_the_box_of_the_body(tmp_path: Path) -> None:
     settings = FillSettings(surface="octet struts", cell="4,4,8", wall_value="0.5", tol="0.01")
     infill_run.write_struts(settings, (-1, 0, 3), (10, 4, 9), tmp_path)
     recipe = read_solid_recipe(tmp_path / infill_run.STRUTS_FILE)
@@ -312,8 +313,6 @@ def test_struts_cover_the_box_of_the_body_and_cores_take_no_kind(tmp_path: Path)
     np.testing.assert_array_equal(low % (4, 4, 8), 0)
     np.testing.assert_allclose(recipe.field((0.0, 0.0, 8.0)), -0.25)
     assert infill_run.build_command(["t"], settings)[2:5] == ["body.step", "struts.toml", "--tol=0.01"]
-    core = infill_run.build_command(["t"], FillSettings(surface="honeycomb"))
-    assert not any(word.startswith("--kind") for word in core)
     for wrong, said in (({"wall": "porosity"}, "wall: struts take"), ({"cell": "8 mm"}, "cell '8 mm'")):
         with pytest.raises(Refusal, match=said):
             infill_run.write_struts(FillSettings(surface="bcc struts", **wrong), (0, 0, 0), (1, 1, 1), tmp_path)
@@ -324,6 +323,10 @@ def test_struts_cover_the_box_of_the_body_and_cores_take_no_kind(tmp_path: Path)
 def test_passive_bodies_refusals_and_files_are_read_as_typed() -> None:
     assert infill_run.read_passive("holes 2.50") == ("bosses,2.5", [])
     assert infill_run.read_passive(" Boss, Rib ") == ("", ["Boss", "Rib"])
+    assert infill_run.read_passive("Boss, holes 3, Rib") == ("bosses,3", ["Boss", "Rib"])
+    assert "--keep=keep.step,bosses,3" in infill_run.build_command(["t"], FillSettings(keep="holes 3, Boss"))
+    with pytest.raises(Refusal, match="holes 2, holes 3: give one width"):
+        infill_run.read_passive("holes 2, holes 3")
     fields = ["cell", "skin", "open_faces", "thickness"]
     assert infill_run.name_field("--open-faces '=Z' is no selector; --cell is well", fields) == "open_faces"
     assert infill_run.name_field("thickness below 1", fields) == "thickness"

@@ -203,8 +203,31 @@ def test_the_surroundings_of_holes_are_kept_by_a_width_or_a_radius() -> None:
             ring = bd.Pos(x, y, 0) * (bd.Cylinder(radius + 0.79, 5.9) - bd.Cylinder(radius + 0.01, 6))
             assert (model.solid & ring).volume == pytest.approx(ring.volume, rel=1e-6)
     assert one.volume < both.volume
+    post = bd.Pos(5, 3, 0) * bd.Box(2, 2, 4)
+    mixed = tpmscad.infill(body, **wall, keep=[post, ("bosses", 0.8, 1.5)])
+    assert (mixed.solid & post).volume == pytest.approx(post.volume, rel=1e-6)
+    assert mixed.volume == pytest.approx(one.volume + post.volume - (one.solid & post).volume, rel=1e-5)
     with pytest.raises(InvalidRequest, match=r"its round holes have radii of 1, 1\.5"):
         tpmscad.infill(body, **wall, keep=("bosses", 0.8, 2.0))
     for wrong in (("bosses",), ("bosses", -1), ("bosses", "wide")):
         with pytest.raises(InvalidRequest, match=r'must be \("bosses", width\)'):
             tpmscad.infill(body, **wall, keep=wrong)
+
+
+def test_the_surroundings_of_a_hole_are_kept_within_the_skin_of_its_boss() -> None:
+    """The concave edge at the foot of the boss has an offset face with the same axis, whose seam lies along x, too."""
+    boss = bd.Pos(0, 0, 1.5) * bd.Cylinder(3, 6)
+    body = bd.Box(12, 12, 5) + boss - bd.Cylinder(1.6, 20)
+    top = max((f for f in body.faces() if abs(f.center().Z - 2.5) < 1e-6), key=lambda face: face.area)
+    keywords: dict[str, Any] = {
+        "cell": 8,
+        "thickness": 0.8,
+        "skin": 0.8,
+        "tol": 0.05,
+        "open_faces": [top],
+        "progress": False,
+    }
+    model = tpmscad.infill(body, "diamond", keep=("bosses", 1.1), **keywords)
+    assert model.certificate.met, model.certificate.shortfalls
+    ring = bd.Cylinder(2.69, 4.9) - bd.Cylinder(1.61, 5)
+    assert (model.solid & ring).volume == pytest.approx(ring.volume, rel=1e-6)

@@ -27,7 +27,7 @@ MAX_SHOWN = 60
 
 
 class InvalidValue(Exception):
-    """Why a value is not of a kind; the door adds the argument and the value.
+    """Why a value is not of a kind; `public_calls` adds the argument and the value.
 
     `place` leads to the part of a sequence or table that the reason is about: index or key, from the outside inwards.
     """

@@ -6,7 +6,7 @@
     ) -> Field:
 
 An annotation holds the static type, what the argument takes (an `ArgumentKind`), and sentences on its meaning. From it follow the
-check at the door, the section Parameters of the docstring, options of the command line, keys of recipes and columns of sweeps.
+check of a call, the section Parameters of the docstring, options of the command line, keys of recipes and columns of sweeps.
 Arguments that several functions share have an annotation with a name, or are the fields of a dataclass.
 
 Only the second and third part of an annotation are evaluated, so that a static type may name what is imported for type checkers.

@@ -1,9 +1,9 @@
-"""The door of the package: what a call of a public function passes on its way in, and every error on its way out.
+"""The interface of public functions: what a call of a public function passes on its way in, and every error on its way out.
 
 `public` is the decorator of public functions. On the way in, a call that does not fit is answered with the keyword that was meant
 and the call as it is written (MisusedCall), and every value is read as `tpmscad.api.argument_table` declares it (InvalidRequest).
 On the way out, an exception that is no TpmscadError becomes one, with the original as its cause. The traceback of an
-InvalidRequest is the caller's line and one frame of the door, which tools that honour `__tracebackhide__` (pytest, IPython) hide.
+InvalidRequest is the caller's line and one frame of this module, hidden by tools that honour `__tracebackhide__` (pytest).
 """
 
 from __future__ import annotations
@@ -108,7 +108,7 @@ def _validate(
     example: str | None,
     target: Callable[Q, R],
 ) -> Callable[Q, R]:
-    """The function `target` behind the door; it looks like `function` with the signature `shown`."""
+    """The function `target` behind the validation of its arguments; it looks like `function` with the signature `shown`."""
     name = function.__qualname__.removesuffix(".__init__")
     written = example or _make_example(name.rpartition(".")[2], arguments)
 
@@ -243,7 +243,7 @@ def _explain(
 
 
 def validate_constructor(kind: type[T]) -> type[T]:
-    """Decorator of dataclasses that users construct: their fields pass the same door."""
+    """Decorator of dataclasses that users construct: their fields are validated in the same way."""
     constructor: Any = kind.__init__
     shown, arguments = signature(constructor), arguments_of(kind)
     kind.__init__ = _validate(constructor, shown, arguments, None, translate_errors(constructor))  # type: ignore[method-assign]

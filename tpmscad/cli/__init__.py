@@ -190,7 +190,12 @@ COMMANDS = (
         "Show versions, kernel, cache and memory, and what is wrong.",
         ("doctor", "doctor --json"),
     ),
-    Command(LOOK, "reference_commands.surfaces", "List the catalogue of surfaces.", ("surfaces", "surfaces --json")),
+    Command(
+        LOOK,
+        "reference_commands.surfaces",
+        "List the catalogue of surfaces.",
+        ("surfaces", "surfaces --json", "surfaces --names"),
+    ),
 )
 """The commands in the order of the help."""
 

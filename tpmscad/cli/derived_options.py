@@ -141,10 +141,13 @@ def parse_direction(text: str) -> str | tuple[float, ...]:
     return vector if isinstance(vector, tuple) else text
 
 
-def parse_part(text: str) -> Path | tuple[str | float, ...]:
-    """The path of a CAD file, or the surroundings of holes as in bosses,3."""
-    word, *numbers = text.split(",")
-    return (word, *map(float, numbers)) if word == "bosses" and numbers else Path(text)
+def parse_part(text: str) -> Path | tuple[str | float, ...] | list[Any]:
+    """The path of a CAD file, the surroundings of holes as in bosses,3, or both with a comma between."""
+    file, comma, numbers = text.rpartition("bosses,")
+    if not comma or (file and not file.endswith(",")):
+        return Path(text)
+    holes: tuple[str | float, ...] = ("bosses", *map(float, numbers.split(",")))
+    return [Path(file[:-1]), holes] if file else holes
 
 
 SurfaceArgument = Annotated[
@@ -180,7 +183,7 @@ WRITTEN: Mapping[Any, tuple[Any, dict[str, Any]]] = {
     GRADED_OFFSET.read: (Any, {"metavar": "LO,HI", "parser": parse_graded_pair}),
     POINT.read: (Any, {"metavar": "X,Y,Z", "parser": parse_numbers}),
     FACES.read: (str, {"metavar": "FACES"}),
-    SHAPE.read: (Any, {"metavar": "PART.step|bosses,W", "parser": parse_part}),
+    SHAPE.read: (Any, {"metavar": "[PART.step][,][bosses,W]", "parser": parse_part}),
     FLAG.read: (bool, {}),
     COUNT.read: (int | None, {"metavar": "N"}),
     NOT_NEGATIVE.read: (float | None, {"metavar": "NUMBER"}),

@@ -11,16 +11,20 @@ from typing import Annotated, Literal
 import typer
 
 from tpmscad.atomic_file import atomic_write
-from tpmscad.catalogue import CATALOGUE
+from tpmscad.catalogue import CATALOGUE, CORES
 from tpmscad.cli.options import QuietOption, output_option
 from tpmscad.cli.output import OutputRequest, tell
 from tpmscad.errors import InvalidRequest
-from tpmscad.strut_cells import LARGEST_DIAMETERS
+from tpmscad.strut_cells import KINDS, LARGEST_DIAMETERS
 
 MIN_WIDTH, MAX_WIDTH = 60, 100
 """Columns of printed text: those of the terminal, within these limits."""
 
 JsonOption = Annotated[bool, typer.Option("--json", help="Print the whole catalogue as JSON.")]
+NamesOption = Annotated[
+    bool,
+    typer.Option("--names", help="Print what bodies are filled with as JSON: surfaces, cores, struts, their titles."),
+]
 TemplateArgument = Annotated[
     Literal["blend", "solidify", "sweep"],
     typer.Argument(help="The command that the recipe or table is for.", metavar="blend|solidify|sweep"),
@@ -33,11 +37,19 @@ KindArgument = Annotated[
 ]
 
 
-def surfaces(as_json: JsonOption = False) -> None:
+def surfaces(as_json: JsonOption = False, names: NamesOption = False) -> None:
     """List the surfaces: names, references, genus, space group, the thickest wall, and where their solids are one piece.
 
     Then the cells of struts, with the largest diameter of each.
     """
+    if names:
+        titles = {
+            "surfaces": {info.name: info.title for info in CATALOGUE.values()},
+            "cores": {name: f"{name.capitalize()} core" for name in CORES},
+            "struts": {name: f"{name.capitalize()} struts" for name in KINDS},
+        }
+        print(json.dumps(titles, indent=2))
+        return
     from tpmscad.studies.surface_limits import describe_pieces, thickest_wall  # loads NumPy
 
     rows = [

@@ -1,6 +1,6 @@
 """The keywords of `lattice`, `infill` and `fluid_domains`, each declared once.
 
-The classes are the arguments of the functions, validated one by one at the door (`tpmscad.api.public_calls`). What they mean
+The classes are the arguments of the functions, validated one by one (`tpmscad.api.public_calls`). What they mean
 together is resolved in `lattice_request`. The command line reads this module for its options, so it does without NumPy.
 """
 
@@ -177,7 +177,7 @@ class PassiveOptions:
         Any,
         SHAPE,
         "CAD solids that the result contains with their own, exact faces, such as bosses and flanges; all solids of a shape or "
-        "a file. Within a skin they lie in the body.",
+        "a file, the surroundings of round holes, or a list of both. Within a skin they lie in the body.",
     ] = None
     clear: Annotated[
         Any,

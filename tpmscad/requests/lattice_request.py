@@ -1,6 +1,6 @@
 """The request for a lattice: what its options mean together, as one frozen value.
 
-The door has validated each option by itself. In a `LatticeRequest` they are consistent with each other, defaults that depend on
+Each option is valid by itself. In a `LatticeRequest` they are consistent with each other, defaults that depend on
 the surface are filled in, and a thickness or a volume fraction has become a pair of normal offsets.
 """
 
@@ -177,7 +177,7 @@ def _evaluate_turned(function: Callable[[Array], Array], rotation: Array, points
 read_lattice_request = validate_options(LatticeOptions, 'lattice("gyroid", cell=10, thickness=1)')(
     resolve_lattice_request
 )
-"""The same from the arguments of `lattice`, each validated at the door."""
+"""The same from the arguments of `lattice`, each validated by itself."""
 
 
 def reject_lattice_options(options: InfillOptions) -> None:

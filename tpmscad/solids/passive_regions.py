@@ -70,7 +70,7 @@ class PassiveRegions:
     @classmethod
     def read(cls, keep: Any = None, clear: Any = None) -> PassiveRegions:
         """All solids of shapes or CAD files, of which each may be None; errors as `read_bodies`."""
-        if _is_bosses(keep):
+        if _split_bosses(keep)[0]:
             raise InvalidRequest(
                 'keep=("bosses", width) is for the round holes of a CAD body: give the bosses as solids'
             )
@@ -86,14 +86,14 @@ class PassiveRegions:
         which is_exact, is grown beyond them, so that it lies `within`.
         """
         cleared = _read_all(clear, "cleared")
-        if _is_bosses(keep):
-            bosses = _find_bosses(body, is_exact, keep)
-            return cls((), cleared, bosses if skin is None or keep[1] > skin else ())
-        kept = _read_all(keep, "kept")
+        bosses, others = _split_bosses(keep)
+        holes = [hole for one in bosses for hole in _find_bosses(body, is_exact, one) if skin is None or one[1] > skin]
+        kept = _read_all(others, "kept")
+        holes = [replace(hole, role=f"kept {number}") for number, hole in enumerate(holes, len(kept) + 1)]
         grown = {i: grow_beyond(each.shape, body.shape) for i, each in enumerate(kept)} if is_exact else {}
         within = [replace(kept[i], shape=solid) for i, solid in grown.items() if solid is not None]
-        others = [each for i, each in enumerate(kept) if grown.get(i) is None]
-        return cls(tuple(others), cleared, tuple(within))
+        apart = [each for i, each in enumerate(kept) if grown.get(i) is None]
+        return cls(tuple(apart), cleared, (*within, *holes))
 
     def cut_within(self, body: CadBody) -> PassiveRegions:
         """The regions with the parts of what is kept `within` the body among what is kept."""
@@ -245,6 +245,12 @@ class PassiveRegions:
 NO_REGIONS = PassiveRegions()
 
 
+def _split_bosses(keep: Any) -> tuple[list[Sequence[Any]], list[Any]]:
+    """The ("bosses", width) of what is kept, alone or in a list, and the shapes and files."""
+    given = [] if keep is None else [keep] if _is_bosses(keep) or not isinstance(keep, list | tuple) else list(keep)
+    return [one for one in given if _is_bosses(one)], [one for one in given if not _is_bosses(one)]
+
+
 def _is_bosses(keep: Any) -> bool:
     return isinstance(keep, Sequence) and len(keep) > 0 and isinstance(keep[0], str) and keep[0] == BOSSES
 
@@ -268,8 +274,7 @@ def _find_bosses(body: CadBody, is_exact: bool, keep: Sequence[Any]) -> tuple[Ca
     grown = [read_body(hole.grow(width)) for hole in chosen]
     named = [f"the hole of radius {hole.radius:g}" for hole in chosen]
     return tuple(
-        replace(each, name=f"{name} with {width:g} around it", role=f"kept {number}")
-        for number, (each, name) in enumerate(zip(grown, named, strict=True), 1)
+        replace(each, name=f"{name} with {width:g} around it") for each, name in zip(grown, named, strict=True)
     )
 
 

@@ -35,7 +35,7 @@ STREAM = ANYTHING.described_as(
 )
 FLUID_TEXT = (
     "The fluid in channel {}: `density`, `viscosity`, `conductivity`, `specific_heat` in SI units, or its name as `fluid` with "
-    "`temperature` and `pressure`, from which CoolProp has them (``pip install 'tpmscad[fluids]'``); `volume_flow`, m3/s, or "
+    "`temperature` and `pressure`, whence CoolProp computes them (``pip install 'tpmscad[fluids]'``); `volume_flow`, m3/s, or "
     "`mass_flow`, kg/s; and the `temperature` at which it enters, degrees Celsius, if heat is asked for."
 )
 
@@ -117,7 +117,7 @@ def estimate_exchanger(
     channel: Annotated[
         str | FluidDomains,
         ANYTHING.described_as("the name of a surface, or fluid domains", '"gyroid"'),
-        "The name of a surface, of which `core`, `cell` and `thickness` say the exchanger; or the result of "
+        "The name of a surface, with `core`, `cell` and `thickness` to define the exchanger; or the result of "
         "`tpmscad.fluid_domains`.",
     ],
     *,
@@ -141,7 +141,7 @@ def estimate_exchanger(
         "Thermal conductivity of the wall, W/(m K); without it the wall resists nothing.",
     ] = None,
 ) -> ExchangerEstimate:
-    """What an exchanger does with two fluids: conductance, transfer units, effectiveness, heat, and both pressure drops.
+    """Estimate what an exchanger transfers between two fluids: conductance, transfer units, effectiveness, heat, pressure drops.
 
     Where sources disagree, figures are ranges, from the least to the greatest of those within their ranges.
 

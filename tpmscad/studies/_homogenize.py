@@ -62,7 +62,7 @@ POISSON_LIMIT = 0.49
 
 @validate_options(HomogenizeOptions, 'homogenize("gyroid", volume_fraction=0.2)')
 def homogenize(options: HomogenizeOptions) -> HomogenizedProperties:
-    """Stiffness and conductivity of a lattice that repeats for ever, on meshes of the exact cell that are refined.
+    """Compute the stiffness and conductivity of an infinite periodic lattice on refined meshes of its exact cell.
 
     Returns
     -------

@@ -72,7 +72,7 @@ LAYERS_PER_TASK = 16
 def infill_layers(options: InfillLayersOptions) -> Slices:
     """Cut a body filled with a lattice into layers, without making its solid.
 
-    The layers are those of `infill(...).slices(height)`, but that pieces which hang on nothing are kept, and that layers begin at
+    The layers are those of `infill(...).slices(height)`, except that detached pieces are kept, and that layers begin at
     the lowest point of the body and of what is kept, even if it is cleared. Their number of cells is limited by the area of a
     layer only: 18,000 cells take about a minute. Graded walls and fields are cut as triangles within half the chord error of the
     exact faces, a distance in space: where a face is nearly level, the exact contour may be farther away in the plane.

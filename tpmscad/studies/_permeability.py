@@ -87,19 +87,19 @@ def permeability(
     channel: Annotated[
         Model,
         ANYTHING,
-        'The fluid itself, in a box of whole cells: ``tpmscad.lattice(..., kind="skeletal")`` is one side of a '
-        "surface. That of a sheet's channel on the other side of half the wall has ``offset=`` half the thickness.",
+        'The fluid itself, in a box of whole cells: ``tpmscad.lattice(..., kind="skeletal")`` is one side of a surface. '
+        'The channel beside a sheet of thickness t has ``side="-"`` and ``offset=-t/2``, or ``side="+"`` and ``offset=t/2``.',
     ],
     *,
     size: Annotated[
         float | None,
         POSITIVE.described_as(example="0.8"),
-        "Mean edge length of the tetrahedra of the finer mesh, model units; the coarser has 1.35 times as long ones. "
+        "Mean edge length of the tetrahedra of the finer mesh, model units; edges of the coarser mesh are 1.35 times as long. "
         "By default a tenth of the shortest edge of the box.",
     ] = None,
     progress: ProgressKeyword = None,
 ) -> ChannelPermeability:
-    """Permeability of a channel that repeats for ever, for slow viscous flow.
+    """Compute the permeability of an infinite periodic channel for slow viscous flow.
 
     Returns
     -------

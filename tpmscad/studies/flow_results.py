@@ -205,7 +205,7 @@ def _span(values: tuple[float, float]) -> str:
 
 @dataclass(frozen=True, slots=True, repr=False)
 class ExchangerEstimate:
-    """What an exchanger does with two fluids; pairs are the least and the greatest that the sources say.
+    """Estimated performance of an exchanger with two fluids; pairs are the least and the greatest that the sources say.
 
     Attributes
     ----------

@@ -70,8 +70,8 @@ def periodic_pieces(values: Samples, convention: SampleConnectivity = "strict") 
 
     Notes
     -----
-    Samples of 26 neighbours ("top_cells") are joined too early by what f changes between them, those of 6 ("strict") too late:
-    both together bracket the levels.
+    With 26 neighbours ("top_cells") samples join at too low a level, with 6 ("strict") at too high a one, by the change of f
+    between them: both together bracket the levels.
 
     Examples
     --------

@@ -38,6 +38,10 @@ FULL_TURN_RTOL = 1e-6
 """Of a full turn: what the faces of a hole may miss of it together."""
 
 
+SEAM_ANGLE = 1.0
+"""Radians by which the seam of what is kept round a hole is turned, lest it meet seams of coaxial faces."""
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class Hole:
     """A round hole: a point (3,) of its axis, the unit direction (3,), the radius, and its ends along the axis."""
@@ -52,6 +56,7 @@ class Hole:
         """The cylinder that reaches a width beyond the hole all round."""
         start = gp_Pnt(*(self.point + (self.low - width) * self.axis).tolist())
         frame = gp_Ax2(start, gp_Dir(*self.axis.tolist()))
+        frame.Rotate(frame.Axis(), SEAM_ANGLE)
         return BRepPrimAPI_MakeCylinder(frame, self.radius + width, self.high - self.low + 2 * width).Solid()
 
 

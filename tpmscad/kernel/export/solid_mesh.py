@@ -28,6 +28,7 @@ from tpmscad.brep.triangles.measured_deviation import (
 from tpmscad.errors import KernelError
 from tpmscad.index_ranges import expand_ranges
 from tpmscad.kernel.build.solids import BrepSolids
+from tpmscad.kernel.export.chord_crossings import find_crossing_uses
 from tpmscad.kernel.export.edge_division import (
     EdgeDivision,
     FaceOutlines,
@@ -51,6 +52,9 @@ from tpmscad.memory_limit import require_memory
 
 MAX_REFINEMENTS = 3
 """Attempts with edges and faces of half the deviation when OCCT leaves a face without triangles, or triangles do not cover it."""
+
+MAX_CROSSING_ROUNDS = 16
+"""Times that edges whose chords cross are divided further, a quarter of the sagitta each: one of two edges at a time."""
 
 MAX_SPLIT_PASSES = 20
 """Passes over chords that are split; each splits one chord of a triangle."""
@@ -102,7 +106,12 @@ def measure_meshes(
     else:
         outlines = explore_faces([faces_of(solid) for solid in solids_of(unwrap(source))])
     for attempt in range(MAX_REFINEMENTS + 1):
-        triangulation = triangulate_outlines(outlines, deviation / 2**attempt, angle, deviation)
+        try:
+            triangulation = triangulate_outlines(outlines, deviation / 2**attempt, angle, deviation)
+        except KernelError:  # other nodes may do
+            if attempt == MAX_REFINEMENTS:
+                raise
+            continue
         expanded = triangulation.expand(outlines)
         reached = triangulation.reached + expanded.gap
         if outlines.motion is not None and triangulation.reached <= deviation < reached:
@@ -215,8 +224,7 @@ def triangulate_outlines(
 ) -> FaceTriangulation:
     """Triangles of the representatives, halved as far as that helps them to keep `limit`, if one is given.
 
-    extremum_tol: see `divide_edges`. Where OCCT finds loops of chords that cross, or leaves a face without triangles, edges are
-    divided further.
+    extremum_tol: see `divide_edges`. Where chords cross, or OCCT leaves a face without triangles, edges are divided further.
     """
     every = range(len(outlines.sources))
     least = count_least_chords(outlines)
@@ -224,29 +232,38 @@ def triangulate_outlines(
     deflection = np.full(len(every), deviation if limit is None else COARSE_FACTOR * deviation)
     deflection = np.maximum(deflection, LEAST_DEFLECTION * size)
     due, found, used = list(every), dict[int, FaceMesh](), dict[int, IntArray]()
-    for _ in range(MAX_REFINEMENTS + 1):
+    attempts, rounds = np.zeros(len(every), np.int64), 0
+    while True:
         division = divide_edges(outlines, deviation, angle, least, extremum_tol)
         due = [r for r in every if r in due or (division.chords[outlines.uses_of(r)] != used[r]).any()]
         used |= {r: division.chords[outlines.uses_of(r)] for r in due}
         lines = {r: [division.placed[e] for e in outlines.uses_of(r).tolist()] for r in due}
-        for size in np.unique(deflection[due]).tolist():
-            chosen = [r for r in due if deflection[r] == size]
+        crossing = {
+            r: find_crossing_uses(outlines.sources[r], lines[r], outlines.ends[outlines.uses_of(r)]) for r in due
+        }
+        failed = {r: uses for r, uses in crossing.items() if uses.any()}
+        sound = [r for r in due if r not in failed]
+        for size in np.unique(deflection[sound]).tolist():
+            chosen = [r for r in sound if deflection[r] == size]
             faces = [outlines.sources[r] for r in chosen]
             meshes = mesh_on_nodes(faces, [lines[r] for r in chosen], size, angle)
             found |= {r: mesh for r, mesh in zip(chosen, meshes, strict=True) if isinstance(mesh, FaceMesh)}
-            failed = {r: mesh for r, mesh in zip(chosen, meshes, strict=True) if not isinstance(mesh, FaceMesh)}
-            for r, crossing in failed.items():
-                edges = outlines.uses_of(r)
-                edges = edges[crossing] if crossing.any() else edges
-                least[edges] = 2 * division.chords[edges]
-                deflection[r] *= 0.5
-                found.pop(r, None)
+            left = {r: mesh for r, mesh in zip(chosen, meshes, strict=True) if not isinstance(mesh, FaceMesh)}
+            attempts[list(left)] += 1
+            deflection[list(left)] *= 0.5
+            failed |= left
+        for r, uses in failed.items():
+            edges = outlines.uses_of(r)
+            edges = edges[uses] if uses.any() else edges
+            least[edges] = 2 * division.chords[edges]
+            found.pop(r, None)
         due = [r for r in every if r not in found]
         if not due:
             break
-    else:
-        face = outlines.sources[due[0]]
-        raise KernelError("triangulate", f"no mesh of a face within {deviation:g}: try another deviation", face)
+        rounds += 1
+        if rounds > MAX_CROSSING_ROUNDS or attempts.max() > MAX_REFINEMENTS:
+            face = outlines.sources[due[0]]
+            raise KernelError("triangulate", f"no mesh of a face within {deviation:g}: try another deviation", face)
     return _join(outlines, division, [found[r] for r in every], limit)
 
 

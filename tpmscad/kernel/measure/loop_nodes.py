@@ -69,7 +69,7 @@ def _follow_on_spline(face: TopoDS_Face, surface: BSplineSurface, nodes_of: Edge
         if pcurve.GetType() == GeomAbs_Line and abs(pcurve.Line().Direction().Y()) < MAX_LEVEL_SLOPE:
             continue
         nodes, sign = nodes_of(edge)
-        guess = _evaluate_pcurve(pcurve, nodes.parameters)
+        guess = evaluate_pcurve(pcurve, nodes.parameters)
         if BRep_Tool.Degenerated_s(edge):  # a line of parameters, of which the curve in space tells nothing
             slope = (guess[-1, 1] - guess[0, 1]) / (nodes.parameters[-1] - nodes.parameters[0])
             at_poles.append(np.column_stack([guess, sign * nodes.weights * slope]))
@@ -90,7 +90,7 @@ def _follow_on_spline(face: TopoDS_Face, surface: BSplineSurface, nodes_of: Edge
     return np.concatenate([*at_poles, np.column_stack([uv, rows[:, 8] * rise])])
 
 
-def _evaluate_pcurve(pcurve: BRepAdaptor_Curve2d, t: Array) -> Array:
+def evaluate_pcurve(pcurve: BRepAdaptor_Curve2d, t: Array) -> Array:
     """Points (n, 2) of a pcurve at parameters (n,)."""
     if pcurve.GetType() == GeomAbs_Line:
         line = pcurve.Line()
