@@ -148,11 +148,13 @@ class _JoinedFaces:
                 at, step = self.parent[at]
                 shift[face] += step
             root[face] = at
+        ends = np.array(list(self.lines), np.int64).reshape(-1, 2)
         added = Edges(
             len(brep.curves) + np.arange(len(self.lines)),
             Motion.identity(len(self.lines)),
             np.array([[0.0, np.linalg.norm(brep.vertices[j] - brep.vertices[i])] for i, j in self.lines]),
-            *(np.array(ends, np.int64) for ends in zip(*self.lines, strict=True)),
+            ends[:, 0],
+            ends[:, 1],
             np.zeros(len(self.lines)),
         )
         lines = [
