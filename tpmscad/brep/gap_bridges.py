@@ -21,7 +21,7 @@ from tpmscad.splines.bspline import BSplineCurve, line_segment
 DEVIATION_SITES = 9
 """Points of an edge at which its distance from the face that it now bounds is measured."""
 
-EITHER_SIDE = 2.0
+EITHER_SIDE = 4.0
 """Of that distance, that the tolerance of the edge covers: at a vertex two ends may be off to either side."""
 
 

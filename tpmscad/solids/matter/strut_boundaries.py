@@ -11,7 +11,7 @@ crosses the ball. The pieces are united with what bounds the nodes, set by set, 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
 from typing import NamedTuple
 
@@ -27,7 +27,7 @@ from tpmscad.fields.kinds.strut_distances import measure_struts
 from tpmscad.fields.kinds.strut_graphs import StrutsField
 from tpmscad.lattices.strut_brep import build_strut_brep
 from tpmscad.lattices.strut_contacts import AXES_MEET, DIAMETER_DIGITS, FEWER_STRUTS, find_contact, find_touching
-from tpmscad.trimming.network_boolean import combine_networks
+from tpmscad.trimming.network_boolean import DEFAULT_TOL, combine_networks
 
 OUTSIDE_RTOL = 1e-9
 """In sizes of the box: how far vertices of struts that its sides have cut may lie outside it."""
@@ -264,6 +264,10 @@ def bound_struts(field: StrutsField, tol: float) -> Brep:
     brep = build_strut_brep(*divided.nodes)
     for pieces in divided.pieces:
         brep = _unite(brep, pieces)
+    # the kernel refused one of 996 faces whose edges had their own deviation as tolerance, and none with half as much again
+    if divided.pieces:
+        loose = np.where(brep.edges.deviation > DEFAULT_TOL, 2.0, 1.0)
+        brep = replace(brep, edges=replace(brep.edges, deviation=loose * brep.edges.deviation))
     return bridge_gaps(brep, divided.gaps, DISC_RTOL * float(field.radii.min()))
 
 
