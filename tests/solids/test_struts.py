@@ -11,6 +11,8 @@ import tpmscad
 from tpmscad import fields, maps
 from tpmscad.errors import InvalidRequest
 from tpmscad.fields import Field
+from tpmscad.fields.kinds.strut_graphs import StrutsField
+from tpmscad.results.model import Model
 
 pytestmark = pytest.mark.kernel
 
@@ -114,11 +116,43 @@ def test_struts_of_any_diameters_are_cut_by_each_other_without_the_kernel(
     assert abs(model.volume / 1728 - share) < 4 * np.sqrt(share / 800_000)
 
 
-def test_struts_that_are_linked_and_have_two_diameters_in_a_node_are_refused() -> None:
+def check_solid(field: StrutsField, low: float, high: float, tol: float) -> Model:
+    """The solid of struts in a cube, which has their volume and no ends of pieces."""
+    model = tpmscad.solidify(field, ((low,) * 3, (high,) * 3), tol=tol)
+    assert model.certificate.met, model.certificate.shortfalls
+    share = (field((high - low) * np.random.default_rng(4).random((800_000, 3)) + low) < 0).mean()
+    assert abs(model.volume / (high - low) ** 3 - share) < 4 * np.sqrt(share / 800_000)
+    return model
+
+
+def test_struts_that_are_linked_and_have_two_diameters_in_a_node_are_divided() -> None:
+    """The last one bounds its first node with another, which bounds that in the middle: they are one network."""
     diameters = [[1.0, 1.0], [1.2, 1.0], *[[0.8, 0.8]] * 6, [1.0, 1.1]]
     field = fields.struts([*CORNERS, [4, 4, 4]], [*DIAGONALS, [0, 1]], diameters)
-    with pytest.raises(InvalidRequest, match=r"one of them 1\.1, meet near"):
-        tpmscad.solidify(field, ((0, 0, 0), (8, 8, 8)), tol=0.01)
+    model = check_solid(field, -2, 10, 0.01)
+    assert model.certificate.betti == (1, 1, 0)
+    assert model.certificate.max_deviation == 0
+    # nine cylinders and cones in two faces each, and eight balls in two and in four parts
+    assert model.certificate.n_faces < 40
+
+
+def test_struts_that_touch_outside_their_nodes_are_cut_by_each_other() -> None:
+    """Two struts of one diameter pass each other at less than that; both end in a frame."""
+    nodes = [[0, 0, 0], [10, 0, 0.5], [5, -5, 0.9], [5, 5, 0.6], [0, 0, 5]]
+    field = fields.struts(nodes, [[0, 1], [2, 3], [0, 4], [2, 4], [1, 4], [3, 4]], 1.0)
+    model = check_solid(field, -6, 12, 0.01)
+    assert model.certificate.betti == (1, 3, 0)
+    assert model.certificate.max_deviation == 0
+
+
+def test_a_strut_that_is_nowhere_clear_of_others_is_thinner_within_the_tolerance() -> None:
+    """Two struts leave a node at 12 degrees, and one of them ends in a thicker strut before they part."""
+    nodes = [[0, 0, 0], [8, 0, 0], [8, 1.7, 0], [8, 1.7, 6], [-6, 0, 1]]
+    field = fields.struts(nodes, [[0, 1], [0, 2], [2, 3], [0, 4]], [1.6, 1.6, 2.4, 1.6])
+    model = check_solid(field, -8, 11, 0.005)
+    assert model.certificate.betti == (1, 0, 0)
+    assert 0 < model.certificate.max_deviation <= 0.005
+    assert any("thinner by up to" in note for note in model.certificate.notes)
 
 
 def test_a_net_is_a_stent_under_a_map_and_needs_one() -> None:

@@ -17,7 +17,6 @@ from tpmscad.brep import connectivity
 from tpmscad.brep.boundary_representation import Brep, move_brep, reverse_faces, select_faces, translate_brep
 from tpmscad.brep.free_form_surface import FreeFormSurface
 from tpmscad.errors import InvalidRequest, TrimmingError
-from tpmscad.fields.kinds.strut_graphs import split_by_node_radius
 from tpmscad.lattices.strut_brep import build_strut_brep
 from tpmscad.levelset.field_solid import fit_field
 from tpmscad.rigid_motion import Motion
@@ -314,8 +313,9 @@ def test_a_curve_that_passes_beside_the_pole_of_a_ball_is_traced_once() -> None:
     """The pole lies on the far side of a free end; a thinner strut leaves the ball in a circle that passes it in a 400th."""
     nodes = [[31.02984, 28.76335, 39.06495], [29.58008, 40.56492, 38.73778], [40.67946, 29.06346, 40.10775]]
     diameters = [[1.69112, 1.91310], [1.69997, 1.37419]]
-    sets = split_by_node_radius(fields.struts(nodes, [[0, 1], [0, 2]], diameters))
-    thick, thin = (build_strut_brep(each.points, each.edges, each.node_radii, each.balls) for each in sets)
+    pair, radii = np.array([[0, 1]]), np.array(diameters) / 2
+    thick = build_strut_brep(np.array(nodes[:2]), pair, radii[0], radii[0])
+    thin = build_strut_brep(np.array(nodes[::2]), pair, radii[1], radii[1] * [0, 1])
     found = combine_networks(thick, thin, "union").brep
     assert connectivity.is_closed(found)
 

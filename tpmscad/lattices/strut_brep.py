@@ -15,7 +15,7 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from tpmscad._typing import Array, BoolArray, IntArray
-from tpmscad.brep.boundary_representation import Brep, Edges, EdgeUses, Faces
+from tpmscad.brep.boundary_representation import Brep, Edges, EdgeUses, Faces, select_faces
 from tpmscad.brep.carriers import Carrier, Plane
 from tpmscad.brep.linked_items import label_linked
 from tpmscad.brep.loops import chain_faces
@@ -28,6 +28,16 @@ from tpmscad.splines.bspline import BSplineCurve, line_segment
 
 CAP, SURFACE = "cap", "surface"
 """Tags of faces in the sides of the box, and of all others."""
+
+SAME_VERTEX = 1e-5
+"""In the least radii: distance up to which vertices are one, and edges between them are left out. Where more than three struts
+meet in a point, coordinates of single precision take it apart by a tenth of that.
+"""
+
+VERTEX_MARGIN = 6.0
+"""Of the distance of an edge's ends from its vertices, that its tolerance covers: two ends lie on either side of a vertex, and
+with 1.05 the kernel refused 12 of 890 faces, with 3 one of these once it was cut.
+"""
 
 PATH_POINTS = 17
 """Points of an edge in the polygon that stands for it where planar faces are nested."""
@@ -58,12 +68,13 @@ def build_strut_brep(
         in_corners = np.unique(struts[find_sides(points, box).sum(axis=1)[struts] == 3])
         sides += _find_lines(ends, points[in_corners], box, tol)
     n_lines = len(sides) - int(first_side[-1])
-    joined = _join_sides(
+    joined, kept = _join_sides(
         sides,
         np.concatenate([kind, first_side[-1] + np.arange(n_lines)]),
         np.concatenate([corner[face], np.zeros((n_lines, 3))]),
-        tol,
+        SAME_VERTEX * float(radii.min()),
     )
+    face = face[kept[: len(face)]]
     caps = [] if box is None else list(_close_sides(joined, len(face), box, tol))
     pcurves, pcurve, deviation = _match_pcurves(joined, [each.carrier for each in facets], facet[face])
     loops = [loop for _, of_plane in caps for loop in of_plane]
@@ -75,7 +86,7 @@ def build_strut_brep(
     )
     number = {id(carrier): i for i, carrier in enumerate(carriers)}
     on_facets = np.array([number[id(each.carrier)] for each in facets])
-    return Brep(
+    found = Brep(
         tuple(carriers),
         tuple(sides[k].curve for k in curves.tolist()),
         pcurves,
@@ -105,6 +116,16 @@ def build_strut_brep(
         ),
         (SURFACE, CAP),
     )
+    return _drop_slits(found)
+
+
+def _drop_slits(brep: Brep) -> Brep:
+    """Without faces whose loops run along all their edges forth and back: slits between borders that are one."""
+    n_edges, face = len(brep.edges), brep.face_of_use
+    key, use = np.unique(face * n_edges + brep.uses.edge, return_inverse=True)
+    net = np.bincount(use.ravel(), weights=brep.uses.sense)
+    wide = np.unique(key[net != 0] // max(n_edges, 1))
+    return brep if len(wide) == len(brep.faces) else select_faces(brep, wide)
 
 
 class _PointPool:
@@ -138,10 +159,14 @@ class _JoinedSides:
     first: IntArray
 
 
-def _join_sides(sides: Sequence[Side], kind: IntArray, move: Array, tol: float) -> _JoinedSides:
+def _join_sides(sides: Sequence[Side], kind: IntArray, move: Array, tol: float) -> tuple[_JoinedSides, BoolArray]:
+    """The sides but those whose ends and middle are one point, and which (k,) these are not."""
     ends = np.array([side.ends() for side in sides])[kind] + move[:, None]
     pool = _PointPool(ends.reshape(-1, 3), tol)
-    start, middle, end = pool.number.reshape(-1, 3).T
+    numbers = pool.number.reshape(-1, 3)
+    kept = (numbers != numbers[:, :1]).any(axis=1)
+    kind, move, ends = kind[kept], move[kept], ends[kept]
+    start, middle, end = numbers[kept].T
     keys = np.column_stack([np.minimum(start, end), np.maximum(start, end), middle])
     _, first, edge = np.unique(keys, axis=0, return_index=True, return_inverse=True)
     rank = np.argsort(np.argsort(first))
@@ -150,7 +175,7 @@ def _join_sides(sides: Sequence[Side], kind: IntArray, move: Array, tol: float) 
     sense = np.array([side.sense for side in sides])[kind] * np.where(along, 1, -1)
     used, vertex = np.unique(np.stack([start, end]), return_inverse=True)
     start, end = vertex.reshape(2, -1)
-    return _JoinedSides(sides, kind, move, ends, pool.points[used], start, end, edge, along, sense, first)
+    return _JoinedSides(sides, kind, move, ends, pool.points[used], start, end, edge, along, sense, first), kept
 
 
 def _match_pcurves(
@@ -176,7 +201,9 @@ def _match_pcurves(
         shift = joined.move[k] - joined.move[source[k]]
         miss = carriers[facet[k]](*pcurves[-1](t).T) + shift - row.curve(t)
         off[i] = float(np.linalg.norm(miss, axis=1).max())
-    deviation = np.zeros(len(joined.first))
+    first = joined.first
+    at_ends = joined.vertices[np.stack([joined.start[first], joined.end[first]], axis=1)] - joined.ends[first][:, ::2]
+    deviation = VERTEX_MARGIN * np.linalg.norm(at_ends, axis=2).max(axis=1)
     np.maximum.at(deviation, joined.edge[:n], off[number.ravel()])
     return tuple(pcurves), numbers[number.ravel()], deviation
 

@@ -6,7 +6,9 @@ struts touch first as they grow.
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
@@ -22,6 +24,9 @@ PAIRS_AT_A_TIME = 200_000
 
 STEPS_ON_CONES = 12
 """Steps by which the nearest points of two cones are found, one for each of the axes in turn."""
+
+AXES_MEET = 1e-9
+"""Of the distance that two struts need: up to there their axes meet."""
 
 DIAMETER_DIGITS = 1e-3
 """Relative margin of the diameter that is named as one that fits."""
@@ -45,6 +50,16 @@ class Contact:
         return self.distance / self.needed
 
 
+class _Distances(NamedTuple):
+    """Pairs (p, 2) of struts, or of one with itself, places (p, 3), distances there and what the struts need of these (p,)."""
+
+    pairs: IntArray
+    places: Array
+    distance: Array
+    needed: Array
+    what: str
+
+
 def find_contact(
     points: Array, struts: IntArray, radii: Array, balls: Array, box: tuple[Array, Array] | None = None
 ) -> Contact | None:
@@ -52,72 +67,68 @@ def find_contact(
 
     radii, balls (n,): of the ends of all struts at each point, and of the balls there.
     """
-    found = [
-        *_measure_ends(points, struts, radii, balls, box),
-        *_measure_pairs(points, struts, radii),
-        *_measure_nodes(points, struts, radii, balls),
-    ]
-    return min(found, key=lambda contact: contact.ratio, default=None)
+    best: list[Contact] = []
+    for each in _measure(points, struts, radii, balls, box):
+        if len(each.pairs):
+            at = int(np.argmin(each.distance / each.needed))
+            best.append(Contact(each.places[at], float(each.distance[at]), float(each.needed[at]), each.what))
+    return min(best, key=lambda contact: contact.ratio, default=None)
 
 
-def _measure_ends(
+def find_touching(graph: tuple[Array, IntArray, Array, Array], least: float = AXES_MEET) -> IntArray:
+    """The pairs (p, 2) of struts that touch outside common nodes; of one with itself if it touches a node, or its joints meet.
+
+    graph: the first arguments of `find_contact`; least: the ratio above which a contact counts, so that axes do not meet.
+    """
+    found = [np.zeros((0, 2), np.int64)]
+    for each in _measure(*graph, None):
+        ratio = each.distance / each.needed
+        found.append(each.pairs[(ratio <= 1) & (ratio > least)])
+    return np.concatenate(found)
+
+
+def _measure(
     points: Array, struts: IntArray, radii: Array, balls: Array, box: tuple[Array, Array] | None
-) -> list[Contact]:
-    """What the two ends take of the length of each strut: the worst."""
-    lengths = np.linalg.norm(points[struts[:, 1]] - points[struts[:, 0]], axis=1)
+) -> Iterator[_Distances]:
+    """What near struts have and need: the ends of each, those without a common node, nodes and other struts."""
+    start, along = points[struts[:, 0]], points[struts[:, 1]] - points[struts[:, 0]]
+    lengths = np.linalg.norm(along, axis=1)
+    middle, same = start + 0.5 * along, np.arange(len(struts)).repeat(2).reshape(-1, 2)
     within = np.abs(np.diff(radii[struts], axis=1)[:, 0]) >= lengths
     if within.any():
-        s = int(np.argmax(within))
         what = "the ball at one end of a strut holds that at the other"
-        return [Contact(points[struts[s, 0]], 0.0, float(radii[struts[s]].max()), what)]
+        ends = points[struts[within, 0]]
+        yield _Distances(same[within], ends, np.zeros(len(ends)), radii[struts[within]].max(axis=1), what)
+        return
     classes = group_ends(points, struts, radii, balls, box)
     share = [measure_overlap(*pair, float(lengths[s])) for s, pair in zip(classes.first, classes.pairs, strict=True)]
     taken = np.maximum(np.array(share)[classes.label], 1e-300)
-    worst = int(np.argmax(taken))
-    middle = points[struts[worst]].mean(axis=0)
-    length = float(lengths[worst])
-    return [Contact(middle, length, float(taken[worst]) * length, "the joints at both ends of a strut meet")]
+    yield _Distances(same, middle, lengths, taken * lengths, "the joints at both ends of a strut meet")
 
-
-def _measure_pairs(points: Array, struts: IntArray, radii: Array) -> list[Contact]:
-    """The nearest two struts without a common node."""
-    start, along = points[struts[:, 0]], points[struts[:, 1]] - points[struts[:, 0]]
-    middle, half = start + 0.5 * along, 0.5 * np.linalg.norm(along, axis=1)
-    i, j = find_near_balls(middle, half, 4 * float(radii.max()), "struts", FEWER_STRUTS)
+    i, j = find_near_balls(middle, 0.5 * lengths, 4 * float(radii.max()), "struts", FEWER_STRUTS)
     common = (struts[i][:, :, None] == struts[j][:, None, :]).any(axis=(1, 2))
     i, j = i[~common], j[~common]
-    best: list[Contact] = []
     for k in range(0, len(i), PAIRS_AT_A_TIME):
-        own, other = i[k : k + PAIRS_AT_A_TIME], j[k : k + PAIRS_AT_A_TIME]
+        pair = np.column_stack([i, j])[k : k + PAIRS_AT_A_TIME]
+        one, two = pair.T
         distance, needed = _measure_axes(
-            start[own], along[own], radii[struts[own]], start[other], along[other], radii[struts[other]]
+            start[one], along[one], radii[struts[one]], start[two], along[two], radii[struts[two]]
         )
-        at = int(np.argmin(distance / needed))
-        place = 0.5 * (middle[own[at]] + middle[other[at]])
-        what = "two struts without a common node touch"
-        best.append(Contact(place, float(distance[at]), float(needed[at]), what))
-    return best
+        places = 0.5 * (middle[one] + middle[two])
+        yield _Distances(pair, places, distance, needed, "two struts without a common node touch")
 
-
-def _measure_nodes(points: Array, struts: IntArray, radii: Array, balls: Array) -> list[Contact]:
-    """The node that is nearest to a strut which does not end in it."""
     used = np.unique(struts)
-    start, along = points[struts[:, 0]], points[struts[:, 1]] - points[struts[:, 0]]
-    half = 0.5 * np.linalg.norm(along, axis=1)
-    nodes = points[used], np.zeros(len(used))
     reach = 2 * float(radii.max() + balls.max())
-    strut, node = find_near_balls(start + 0.5 * along, half, reach, "struts and nodes", FEWER_STRUTS, nodes)
+    nodes = points[used], np.zeros(len(used))
+    strut, node = find_near_balls(middle, 0.5 * lengths, reach, "struts and nodes", FEWER_STRUTS, nodes)
     node = used[node]
     other = (struts[strut] != node[:, None]).all(axis=1)
     strut, node = strut[other], node[other]
-    if not len(node):
-        return []
-    still = np.zeros((len(node), 3))
     ball = np.column_stack([balls[node], balls[node]])
-    distance, needed = _measure_axes(start[strut], along[strut], radii[struts[strut]], points[node], still, ball)
-    at = int(np.argmin(distance / needed))
-    what = "a node touches a strut that does not end in it"
-    return [Contact(points[node[at]], float(distance[at]), float(needed[at]), what)]
+    distance, needed = _measure_axes(
+        start[strut], along[strut], radii[struts[strut]], points[node], np.zeros((len(node), 3)), ball
+    )
+    yield _Distances(same[strut], points[node], distance, needed, "a node touches a strut that does not end in it")
 
 
 def _measure_axes(p: Array, u: Array, a: Array, q: Array, v: Array, b: Array) -> tuple[Array, Array]:

@@ -145,7 +145,7 @@ class StrutEnd:
 def make_strut_ends(along: Array, stars: tuple[Star, Star]) -> tuple[StrutEnd, StrutEnd]:
     """Both ends of a strut along a vector."""
     axis = along / np.linalg.norm(along)
-    x_axis = np.cross(axis, np.eye(3)[int(np.argmin(np.abs(axis)))])
+    x_axis = np.cross(axis, np.eye(3)[int(np.argmin(np.abs(axis).round(6)))])  # the same for parts of a strut
     x_axis /= np.linalg.norm(x_axis)
     y_axis = np.cross(axis, x_axis)
     pair = []
@@ -185,6 +185,8 @@ def choose_cuts(pair: tuple[StrutEnd, StrutEnd]) -> tuple[float, ...]:
     start, stop = first[0], first[-1]
     if stop - start < TWO_PI - SAME_ANGLE:
         return start, stop
+    if not min(end.star.ball for end in pair):  # where a part ends in a disc, others of the strut are cut alike
+        return 0.0, np.pi, TWO_PI
     known = [e.breaks[:-1] for end in pair for e in (end.cone, end.border) if e is not None and len(e.winners) > 1]
     angles = known[0] if known else (0.0,)
     opposite = [abs((angle - angles[0]) % TWO_PI - np.pi) for angle in angles]

@@ -19,7 +19,7 @@ from tpmscad.requests.lattice_request import size_of_cells
 from tpmscad.requests.strut_options import StrutOptions
 from tpmscad.results.model import Model, UnitCell
 from tpmscad.solids._solidify import solidify_crossing
-from tpmscad.solids.matter.strut_boundaries import bound_struts_in_box, require_struts_apart
+from tpmscad.solids.matter.strut_boundaries import as_graph, bound_struts_in_box, require_struts_apart
 from tpmscad.stage_timer import StageTimer
 from tpmscad.strut_cells import FLAT_KINDS
 
@@ -133,7 +133,7 @@ def _solve_diameter(points: Array, edges: IntArray, node_radius: float, hi: Arra
 
     def measure(diameter: float, node_radius: float = node_radius) -> tuple[StrutsField, float]:
         field = make_struts(points, edges, diameter, node_radius)
-        require_struts_apart(field)
+        require_struts_apart(as_graph(field))
         moments = integral_properties.integrate_faces(bound_struts_in_box(field, np.zeros(3), hi))
         return field, float(integral_properties.volume(moments)[0])
 

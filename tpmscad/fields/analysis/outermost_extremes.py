@@ -25,7 +25,6 @@ from tpmscad.fields.kinds.booleans import RoundedMinMaxField, join_extremes
 from tpmscad.fields.kinds.coordinate_transforms import AffineTransformedField
 from tpmscad.fields.kinds.linear_extension import LinearExtension
 from tpmscad.fields.kinds.primitive_regions import BoxRegion, CylinderRegion, HalfSpaceRegion
-from tpmscad.fields.kinds.strut_graphs import StrutsField, split_by_node_radius
 
 T = TypeVar("T")
 
@@ -111,11 +110,6 @@ def _map_pairs(first: Field, second: Field, function: Callable[[Field, Field], F
 @expose_extremes.register
 def _(field: MinMaxField, values: bool = False) -> Field:
     return MinMaxField(expose_extremes(field.first, values), expose_extremes(field.second, values), field.sign)
-
-
-@expose_extremes.register
-def _(field: StrutsField, values: bool = False) -> Field:
-    return join_extremes(-1, split_by_node_radius(field))
 
 
 @expose_extremes.register

@@ -6,7 +6,7 @@ Lattices of unit cells (`tpmscad.strut_cells`) and graphs of any kind, Voronoi a
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import lru_cache
 from typing import Annotated, Any
 
@@ -15,7 +15,7 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
-from tpmscad._typing import Array, BoolArray, IntArray
+from tpmscad._typing import Array, IntArray
 from tpmscad.api.argument_kinds import choice_of
 from tpmscad.api.public_calls import call_for_array, validate_call
 from tpmscad.api.shared_kinds import (
@@ -47,9 +47,6 @@ SAME_NODE = 1e-9
 STRAIGHT = 1e-9
 """Sine of the angle up to which two struts continue each other."""
 
-NEARLY_OWNER = 0.9
-"""In the greatest radius of a node: from there on struts end in its ball alone, without a ball that would nearly be that one."""
-
 CHANGED_FIELDS = 64
 """Moved and offset fields that are kept: each is asked for several times, and has a grid of its own."""
 
@@ -68,8 +65,7 @@ class StrutsField(Field):
     """Distance to the struts (m, 2) between points (n, 3), and to balls at the points.
 
     radii (m, 2): of each strut at its start and its end, between which it is a cone that touches the balls of these radii. balls
-    (n,): radii at the points, at least those of the struts there, or 0 where a strut ends within a ball of another field
-    (`split_by_node_radius`). parts: starts, vectors and radii of struts and larger balls.
+    (n,): radii at the points, at least those of the struts there. parts: starts, vectors and radii of struts and larger balls.
     """
 
     points: Array
@@ -88,13 +84,6 @@ class StrutsField(Field):
     def is_even(self) -> bool:
         """Whether all struts have one diameter throughout, and all balls one radius."""
         return bool(self.radii.min() == self.radii.max() and self.balls.min() == self.balls.max())
-
-    @property
-    def node_radii(self) -> Array:
-        """The radius (n,) of all ends of struts at each point, which must be of one there."""
-        found = greatest_radii(len(self.points), self.edges, self.radii)
-        assert np.array_equal(found[self.edges], self.radii)
-        return found
 
     def at(self, x: Array, y: Array, z: Array) -> Array:
         """Values at coordinates that broadcast."""
@@ -156,8 +145,8 @@ def struts(
     Notes
     -----
     `tpmscad.solidify` and `tpmscad.infill` make exact solids of it, of cylinders, of cones that touch the balls at both ends, and
-    of balls. Struts that have one radius in each node are one operand there, which is cut by the others. Solids are refused where
-    struts touch outside their nodes; `infill_triangles` and `infill_layers` take them.
+    of balls. The ball in a node is that of its thickest struts, in which thinner ones end; struts that touch outside their nodes
+    are cut by each other. Where struts are nowhere apart, an end may be thinner, by at most half of `tol`, which is told.
 
     Examples
     --------
@@ -241,8 +230,7 @@ def change_struts(
     """The struts with nodes at matrix p + shift, their radii and that of the balls times a factor and greater by a distance."""
     points = field.points @ np.array(matrix).T + np.array(shift)
     radii = factor * field.radii + distance
-    made = build_struts(points, field.edges, radii, factor * field.balls + distance)
-    return replace(made, balls=np.where(field.balls > 0, made.balls, 0.0))
+    return build_struts(points, field.edges, radii, factor * field.balls + distance)
 
 
 def map_struts(field: StrutsField, function: Callable[[Array], Array]) -> StrutsField:
@@ -258,93 +246,6 @@ def map_struts(field: StrutsField, function: Callable[[Array], Array]) -> Struts
     balls = np.zeros(len(first))
     np.maximum.at(balls, number, field.balls)
     return build_struts(points[first], edges, radii[kept], balls)
-
-
-def split_by_node_radius(field: StrutsField) -> list[StrutsField]:
-    """Fields whose minimum is the field, in each of which all struts that meet in a point have one radius there.
-
-    A node belongs to its thickest struts, whose field comes before the others there, but for one at most. In these thinner struts
-    end within its ball; those that are alone have no ball of their own, which is 0 there. InvalidRequest if struts that own nodes
-    in common meet elsewhere with two radii.
-    """
-    owner = greatest_radii(len(field.points), field.edges, field.radii)
-    owns = field.radii == owner[field.edges]
-    if owns.all():
-        return [field]
-    unit = _link_units(field, owns, field.radii < NEARLY_OWNER * owner[field.edges])
-    fields = []
-    for chosen in _order_units(field.edges, owns, unit):
-        own = np.isin(unit, chosen)
-        edges, radii = field.edges[own], field.radii[own]
-        owned = greatest_radii(len(owner), edges, radii) == owner
-        made = build_struts(field.points, edges, radii, np.where(owned, field.balls, 0.0))
-        used, count = np.unique(edges, return_counts=True)
-        fields.append(replace(made, balls=np.where(owned[used] | (count > 1), made.balls, 0.0)))
-    return fields
-
-
-def _link_units(field: StrutsField, owns: BoolArray, is_thin: BoolArray) -> IntArray:
-    """The number of the unit of each strut (m,): struts are linked that own a node in common, and thin ones of one radius there.
-
-    owns, is_thin: (m, 2). Thin struts are not linked if a unit then has two radii in one point.
-    """
-    m, ends = len(field.edges), field.edges.ravel()
-    _, joint = np.unique(np.column_stack([ends, field.radii.ravel()]), axis=0, return_inverse=True)
-    joint = joint.ravel()
-    linked = owns | is_thin
-    for again in (True, False):
-        strut, side = np.nonzero(linked)
-        links = coo_array((np.ones(len(strut)), (strut, m + joint[2 * strut + side])), shape=(m + len(ends),) * 2)
-        unit = connected_components(links, directed=False)[1][:m]
-        radii_there, first = np.unique(np.column_stack([np.repeat(unit, 2), ends, joint]), axis=0, return_index=True)
-        torn = np.flatnonzero((np.diff(radii_there[:, :2], axis=0) == 0).all(axis=1))
-        if not len(torn):
-            break
-        if not again:
-            end = int(first[torn[0]])
-            raise InvalidRequest(
-                f"struts of two diameters, one of them {2 * field.radii.ravel()[end]:g}, meet near "
-                f"{format_point(field.points[ends[end]], 5)}, and struts that have one diameter where they meet link them: "
-                "give all there one diameter, or make triangles or layers"
-            )
-        linked = linked & (owns | ~np.isin(unit, radii_there[torn, 0])[:, None])
-    return np.asarray(unit)
-
-
-def _order_units(edges: IntArray, owns: BoolArray, unit: IntArray) -> list[list[int]]:
-    """Units without a node in common, set by set: after those that own their nodes, but for one in each circle of these."""
-    owner_of = {
-        node: own for node, own in zip(edges[owns].tolist(), np.repeat(unit, 2)[owns.ravel()].tolist(), strict=True)
-    }
-    nodes: dict[int, set[int]] = {}
-    for own, pair in zip(unit.tolist(), edges.tolist(), strict=True):
-        nodes.setdefault(own, set()).update(pair)
-    waits = {own: {owner_of[node] for node in at} - {own} for own, at in nodes.items()}
-    size = int(unit.max()) + 1
-    while True:
-        pairs = np.array([(own, other) for own, others in waits.items() for other in others], np.int64).reshape(-1, 2)
-        graph = coo_array((np.ones(len(pairs)), tuple(pairs.T)), shape=(size, size))
-        circle = connected_components(graph, connection="strong")[1]
-        within = pairs[circle[pairs[:, 0]] == circle[pairs[:, 1]]]
-        if not len(within):
-            break
-        members, count = np.unique(within[:, 0], return_counts=True)
-        order = np.argsort(count, kind="stable")
-        _, first = np.unique(circle[members[order]], return_index=True)
-        for own in members[order][first].tolist():
-            waits[own] = {other for other in waits[own] if circle[other] != circle[own]}
-    urgent = sorted(nodes, key=lambda own: -sum(own in others for others in waits.values()))
-    sets: list[list[int]] = []
-    left = set(nodes)
-    while left:
-        taken: set[int] = set()
-        sets.append([])
-        for own in urgent:
-            if own in left and left.isdisjoint(waits[own]) and taken.isdisjoint(nodes[own]):
-                taken |= nodes[own]
-                sets[-1].append(own)
-        left.difference_update(sets[-1])
-    return sets
 
 
 def _join_straight(points: Array, edges: IntArray, radii: Array) -> tuple[IntArray, Array]:

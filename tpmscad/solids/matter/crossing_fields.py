@@ -69,7 +69,7 @@ from tpmscad.solids.matter.reference_distance import DistanceFunction, field_dis
 from tpmscad.solids.matter.strut_boundaries import (
     bound_struts,
     bound_struts_in_box,
-    require_struts_apart,
+    divide_struts,
 )
 from tpmscad.stage_timer import StageTimer
 from tpmscad.trimming.network_boolean import (
@@ -192,7 +192,7 @@ class CrossingFields:
         return [
             _make_quadric(self, operand, number)
             if isinstance(operand, QuadricLeaf)
-            else _bound_operand(operand, self.lo, self.hi)
+            else _bound_operand(operand, self.lo, self.hi, self.tol)
             for number, operand in enumerate(self.operands)
         ]
 
@@ -222,7 +222,7 @@ def fit_crossing_fields(field: Field, lo: Array, hi: Array, tol: float, stages: 
     exact = [find_exact(each) for each in list_fields(tree)]
     struts = [each.struts for each in exact if isinstance(each, StrutLeaf)]
     for each in struts:
-        require_struts_apart(each)
+        divide_struts(each, tol)
     operands = [
         known or _fit_operand(each, lo, hi, tol, stages, number)
         for number, (each, known) in enumerate(zip(list_fields(tree), exact, strict=True))
@@ -240,7 +240,7 @@ def combine_field_solids(
     matter = fit_crossing_fields(field, lo, hi, tol, stages)
     with stages("combine"):
         alone = matter.operands[0] if not isinstance(matter.tree, Combination) else None
-        in_box = isinstance(alone, StrutLeaf) and alone.sign > 0
+        in_box = isinstance(alone, StrutLeaf) and alone.sign > 0 and not divide_struts(alone.struts, tol).pieces
         outcome = (STRUT_METHODS if in_box else METHODS).run(matter)
     built, moved = outcome.value
     if not built.n_solids:
@@ -314,10 +314,10 @@ def _complement(of: ExactOrCut) -> ExactOrCut:
     return SolidSet(of.shape, not of.complement) if isinstance(of, SolidSet) else (of[0], not of[1])
 
 
-def _bound_operand(operand: FieldPatches | NetworkLeaf, lo: Array, hi: Array) -> tuple[Brep, bool]:
+def _bound_operand(operand: FieldPatches | NetworkLeaf, lo: Array, hi: Array, tol: float) -> tuple[Brep, bool]:
     """The boundary of an operand's solid in the box [lo, hi], and whether its complement is meant."""
     if isinstance(operand, StrutLeaf):
-        return bound_struts(operand.struts), operand.sign < 0
+        return bound_struts(operand.struts, tol), operand.sign < 0
     if isinstance(operand, CoreLeaf):
         return bound_voids(operand.core, lo, hi), operand.sign > 0
     return operand.fitted.brep, False

@@ -13,6 +13,7 @@ from tpmscad.errors import format_point
 from tpmscad.fields.analysis import volume_quadrature
 from tpmscad.fields.analysis.betti_numbers import Betti, compute_betti_numbers
 from tpmscad.fields.analysis.crease_network import CreaseNetwork
+from tpmscad.fields.analysis.exact_leaves import StrutLeaf
 from tpmscad.fields.analysis.local_leaves import has_slope_bounds
 from tpmscad.fields.analysis.local_measures import STANDARD_ERRORS, measure_locally
 from tpmscad.fields.data.field_notes import collect_notes
@@ -25,6 +26,7 @@ from tpmscad.kernel.measure.solid_topology import measure_topology
 from tpmscad.results.certificate import PatchMeasures
 from tpmscad.solids.matter.field_patches import N_QUADRATURE_LINES, FieldPatches
 from tpmscad.solids.matter.patch_measures import FROM_FIELD, TO_FIELD, check_field_tangent_jump, check_volume
+from tpmscad.solids.matter.strut_boundaries import divide_struts
 
 CREASE_LENGTH_RTOL = 0.01
 """Relative difference of the solid's creases from the field's in length, above which it is noted: the solid's are off by about
@@ -40,16 +42,24 @@ def measure_built(built: BrepSolids | OcctSolids) -> tuple[Betti, float]:
 
 
 def measure_operands(field: Field, tol: float, operands: Sequence[object]) -> PatchMeasures:
-    """The worst measures of the operands, and the deviation of each; exact ones deviate by nothing."""
+    """The worst measures of the operands, and the deviation of each; exact ones deviate by nothing, struts by what they say."""
     each = [operand.fitted for operand in operands if isinstance(operand, FieldPatches)]
-    deviation = combine_deviations([f.deviation for f in each]) if each else Deviation(0.0, 0.0, 0.0, 0.0)
+    struts = [divide_struts(operand.struts, tol) for operand in operands if isinstance(operand, StrutLeaf)]
+    thinner = max((found.deviation for found in struts), default=0.0)
+    deviation = combine_deviations([Deviation(*4 * (thinner,)), *(f.deviation for f in each)])
     continuity = EdgeContinuity(
         max((f.continuity.gap for f in each), default=0.0),
         max((f.continuity.tangent_jump_deg for f in each), default=0.0),
         max((f.continuity.curvature_jump for f in each), default=0.0),
         0,
     )
-    notes = dict.fromkeys((*collect_notes(field), *(note for f in each for note in f.notes)))
+    of_struts = [
+        f"{found.thinned} ends of struts are thinner by up to {found.deviation:.2g} of their radius, within tol: they touch "
+        "others, of another radius or outside their nodes, so that they are not told apart otherwise"
+        for found in struts
+        if found.thinned
+    ]
+    notes = dict.fromkeys((*collect_notes(field), *of_struts, *(note for f in each for note in f.notes)))
     return PatchMeasures(
         tol,
         deviation,
