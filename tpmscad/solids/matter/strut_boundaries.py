@@ -110,12 +110,14 @@ def as_graph(field: StrutsField) -> StrutGraph:
 
 @lru_cache(maxsize=DIVIDED_FIELDS)
 def divide_struts(field: StrutsField, tol: float) -> DividedStruts:
-    """The struts as operands within a tolerance; InvalidRequest where ends of a strut meet, or axes without a node."""
+    """The struts as operands within a tolerance; InvalidRequest where axes meet without a node, or all struts touch others."""
     radii = greatest_radii(len(field.points), field.edges, field.radii)
     m, widths = len(field.edges), field.radii.sum(axis=1)
     divided, without_stub = np.asarray((field.radii < radii[field.edges]).any(axis=1)), np.zeros((m, 2), bool)
     clear: dict[int, BoolArray] = {}
     while True:
+        if divided.all():  # nothing is left that bounds the nodes
+            require_struts_apart(StrutGraph(field.points, field.edges, radii, field.balls))
         clear |= _find_clear_places(field, [s for s in np.flatnonzero(divided).tolist() if s not in clear])
         found, part = _divide_at(field, radii, divided, without_stub, clear, tol)
         met = part[find_touching(found.nodes)]
@@ -206,7 +208,7 @@ def _divide_at(
             at = np.sort(t + widths * (width[0] - width[1]) / length**2)
             gaps.append(start + at[:, None] * along)
         pieces.append((start + ends[:, None] * along, width[0] + ends * (width[1] - width[0]), shown))
-    graph = StrutGraph(np.array(points), np.array(edges).reshape(-1, 2), np.array(at_points), np.array(balls))
+    graph = StrutGraph(np.array(points), np.array(edges, np.int64).reshape(-1, 2), np.array(at_points), np.array(balls))
     divided_struts = DividedStruts(
         graph,
         _sort_into_sets(pieces),
@@ -214,7 +216,7 @@ def _divide_at(
         len(thinned),
         step if thinned else 0.0,
     )
-    return divided_struts, np.array(part)
+    return divided_struts, np.array(part, np.int64)
 
 
 def _find_gap(clear: BoolArray, length: float) -> tuple[float, float] | None:
