@@ -132,6 +132,28 @@ def test_a_closed_curve_inside_one_pair_of_faces_is_found() -> None:
     assert_volumes_add_up(sphere, half_space, found)
 
 
+@pytest.mark.parametrize(("angle", "overlap", "turns"), [(0.918, 0.343, (5.33, 0.914)), (0.393, 0.051, (5.592, 5.167))])
+def test_a_closed_curve_is_found_in_whichever_halves_of_cylinders_it_lies(
+    angle: float, overlap: float, turns: tuple[float, float]
+) -> None:
+    """Both halves of a cylinder lie on one carrier, and near both of the other, but only one pair has the curve."""
+    cylinder = build_strut_brep(
+        np.array([[0.0, 0.0, -9.0], [0.0, 0.0, 9.0]]), np.array([[0, 1]]), np.full(2, 2.0), np.zeros(2)
+    )
+
+    def place(angle: float, height: float, turn: float) -> Brep:
+        along, up = np.array([np.cos(angle), np.sin(angle), 0.0]), np.array([0.0, 0.0, 1.0])
+        spin = np.array([[np.cos(turn), -np.sin(turn), 0.0], [np.sin(turn), np.cos(turn), 0.0], up])
+        return move_brep(cylinder, Motion(np.column_stack([up, np.cross(along, up), along]) @ spin, height * up))
+
+    first, second = place(0.0, 0.0, turns[0]), place(angle, 4.0 - overlap, turns[1])
+    found = combine(first, second)
+    assert found["intersection"].report.hits == 0
+    paraboloid = np.pi * overlap**2 * 2.0 / np.sin(angle)
+    assert volume(found["intersection"].brep) == pytest.approx(paraboloid, rel=0.1)
+    assert_volumes_add_up(first, second, found)
+
+
 def test_operands_apart_and_inside_one_another() -> None:
     outer, inner = ball((0.0, 0.1, 0.0), 1.5), ball((0.2, 0.0, 0.3), 0.6)
     found = combine(outer, inner)

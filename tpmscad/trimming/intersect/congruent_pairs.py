@@ -29,12 +29,23 @@ def sort_ends(ends: CurveEnds) -> CurveEnds:
     return CurveEnds(ends.pairs, ends.start, ends.parameters[order], ends.enters[order], ends.vertex[order])
 
 
-def group_congruent_pairs(first: Brep, second: Brep, ends: CurveEnds, rows: IntArray) -> IntArray:
-    """Of the pairs in `rows` (n,), whose ends are sorted, the number (n,) of the first one of each one's class."""
+def group_congruent_pairs(
+    first: Brep, second: Brep, ends: CurveEnds, rows: IntArray, domains: tuple[Array, Array] | None = None
+) -> IntArray:
+    """Of the pairs in `rows` (n,), whose ends are sorted, the number (n,) of the first one of each one's class.
+
+    domains: of the parameters of all faces, (F, 4) and (G, 4), which are alike in a class, too, if they are given. Curves with
+    ends need none; of a quadric, faces with loops elsewhere are known in other parts.
+    """
     like, count = np.arange(len(rows)), np.diff(ends.start)[rows]
     if not len(rows):
         return like
     keys = _describe_pairs(first, second, ends.pairs[rows])
+    if domains is not None:
+        within = [
+            _round(own[face], PARAMETER_RESOLUTION) for own, face in zip(domains, ends.pairs[rows].T, strict=True)
+        ]
+        keys = np.column_stack([keys, *within])
     for n in np.unique(count).tolist():
         own = np.flatnonzero(count == n)
         at = ends.start[rows[own]][:, None] + np.arange(n)

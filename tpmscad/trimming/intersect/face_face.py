@@ -32,6 +32,7 @@ from tpmscad.trimming.intersect.network_hits import CurveEnds, Network, locate_i
 from tpmscad.trimming.operands.network_tables import (
     BREAK_U,
     BREAK_V,
+    PLANAR,
     SPANS_U,
     SPANS_V,
     NetworkFaces,
@@ -175,7 +176,8 @@ def _trace_closed_curves(
     n_first = len(first.faces.low)
     pairs = ends.pairs + np.array([0, n_first])
     candidates = list_searched_pairs(joined, pairs)
-    like = group_congruent_pairs(first.brep, second.brep, ends, candidates)
+    domains = _list_domains(joined.patches)
+    like = group_congruent_pairs(first.brep, second.brep, ends, candidates, (domains[:n_first], domains[n_first:]))
     is_first = like == np.arange(len(like))
     beside = np.zeros(len(like), bool)
     factors = np.array([len(second.brep.faces), 1])
@@ -224,6 +226,16 @@ def _trace_closed_curves(
         beside[own] = has_others
         closed += found
     return closed
+
+
+def _list_domains(patches: PatchPolynomials) -> Array:
+    """The parameters (F, 4) between which faces are known: u0, u1, v0, v1; 0 of planes, and of faces that meet none."""
+    domains, layout = np.zeros((len(patches.layout), 4)), patches.layout
+    curved = (layout[:, PLANAR] == 0) & (layout[:, SPANS_U] > 0)
+    layout = layout[curved]
+    first, spans = layout[:, [BREAK_U, BREAK_V]], layout[:, [SPANS_U, SPANS_V]]
+    domains[curved] = patches.breaks[np.stack([first, first + spans], axis=2).reshape(-1, 4)]
+    return domains
 
 
 def trace_from(patches: PatchPolynomials, f: int, g: int, start: Array, match_tol: float) -> tuple[Array, bool]:
