@@ -173,7 +173,7 @@ TABLES = {
     "slabs": (MANY + 1, "s7.step", "0, 0, 7"),
     "stiffness": (12, "xy", "0"),
     "permeability": (3, "y", "0"),
-    "flow": (10, "Darcy 1856", ""),
+    "flow": (12, "Darcy 1856", ""),
 }
 """Rows of the table of a result in notebooks, and the first two cells of one."""
 
