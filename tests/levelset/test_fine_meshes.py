@@ -69,11 +69,24 @@ def test_simplified_early_or_late_a_rough_field_has_as_few_patches_within_the_to
 def test_a_mesh_is_finer_than_asked_if_the_tolerance_is_loose_and_its_polygons_are_many(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    request, _tree, mesh = meshed()
-    assert not is_finer_than_asked(request, mesh)
+    request, tree, mesh = meshed()
+    assert not is_finer_than_asked(request, tree, mesh)
     monkeypatch.setattr(fine_meshes, "MIN_POLYGONS", len(mesh.corners))
-    assert is_finer_than_asked(request, mesh)
-    assert not is_finer_than_asked(replace(request, tol=1e-3), mesh)
+    assert is_finer_than_asked(request, tree, mesh)
+    assert not is_finer_than_asked(replace(request, tol=1e-3), tree, mesh)
+
+
+@pytest.mark.parametrize(("period", "simplified"), [(4.0, True), (2.4, False)])
+def test_the_mesh_of_a_periodic_field_is_simplified_in_a_box_of_few_periods(
+    monkeypatch: pytest.MonkeyPatch, period: float, simplified: bool
+) -> None:
+    monkeypatch.setattr(fine_meshes, "MIN_POLYGONS", 0)
+    tree = octree.uniform_octree(LO, HI, np.array((40, 35, 30)))
+    request = FitRequest(fields.tpms("schwarz_p", period), TOL, np.empty((0, 3)))
+    mesh, _ = mesh_level_set(tree, request.field)
+    assert is_finer_than_asked(request, tree, mesh) is simplified
+    monkeypatch.setattr(fine_meshes, "MAX_PERIODS", np.inf)
+    assert is_finer_than_asked(request, tree, mesh)
 
 
 def test_leaves_of_samples_that_the_mesh_misses_are_found_and_no_others() -> None:

@@ -197,7 +197,7 @@ def _generate_starts(request: FitRequest, lo: Array, hi: Array, detect_hidden_cr
 
 def _refine_from(request: FitRequest, start: _MeshedTree, previous: LevelSetFit | None = None) -> LevelSetFit:
     """The best fit of those that splitting bad leaves leads to, with patches of a `previous` fit where they remain."""
-    if is_finer_than_asked(request, start.mesh):
+    if is_finer_than_asked(request, start.tree, start.mesh):
         start = _split_risky_leaves(request, start)
         fit = fit_simplified_mesh(request, start.tree, start.mesh)
         if not len(fit.bad_leaves):

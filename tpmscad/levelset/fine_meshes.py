@@ -13,6 +13,7 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from tpmscad._typing import Array, IntArray
+from tpmscad.fields.field import Field
 from tpmscad.levelset.level_set_fit import PATCH_DEGREES, FitRequest, LevelSetFit, fit_level_set, locate_leaves
 from tpmscad.levelset.quadmesh.dual_mesh import QuadMesh
 from tpmscad.levelset.quadmesh.octree import Octree
@@ -30,20 +31,30 @@ this fraction of the tolerance."""
 N_POLYGONS_MEASURED = 2000
 """Polygons of which the sides are measured for that."""
 
+MAX_PERIODS = 12.0
+"""Periods in the box up to which the mesh of a periodic field is simplified, too, although they then differ. A blend
+of a gyroid and a Schwarz P rod in 8 periods has 4100 patches in 39 s, and 12,400 in 47 s if its periods stay alike."""
+
 MIN_RISKY_INTERIOR, MIN_RISKY_CORNER = 0.7, 1.05
 """Interior and corner distortions of a polygon above which its patch may fail. Patches fold, too, where two corners lie in one
 leaf, which the surface passes twice."""
 
 
-def is_finer_than_asked(request: FitRequest, mesh: QuadMesh) -> bool:
+def is_finer_than_asked(request: FitRequest, tree: Octree, mesh: QuadMesh) -> bool:
     """Whether a mesh has many polygons, and most of them are far within the tolerance."""
     count = len(mesh.corners)
-    if count < MIN_POLYGONS or request.field.periods() is not None:
+    if count < MIN_POLYGONS or _count_periods(request.field, tree) > MAX_PERIODS:
         return False
     chosen = mesh.corners[:: max(1, count // N_POLYGONS_MEASURED)]
     normals = normalize(request.field.gradient(mesh.vertices))
     distance = measure_side_distances(request.field, mesh.vertices, normals, mesh.fixed, chosen)
     return bool(np.quantile(distance, FINE_QUANTILE) <= FINE_SIDE_TOLS * request.tol)
+
+
+def _count_periods(field: Field, tree: Octree) -> float:
+    """Volume of the box in periods of the field, 0 if it has none; a direction in which nothing changes is one period."""
+    edges, periods = tree.hi - tree.lo, np.array(field.periods() or np.full(3, np.inf))
+    return float(np.prod(edges / np.where(periods > 0, periods, edges)))
 
 
 def fit_risky_polygons(
