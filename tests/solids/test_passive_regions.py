@@ -231,3 +231,19 @@ def test_the_surroundings_of_a_hole_are_kept_within_the_skin_of_its_boss() -> No
     assert model.certificate.met, model.certificate.shortfalls
     ring = bd.Cylinder(2.69, 4.9) - bd.Cylinder(1.61, 5)
     assert (model.solid & ring).volume == pytest.approx(ring.volume, rel=1e-6)
+
+
+def test_each_of_several_solids_keeps_what_lies_in_it_and_the_surroundings_of_its_holes() -> None:
+    plain, bored = bd.Pos(-3, 0, 0) * bd.Box(4, 4, 4), bd.Pos(3, 0, 0) * (bd.Box(4, 4, 4) - bd.Cylinder(0.5, 4))
+    both = bd.Compound([plain, bored])
+    given = {"cell": 4.0, "kind": "skeletal", "tol": 0.1, "solid": "all", "progress": False}
+    block = bd.Pos(-3.1, 0.2, 0.1) * bd.Box(1, 1.2, 1)
+    model = tpmscad.infill(both, "schwarz_p", keep=[block, ("bosses", 0.4)], clear=bd.Cylinder(0.3, 9), **given)
+    assert model.certificate.met
+    notes = " ".join(model.certificate.notes)
+    assert notes.count("solid 1: the kept") == 1
+    assert notes.count("solid 2: the hole of radius 0.5 with 0.4 around it is contained") == 1
+    with pytest.raises(InvalidRequest, match="lies in none of the 2 solids as a whole"):
+        tpmscad.infill(both, "schwarz_p", keep=bd.Box(4, 1, 1), **given)
+    with pytest.raises(InvalidRequest, match="it has no round holes"):
+        tpmscad.infill(both, "schwarz_p", keep=("bosses", 0.4, 2.0), **given)

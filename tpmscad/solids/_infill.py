@@ -7,6 +7,8 @@ subtracted from the body.
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 from tpmscad.api.public_calls import validate_options
 from tpmscad.errors import InvalidRequest
 from tpmscad.fields.field import as_field
@@ -32,7 +34,7 @@ from tpmscad.solids.filled_body import fill_body
 from tpmscad.solids.matter.field_matter import build_field_matter
 from tpmscad.solids.matter.lattice_block import build_lattice_block
 from tpmscad.solids.matter.mapped_cover import build_mapped_block
-from tpmscad.solids.passive_regions import PassiveRegions
+from tpmscad.solids.passive_regions import PassiveRegions, divide_kept
 from tpmscad.stage_timer import StageTimer
 
 
@@ -72,9 +74,12 @@ def infill(options: InfillOptions) -> Model:
         raise InvalidRequest(
             "numbers in open_faces are those of one solid: select the open faces of several as '>Z,<Z' does"
         )
-    if options.keep is not None or options.clear is not None:
-        raise InvalidRequest("keep and clear are for one solid: choose one by its number, or fill them one at a time")
-    models = {body.cad.title: _fill(options, body, tol, stages) for body in bodies}
+    with stages("read"):
+        kept = divide_kept(options.keep, [body for body in bodies if isinstance(body, KernelBody)])
+    models = {
+        body.cad.title: _fill(replace(options, keep=own or None), body, tol, stages)
+        for body, own in zip(bodies, kept, strict=True)
+    }
     return join_models(name, models, stages.seconds, "the bodies")
 
 

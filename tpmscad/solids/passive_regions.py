@@ -31,6 +31,7 @@ from tpmscad.kernel.measure.shape_sampling import contains_points
 from tpmscad.kernel.occt.construction import make_compound
 from tpmscad.kernel.occt.exploration import faces_of
 from tpmscad.results.certificate import Check
+from tpmscad.solids.bodies.kernel_body import KernelBody
 from tpmscad.solids.cut import (
     Domain,
     MadeSolids,
@@ -243,6 +244,36 @@ class PassiveRegions:
 
 
 NO_REGIONS = PassiveRegions()
+
+
+def divide_kept(keep: Any, bodies: Sequence[KernelBody]) -> list[list[Any]]:
+    """What each of several bodies keeps of what is given: solids that lie in it, and surroundings of its round holes.
+
+    InvalidRequest for a solid that lies in none of the bodies, and for the surroundings of holes that none of them has.
+    """
+    bosses, others = _split_bosses(keep)
+    divided: list[list[Any]] = [[] for _ in bodies]
+    for kept in _read_all(others, "kept"):
+        points = sample_body(kept)
+        holding = [own for own, body in zip(divided, bodies, strict=True) if body.contains(points).all()]
+        if not holding:
+            raise InvalidRequest(
+                f"{kept.name} lies in none of the {len(bodies)} solids as a whole: divide it where they end, and keep its parts"
+            )
+        for own in holding:
+            own.append(kept)
+    for one in bosses:
+        refusals = []
+        for own, body in zip(divided, bodies, strict=True):
+            try:
+                _find_bosses(body.cad, True, one)
+            except InvalidRequest as refusal:
+                refusals.append(refusal)
+            else:
+                own.append(one)
+        if len(refusals) == len(bodies):
+            raise refusals[0]
+    return divided
 
 
 def _split_bosses(keep: Any) -> tuple[list[Sequence[Any]], list[Any]]:
