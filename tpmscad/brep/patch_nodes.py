@@ -89,13 +89,12 @@ def _place_normals(patches: Brep, low: Array, high: Array) -> tuple[Array, Array
     faces = patches.faces
     nodes, normals = [np.zeros((0, 3))], [np.zeros((0, 3))]
     for own, carrier in spline_faces(patches):
-        u, v = _make_grid(carrier, SIDE_NODES)
-        points = carrier(u, v)
+        points, by_u, by_v = carrier.jet(*_make_grid(carrier, SIDE_NODES))
         center = faces.motion[own].apply(points.mean(axis=0))
         own = own[((center >= low) & (center <= high)).all(axis=1)]
         motion = faces.motion[own]
         orientation = faces.sense[own] * motion.handedness
         nodes.append(motion[:, None].apply(points).reshape(-1, 3))
-        normal = motion[:, None].apply_to_vectors(carrier.normal(u, v)) * orientation[:, None, None]
+        normal = motion[:, None].apply_to_vectors(np.cross(by_u, by_v)) * orientation[:, None, None]
         normals.append(normal.reshape(-1, 3))
     return np.concatenate(nodes), np.concatenate(normals)
