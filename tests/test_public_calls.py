@@ -160,10 +160,10 @@ def test_a_solid_of_a_field_without_slope_on_its_surface_is_refused() -> None:
 
 @pytest.mark.slow
 def test_hostile_values_give_results_or_refusals_only() -> None:
-    tally = fuzz.run(seed=14, count=3000)
+    tally = fuzz.run(seed=14, count=1500)
     assert not tally.failures, "\n".join(f"{kind}: {call}" for kind, call in tally.failures.items())
-    assert tally.outcomes["result"] > 50
-    assert tally.outcomes["refusal"] > 1000
+    assert tally.outcomes["result"] > 25
+    assert tally.outcomes["refusal"] > 500
 
 
 def test_a_name_that_the_package_lacks_is_answered_with_the_nearest() -> None:
