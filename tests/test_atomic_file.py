@@ -110,6 +110,8 @@ def test_places_where_no_file_can_be_are_refused(tmp_path: Path) -> None:
     ):
         with pytest.raises(InvalidRequest, match=reason):
             validate_output_path(tmp_path / name, (".json",))
+    with pytest.raises(InvalidRequest, match=r"a name ending in \.msh, \.inp or \.feb$"):
+        validate_output_path(tmp_path / "a.txt", (".msh", ".inp", ".feb"))
 
 
 @pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="this system has no pipes with names")

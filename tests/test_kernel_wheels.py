@@ -1,4 +1,4 @@
-"""A kernel that is missing, damaged or installed twice: told at import and by `tpmscad doctor`, with the line that mends it."""
+"""A kernel that is missing, damaged or installed twice: told at import and by `tpmscad doctor`, with the line that fixes it."""
 
 from __future__ import annotations
 
@@ -56,7 +56,7 @@ def test_versions_are_read_from_the_names_of_the_metadata(tmp_path: Path) -> Non
 
 
 @pytest.mark.parametrize(
-    ("installed", "mends"),
+    ("installed", "remedy"),
     [
         ({}, None),
         ({"cadquery-ocp-novtk": "8.0.1.1.0"}, None),
@@ -65,12 +65,12 @@ def test_versions_are_read_from_the_names_of_the_metadata(tmp_path: Path) -> Non
         ({"cadquery-ocp": "7.9.3.1.1", "cadquery-ocp-novtk": "8.0.1.1.0"}, WITHOUT_CADQUERY),
     ],
 )
-def test_two_versions_are_a_conflict_and_one_is_none(installed: dict[str, str], mends: tuple[str, str] | None) -> None:
+def test_two_versions_are_a_conflict_and_one_is_none(installed: dict[str, str], remedy: tuple[str, str] | None) -> None:
     found = describe_conflict(installed)
-    assert bool(found) == bool(mends)
-    if mends:
+    assert bool(found) == bool(remedy)
+    if remedy:
         lines = found.splitlines()
-        assert tuple(line.strip() for line in lines[1:]) == mends
+        assert tuple(line.strip() for line in lines[1:]) == remedy
         assert all(f"{name} {number}" in lines[0] for name, number in installed.items() if name != "cadquery")
 
 
@@ -189,7 +189,7 @@ def test_a_kernel_that_does_not_load_is_one_error_that_names_the_remedy(
     found = run("-c", statement, path=tmp_path)
     last = found.stderr.splitlines()[-1]
     remedy = " && ".join(WITH_CADQUERY)
-    assert last == f"tpmscad.errors.MissingKernel: the CAD kernel does not load ({reason}); this mends it: {remedy}"
+    assert last == f"tpmscad.errors.MissingKernel: the CAD kernel does not load ({reason}); this fixes it: {remedy}"
     assert issubclass(MissingKernel, ImportError)  # as guards of optional imports expect
 
 
@@ -198,7 +198,7 @@ def test_the_command_line_tells_in_one_line_that_the_kernel_does_not_load(tmp_pa
     found = run("-m", "tpmscad", "lattice", "P", "--cell", "1", "--thickness", "0.1", "-o", "p.step", path=tmp_path)
     assert found.returncode == 1
     assert found.stderr == (
-        f"tpmscad: the CAD kernel does not load (undefined symbol: TopoDS); this mends it: {' && '.join(REMEDY)}\n"
+        f"tpmscad: the CAD kernel does not load (undefined symbol: TopoDS); this fixes it: {' && '.join(REMEDY)}\n"
     )
     assert not list(tmp_path.glob("p.step*"))
 
@@ -215,7 +215,7 @@ def test_a_build123d_that_does_not_load_on_the_kernel_is_one_error_too(tmp_path:
     (tmp_path / "build123d.py").write_text(BROKEN_BUILD123D)
     last = run("-c", statement, path=tmp_path).stderr.splitlines()[-1]
     assert last.startswith(
-        "tpmscad.errors.MissingKernel: build123d does not load (cannot import name TColgp); this mends"
+        "tpmscad.errors.MissingKernel: build123d does not load (cannot import name TColgp); this fixes"
     )
     assert last.endswith(" && ".join(REMEDY))
 
@@ -230,11 +230,11 @@ def test_a_step_file_needs_no_build123d(tmp_path: Path) -> None:
 
 
 @pytest.mark.kernel
-def test_a_cadquery_that_does_not_load_is_mended_by_the_lines_for_cadquery(tmp_path: Path) -> None:
+def test_a_cadquery_that_does_not_load_is_fixed_by_the_lines_for_cadquery(tmp_path: Path) -> None:
     (tmp_path / "cadquery.py").write_text("raise ImportError('no VTK')")
     last = run("-c", "import cq_plugins.tpms", path=tmp_path).stderr.splitlines()[-1]
     assert last == (
-        f"tpmscad.errors.MissingKernel: CadQuery does not load (no VTK); this mends it: {' && '.join(WITH_CADQUERY)}"
+        f"tpmscad.errors.MissingKernel: CadQuery does not load (no VTK); this fixes it: {' && '.join(WITH_CADQUERY)}"
     )
 
 
@@ -253,7 +253,7 @@ def test_the_guide_prints_the_lines_that_messages_name(remedy: tuple[str, str]) 
 
 def test_a_missing_library_of_the_system_is_no_fault_of_the_wheels() -> None:
     found = describe_load_failure("the CAD kernel", "libGL.so.1: cannot open shared object file", WITH_CADQUERY)
-    assert found.endswith(f"this mends it: {INSTALL_LIBGL}")
+    assert found.endswith(f"this fixes it: {INSTALL_LIBGL}")
 
 
 @pytest.mark.kernel
@@ -296,4 +296,4 @@ def test_the_doctor_tells_that_build123d_does_not_load_on_the_kernel(tmp_path: P
     (tmp_path / "build123d.py").write_text(BROKEN_BUILD123D)
     found = run("-m", "tpmscad", "doctor", path=tmp_path)
     assert found.returncode == 1
-    assert "build123d does not load (ImportError: cannot import name TColgp); this mends it: pip" in found.stderr
+    assert "build123d does not load (ImportError: cannot import name TColgp); this fixes it: pip" in found.stderr

@@ -14,13 +14,14 @@ from types import FrameType
 from typing import NoReturn
 
 from tpmscad.errors import FileError, InvalidRequest
+from tpmscad.file_suffixes import list_suffixes
 
 
 def validate_output_path(path: str | os.PathLike[str], suffixes: Sequence[str]) -> Path:
     """The path; InvalidRequest unless it ends in one of the suffixes and a file can be written there."""
     path = Path(path)
     if path.suffix.lower() not in suffixes:
-        raise InvalidRequest(f"{path} ends in {path.suffix!r}: give it a name ending in {' or '.join(suffixes)}")
+        raise InvalidRequest(f"{path} ends in {path.suffix!r}: give it a name ending in {list_suffixes(suffixes)}")
     if path.is_dir():
         raise InvalidRequest(f"{path} is a folder: give the name of a file")
     if path.exists() and not path.is_file():

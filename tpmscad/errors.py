@@ -145,11 +145,11 @@ class KernelError(TpmscadError):
 
 
 class MissingKernel(TpmscadError, ImportError):
-    """The CAD kernel, or the CAD library above it, is not installed or does not load; the message names what mends it."""
+    """The CAD kernel, or the CAD library above it, is not installed or does not load; the message says how to fix it."""
 
 
 class KernelConflictWarning(UserWarning):
-    """Two CAD kernels are installed over each other, or one is damaged; the message names the two lines that mend it."""
+    """Two CAD kernels are installed over each other, or one is damaged; the message names the two lines that fix it."""
 
 
 def format_point(point: Iterable[float], digits: int = 4) -> str:

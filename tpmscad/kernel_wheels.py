@@ -92,7 +92,7 @@ def _is_file_of_size(path: str, size: str) -> bool:
 
 
 def describe_conflict(installed: Mapping[str, str], overwritten: Collection[str] = ()) -> str:
-    """What is wrong with the wheels of the kernel, and the two lines that mend it; "" if nothing is.
+    """What is wrong with the wheels of the kernel, and the two lines that fix it; "" if nothing is.
 
     `overwritten` are the wheels whose library is not their own.
     """
@@ -122,7 +122,7 @@ def choose_remedy(installed: Mapping[str, str]) -> tuple[str, str]:
 
 
 def _remedy_in_two_lines(installed: Mapping[str, str]) -> str:
-    return "\n    ".join(("These two lines mend it:", *choose_remedy(installed)))
+    return "\n    ".join(("These two lines fix it:", *choose_remedy(installed)))
 
 
 def find_conflict(folders: Iterable[str] | None = None) -> str:
@@ -133,8 +133,8 @@ def find_conflict(folders: Iterable[str] | None = None) -> str:
 
 def describe_load_failure(what: str, reason: str, remedy: Sequence[str]) -> str:
     """Why the kernel, or a library above it, does not load, and what to do, in one line."""
-    mend = INSTALL_LIBGL if "libGL" in reason else " && ".join(remedy)
-    return f"{what} does not load ({reason}); this mends it: {mend}"
+    fix = INSTALL_LIBGL if "libGL" in reason else " && ".join(remedy)
+    return f"{what} does not load ({reason}); this fixes it: {fix}"
 
 
 @contextmanager

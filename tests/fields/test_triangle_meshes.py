@@ -1,4 +1,4 @@
-"""Triangle meshes as fields: distances, signs, files, and what is mended or refused."""
+"""Triangle meshes as fields: distances, signs, files, and what is repaired or refused."""
 
 from __future__ import annotations
 
@@ -175,7 +175,7 @@ def test_the_spacing_is_refined_until_a_thin_part_is_kept() -> None:
 
 
 @pytest.mark.slow
-def test_what_is_mended_is_told() -> None:
+def test_what_is_repaired_is_told() -> None:
     whole = ball(subdivisions=4)
     small = holed(whole, np.arange(len(whole.faces)) != 7)
     closed = fields.mesh(small, spacing=0.4)

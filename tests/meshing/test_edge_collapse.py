@@ -36,7 +36,9 @@ def straighten(mesh: VolumeMesh) -> VolumeMesh:
 def collapse_short_edges(mesh: VolumeMesh, size: float) -> VolumeMesh:
     """The mesh with collapses alone, at each poor element in turn."""
     state, count = EditableMesh(mesh, None), 0
-    while done := mesh_improvement._mend_poor(state, lambda cell: collapse_shortest_edge(state, cell, 0.5 * size), {}):
+    while done := mesh_improvement._repair_poor(
+        state, lambda cell: collapse_shortest_edge(state, cell, 0.5 * size), {}
+    ):
         count += done
     return replace(state.build(), collapsed=count) if count else mesh
 
@@ -133,7 +135,7 @@ def test_long_edges_of_flat_elements_are_kept() -> None:
 
 
 def test_a_very_short_edge_goes_even_if_a_curved_element_stays_poor(monkeypatch: pytest.MonkeyPatch) -> None:
-    """No node can be moved so that an element at the short edge is good; the curved edge can be mended."""
+    """No node can be moved so that an element at the short edge is good; the curved edge can be repaired."""
     flat = squeeze(block("tetra10"), (1.0, 2.0, 1.0), (2.0, 2.0, 1.0))
     state = EditableMesh(flat, None)
     pairs = [

@@ -1,4 +1,4 @@
-"""Elements that are flat on a curved face are mended: the edge opposite to the face is split, and its node goes inwards."""
+"""Elements that are flat on a curved face are repaired: the edge opposite to the face is split, and its node goes inwards."""
 
 from __future__ import annotations
 
@@ -69,7 +69,7 @@ def make_roof(lift: float = 0.0) -> tuple[VolumeMesh, FacesOfFacets]:
     return mesh, FacesOfFacets((~on_top).astype(np.int64), project)
 
 
-def test_a_flat_element_is_mended_by_a_split_of_its_edge_inside(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_flat_element_is_repaired_by_a_split_of_its_edge_inside(monkeypatch: pytest.MonkeyPatch) -> None:
     mesh, faces = make_roof()
     state = EditableMesh(mesh, faces)
     worst = state.quality()[1].min()
@@ -165,7 +165,7 @@ def test_determinants_are_those_of_numpy() -> None:
     np.testing.assert_allclose(determinants(matrices), np.linalg.det(matrices), rtol=1e-12, atol=1e-14)
 
 
-def test_an_element_that_cannot_be_mended_is_tried_once(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_an_element_that_cannot_be_repaired_is_tried_once(monkeypatch: pytest.MonkeyPatch) -> None:
     """Later passes go to elements around which something has changed."""
     before = jitter(block("tetra"), 1, 0.42)
     poor = np.flatnonzero(EditableMesh(before, None).quality()[1] < 0.3).tolist()
@@ -199,7 +199,7 @@ def test_edges_are_made_straight_until_no_element_is_inverted() -> None:
     points[middles] += np.random.default_rng(0).uniform(-0.6, 0.6, (len(middles), 3))
     spoilt = replace(mesh, points=points)
     assert spoilt.quality.inverted > 20
-    mended = untangle(spoilt)
-    assert mended.quality.inverted == 0
-    assert mended.straightened == 0
-    assert mended.volume == pytest.approx(float(np.prod(EXTENT)), rel=1e-12)
+    repaired = untangle(spoilt)
+    assert repaired.quality.inverted == 0
+    assert repaired.straightened == 0
+    assert repaired.volume == pytest.approx(float(np.prod(EXTENT)), rel=1e-12)

@@ -1,4 +1,4 @@
-"""Poor tetrahedra are mended without a change of volume, groups, boundary or periodic pairs, and nodes stay on their faces."""
+"""Poor tetrahedra are repaired without a change of volume, groups, boundary or periodic pairs, and nodes stay on their faces."""
 
 from __future__ import annotations
 

@@ -138,7 +138,7 @@ def test_a_flat_element_is_counted_as_inverted() -> None:
     assert mesh.quality.inverted == 1
 
 
-def test_inverted_elements_are_mended_by_straight_edges_and_images_follow() -> None:
+def test_inverted_elements_are_repaired_by_straight_edges_and_images_follow() -> None:
     mesh = block("tetra10")
     points = mesh.points.copy()
     near, far = mesh.periodic["x"].T
@@ -146,12 +146,12 @@ def test_inverted_elements_are_mended_by_straight_edges_and_images_follow() -> N
     points[near[middle]] += (0.0, 0.7, 0.3)
     points[far[middle]] += (0.0, 0.7, 0.3)
     spoilt = replace(mesh, points=points)
-    mended = untangle(spoilt)
+    repaired = untangle(spoilt)
     assert spoilt.quality.inverted > 0
-    assert mended.quality.inverted == 0
-    assert mended.mismatch < 1e-14
-    assert mended.straightened >= 2
-    np.testing.assert_allclose(mended.points, mesh.points, atol=1e-14)
+    assert repaired.quality.inverted == 0
+    assert repaired.mismatch < 1e-14
+    assert repaired.straightened >= 2
+    np.testing.assert_allclose(repaired.points, mesh.points, atol=1e-14)
     assert untangle(mesh).straightened == 0
 
 

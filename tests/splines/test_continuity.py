@@ -155,7 +155,8 @@ def test_a_mirror_copy_joins_along_a_side_run_the_same_way() -> None:
     surface = random_member([mirror], gauss_axis(bezier_knots(6), 6), gauss_axis(uniform_knots(3, 5, 2), 5), 2, 4)
     t = np.linspace(0, 1, 23)
     np.testing.assert_allclose(surface(1 + 0 * t, t)[:, 0], 1.0, atol=1e-12)
-    np.testing.assert_allclose(surface(1 + 0 * t, t, 1, 0)[:, 1:], 0.0, atol=1e-11)
+    round_off = 1e-14 * np.abs(surface.poles).max()  # of poles up to 3700
+    np.testing.assert_allclose(surface(1 + 0 * t, t, 1, 0)[:, 1:], 0.0, atol=round_off)
     np.testing.assert_allclose(surface(1 + 0 * t, t, 2, 0)[:, 0], 0.0, atol=1e-10)
 
 

@@ -53,7 +53,7 @@ JsonOption = Annotated[bool, typer.Option("--json", help="Print everything as JS
 
 
 def doctor(as_json: JsonOption = False) -> None:
-    """Show versions, kernel, cache, cores and memory; exit status 1 if something is wrong, with the line that mends it."""
+    """Show versions, kernel, cache, cores and memory; exit status 1 if something is wrong, with the line that fixes it."""
     import tpmscad
 
     installed = find_installed_versions()

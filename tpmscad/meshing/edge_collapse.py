@@ -30,7 +30,7 @@ def collapse_shortest_edge(mesh: EditableMesh, cell: int, longest: float) -> int
     """Collapse the shortest edge of an element that can be; the number of edges collapsed, images included.
 
     One that is far shorter than `longest` goes where this helps the elements with straight edges: what it leaves of curved ones
-    that are poor can be mended, the short edge cannot.
+    that are poor can be repaired, the short edge cannot.
     """
     ends = mesh.cells[cell, :4][np.array(TETRA_EDGES)]
     lengths = np.linalg.norm(mesh.points[ends[:, 0]] - mesh.points[ends[:, 1]], axis=1)

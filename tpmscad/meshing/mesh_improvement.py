@@ -1,4 +1,4 @@
-"""Poor tetrahedra of a mesh mended one by one: edges collapsed, swapped and split, faces swapped, corners and middles moved."""
+"""Poor tetrahedra of a mesh repaired one by one: edges collapsed, swapped and split, faces swapped, corners and middles moved."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from tpmscad.meshing.swaps import swap_around
 from tpmscad.meshing.volume_mesh import VolumeMesh
 
 POOR = 0.1
-"""Scaled Jacobian below which an element is mended."""
+"""Scaled Jacobian below which an element is repaired."""
 
 SHORT = 0.5
 """In element sizes: length above which edges are kept."""
@@ -26,7 +26,7 @@ MAX_PASSES = 20
 
 
 def improve_poor_elements(mesh: VolumeMesh, size: float, faces: FacesOfFacets | None = None) -> VolumeMesh:
-    """The mesh of tetrahedra with its poor ones mended, and how often: its `collapsed`, `swapped`, `split` and `shifted`.
+    """The mesh of tetrahedra with its poor ones repaired, and how often: its `collapsed`, `swapped`, `split` and `shifted`.
 
     Size: the element size wanted, model units. Corners and middles of edges that move or are new are projected on the faces that
     they lie on, if these are known, and `deviation` is measured.
@@ -41,7 +41,7 @@ def improve_poor_elements(mesh: VolumeMesh, size: float, faces: FacesOfFacets | 
     counts = dict.fromkeys(methods, 0)
     tried: dict[str, dict[int, int]] = {name: {} for name in methods}
     for _ in range(MAX_PASSES):
-        done = {name: _mend_poor(state, method, tried[name]) for name, method in methods.items()}
+        done = {name: _repair_poor(state, method, tried[name]) for name, method in methods.items()}
         counts = {name: count + done[name] for name, count in counts.items()}
         if not any(done.values()):
             break
@@ -57,7 +57,7 @@ def improve_poor_elements(mesh: VolumeMesh, size: float, faces: FacesOfFacets | 
     )
 
 
-def _mend_poor(state: EditableMesh, method: Callable[[int], int], tried: dict[int, int]) -> int:
+def _repair_poor(state: EditableMesh, method: Callable[[int], int], tried: dict[int, int]) -> int:
     """Apply a method to each poor element, the worst first, that still is poor; the sum of what it returns.
 
     `tried`: the number of changes made before the method was last used on each element, which grows. Elements around which

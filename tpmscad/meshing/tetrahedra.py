@@ -2,7 +2,7 @@
 
 Corners lie on the exact surface, and so do the middles of edges of second order. gmsh's HXT makes the elements. A flat element
 with four corners on a face would be turned over by the curvature of the face, so such elements are removed before curving;
-elements that curving turns over are mended by the elastic analogy, and at last by straight edges.
+elements that curving turns over are repaired by the elastic analogy, and at last by straight edges.
 """
 
 from __future__ import annotations
@@ -125,7 +125,7 @@ def mesh_tetrahedra(brep_file: Path, faces: SolidFaces, request: MeshRequest, na
 
 
 def _generate(brep_file: Path, faces: SolidFaces, request: MeshRequest) -> VolumeMesh:
-    """The mesh as gmsh makes it, with its groups and periodic pairs, and its poor elements mended."""
+    """The mesh as gmsh makes it, with its groups and periodic pairs, and its poor elements repaired."""
     kinds = ("tetra", "triangle") if request.order == 1 else ("tetra10", "triangle6")
     with open_model(brep_file, request.options()) as gmsh:
         face_tags = check_faces(gmsh, faces.places)

@@ -24,7 +24,7 @@ MOVED = 1e-6
 """Model units: a move of nodes that is worth telling."""
 
 
-MENDED = ("merged", "moved", "collapsed", "swapped", "split", "shifted", "straightened", "deviation")
+REPAIRED = ("merged", "moved", "collapsed", "swapped", "split", "shifted", "straightened", "deviation")
 """What was done to the solid and to the mesh so that elements are good, and what it cost."""
 
 
@@ -58,7 +58,7 @@ class VolumeMesh(MeshArrays):
         Greatest distance by which a node at a side of the box was moved to the image of one at the opposite side, or a vertex to
         another with which it was merged, model units: the sides of a fitted field agree within the tolerance of the fit only.
     collapsed, swapped, split, shifted : int
-        What was done to mend poor elements: short edges collapsed to one of their ends, edges and faces swapped, edges inside
+        What was done to repair poor elements: short edges collapsed to one of their ends, edges and faces swapped, edges inside
         split, and nodes moved on the faces that they lie on. Each image counts.
     merged : int
         Edges of the solid that were merged before it was meshed: shorter than a hundredth of the element size, or twins at both
@@ -204,7 +204,7 @@ class VolumeMesh(MeshArrays):
             "groups": [*self.cell_groups, *self.facet_groups],
             "periodic": list(self.periodic),
             "mismatch": self.mismatch,
-            **{name: getattr(self, name) for name in MENDED},
+            **{name: getattr(self, name) for name in REPAIRED},
         }
 
     def __repr__(self) -> str:
@@ -215,11 +215,11 @@ class VolumeMesh(MeshArrays):
         straight = f"\n{self.straightened} edges on faces are straight instead of curved" if self.straightened else ""
         moved = f", nodes moved by up to {self.moved:.2g} to images" if self.moved > MOVED else ""
         merged = f"\n{self.merged} short edges of the solid merged" if self.merged else ""
-        mended = ""
+        repaired = ""
         if self.collapsed + self.swapped + self.split + self.shifted:
-            mended = (
-                f"\npoor elements mended: {self.collapsed} short edges collapsed, {self.swapped} edges and faces swapped, "
+            repaired = (
+                f"\npoor elements repaired: {self.collapsed} short edges collapsed, {self.swapped} edges and faces swapped, "
                 f"{self.split} edges inside split, {self.shifted} nodes moved"
             )
         off = f"\nnodes within {self.deviation:.2g} of their faces" if self.deviation > MOVED else ""
-        return f"{head}\n{self.quality}\ngroups {groups}{periodic}{moved}{merged}{mended}{off}{straight}"
+        return f"{head}\n{self.quality}\ngroups {groups}{periodic}{moved}{merged}{repaired}{off}{straight}"

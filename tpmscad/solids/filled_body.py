@@ -75,7 +75,7 @@ def _intersect(body: Body, matter: Matter, passive: PassiveRegions) -> tuple[Mad
 def _intersect_moved(body: Body, matter: Matter, passive: PassiveRegions, finish: Finish) -> tuple[BrepSolids, float]:
     """What matter and body have in common, finished, the matter moved where that is needed.
 
-    InvalidRequest where faces of what is kept or cleared lie in those of the body, which no placement of the matter mends.
+    InvalidRequest where faces of what is kept or cleared lie in those of the body, whatever the placement of the matter.
     """
     if passive.touch(body.read(matter.measures.tol).brep):
         raise InvalidRequest("the solid is not moved")

@@ -155,7 +155,7 @@ def _compute_betti_numbers_of(fit: FieldFit) -> tuple[Betti | None, bool]:
     finer = compute_betti_numbers(fit.field, fit.lo, fit.hi, FINER_LINES, 1, confirm)
     if finer is None or not confirm(finer):
         known = finer or betti
-        if connectivity.label_shells(fit.brep)[0] != known[0] + known[2]:  # which no number of tunnels mends
+        if connectivity.label_shells(fit.brep)[0] != known[0] + known[2]:  # whatever the tunnels
             return betti, False
         finer = count_tunnels_near_surface(fit.field, fit.lo, fit.hi, known, confirm)
     return (betti, False) if finer is None else (finer, True)
