@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -74,7 +74,7 @@ def build_regions(
             if pcurve is None or isinstance(carrier, Plane):
                 uv = carrier.parameters(points)
             else:
-                uv = _divide_curve(pcurve, (low, high), sag, lambda uv, surface=carrier: surface(*uv.T))
+                uv = _divide_curve(pcurve, (low, high), sag, carrier)
             segments.append(uv)
             border.append(points)
         everything = np.concatenate(segments)
@@ -84,15 +84,15 @@ def build_regions(
     return result
 
 
-def _divide_curve(
-    curve: EdgeCurve, span: tuple[float, float], sag: float, place: Callable[[Array], Array] | None = None
-) -> Array:
-    """The corners (n, d) of a polygon for a curve, or for a pcurve that `place` maps to points in space."""
+def _divide_curve(curve: EdgeCurve, span: tuple[float, float], sag: float, carrier: BodyCarrier | None = None) -> Array:
+    """The corners (n, d) of a polygon for a curve, or for a pcurve of a carrier, by its points in space."""
     if is_segment(curve):
         return curve(np.array(span))
     points = curve(np.linspace(*span, 2 * LEAST_SEGMENTS + 1))
     middles, chords = points[1::2], 0.5 * (points[2::2] + points[:-2:2])
-    off = np.linalg.norm(middles - chords if place is None else place(middles) - place(chords), axis=1).max()
+    if carrier is not None:
+        middles, chords = carrier(*middles.T), carrier(*chords.T)
+    off = np.linalg.norm(middles - chords, axis=1).max()
     return curve(np.linspace(*span, LEAST_SEGMENTS * max(1, int(np.ceil(np.sqrt(off / sag)))) + 1))
 
 
