@@ -361,7 +361,7 @@ def _make_exchanger(
         if domain != "wall"
     ]
     trees = {
-        name: cKDTree(sample_faces(faces_of(made.domains[name].wrapped), WALL_STEP).points)
+        name: cKDTree(sample_faces(faces_of(made.domains[name].wrapped), WALL_STEP, exact=True).points)
         for name in ("channel +", "channel -")
     }
     off = integrate_openings(made, trees, body, surface, asked) if not transition else float("nan")
