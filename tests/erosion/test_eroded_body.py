@@ -186,6 +186,18 @@ def test_edges_keep_off_the_tail_where_a_sheet_barely_crosses_itself(skin: float
     assert_valid_and_deep(body, eroded(body, skin), skin)
 
 
+def test_edges_end_at_the_corner_of_a_boss_that_stands_over_a_countersink() -> None:
+    """The skin is 1/84 of the boss's radius; the two tubes at the corner are tangent to each other there."""
+    up = (bd.Align.CENTER, bd.Align.CENTER, bd.Align.MIN)
+    boss = bd.Cylinder(23.4, 5.6, align=up)
+    bore, countersink = (
+        bd.Pos(22, 0, z) * shape
+        for z, shape in ((0, bd.Cylinder(8, 6, align=up)), (3.5, bd.Cone(8, 8.5, 0.5, align=up)))
+    )
+    body = bd.Cylinder(31.8, 4, align=up) + boss - bore - (countersink - boss)
+    assert_valid_and_deep(body, eroded(body, 0.279), 0.279)
+
+
 def test_a_bore_thicker_than_what_is_beside_it_leaves_two_parts() -> None:
     body = bd.Box(30, 24, 18) - bd.Rot(90, 0, 0) * bd.Cylinder(5, 40)
     brep = eroded(body, 2.6)

@@ -173,6 +173,7 @@ def test_the_domains_of_a_box_of_whole_cells_are_one_piece_each_as_the_lattice_t
     with_chips = tpmscad.fluid_domains(body, surface, **asked, phase=(0, 0, 0))
     chips = with_chips.wall.certificate.pieces[1:]
     assert f"3 pieces (2 of them loose, {sum(chips):.3g} mm3" in repr(with_chips)
+    assert "warning   wall: 3 pieces, apart from the largest: chip of " in repr(with_chips)
     assert f"3 pieces (2 of them loose, {sum(chips):.3g} mm3" in with_chips.summary()
 
 

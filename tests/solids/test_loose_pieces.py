@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 from typing import Any
 
@@ -45,6 +46,16 @@ def test_the_volume_left_out_is_what_is_missing(whole: Model, dropped: Model) ->
     assert dropped.certificate.dropped == pytest.approx(whole.certificate.pieces[1:], rel=1e-12)
     assert dropped.certificate.volume == pytest.approx(whole.certificate.pieces[0], rel=1e-12)
     assert dropped.certificate.betti == (1, *whole.certificate.betti[1:])
+
+
+def test_the_certificate_warns_of_pieces_apart_with_their_places(whole: Model, dropped: Model) -> None:
+    (warning,) = whole.certificate.warnings
+    assert warning in str(whole.certificate)
+    assert "3 pieces, apart from the largest: chip of " in warning
+    chips = [tuple(solid.center()) for solid in whole.solid.solids()[1:]]
+    places = [[float(x) for x in text.split(",")] for text in re.findall(r"near \(([^)]+)\)", warning)]
+    assert np.linalg.norm(np.subtract(places, chips), axis=1).max() < 1.0
+    assert dropped.certificate.warnings == ()
 
 
 def test_arrays_kernel_and_file_agree_on_what_is_left(dropped: Model, whole: Model, tmp_path: Path) -> None:

@@ -14,8 +14,8 @@ from tpmscad.brep.free_form_surface import BodyCarrier
 from tpmscad.brep.loops import pair_with_intervals
 from tpmscad.splines.bspline import is_segment
 
-SEGMENTS_PER_LINE, SEGMENTS_PER_CURVE = 1, 256
-"""Polygon segments per straight and per curved edge; a circle's polygon deviates by at most 2e-5 of the radius."""
+LEAST_SEGMENTS = 256
+"""Least polygon segments per curved edge; a circle's polygon deviates by at most 8e-5 of the radius."""
 
 MIN_SQUARED_LENGTH = 1e-300
 """Lower bound of squared segment lengths used as divisors: a segment at a pole has length zero."""
@@ -58,8 +58,10 @@ def shift_to_period(uv: Array, carrier: BodyCarrier, reference: Array) -> Array:
     return uv
 
 
-def build_regions(brep: Brep, carriers: Sequence[BodyCarrier], curves: Sequence[EdgeCurve]) -> list[FaceRegion]:
-    """The regions of faces on the carriers (F), bounded by edges on the curves (M)."""
+def build_regions(
+    brep: Brep, carriers: Sequence[BodyCarrier], curves: Sequence[EdgeCurve], sag: float
+) -> list[FaceRegion]:
+    """The regions of faces on the carriers (F), bounded by edges on the curves (M); polygons keep to `sag` (model units)."""
     result = []
     for f, carrier in enumerate(carriers):
         segments, border = [], []
@@ -68,9 +70,11 @@ def build_regions(brep: Brep, carriers: Sequence[BodyCarrier], curves: Sequence[
             curve, sense = curves[e], brep.uses.sense[k]
             pcurve = None if isinstance(carrier, Plane) else brep.pcurves[brep.uses.pcurve[k]]
             low, high = brep.edges.span[e][:: 1 if sense > 0 else -1]
-            along = [np.linspace(low, high, _count_segments(c) + 1) for c in (curve, pcurve or curve)]
-            points = curve(along[0])
-            uv = carrier.parameters(points) if pcurve is None or isinstance(carrier, Plane) else pcurve(along[1])
+            points = _divide_curve(curve, (low, high), sag)
+            if pcurve is None or isinstance(carrier, Plane):
+                uv = carrier.parameters(points)
+            else:
+                uv = _divide_curve(pcurve, (low, high), sag, carrier)
             segments.append(uv)
             border.append(points)
         everything = np.concatenate(segments)
@@ -80,9 +84,16 @@ def build_regions(brep: Brep, carriers: Sequence[BodyCarrier], curves: Sequence[
     return result
 
 
-def _count_segments(curve: EdgeCurve) -> int:
-    """The segments of a polygon for a curve or pcurve."""
-    return SEGMENTS_PER_LINE if is_segment(curve) else SEGMENTS_PER_CURVE
+def _divide_curve(curve: EdgeCurve, span: tuple[float, float], sag: float, carrier: BodyCarrier | None = None) -> Array:
+    """The corners (n, d) of a polygon for a curve, or for a pcurve of a carrier, by its points in space."""
+    if is_segment(curve):
+        return curve(np.array(span))
+    points = curve(np.linspace(*span, 2 * LEAST_SEGMENTS + 1))
+    middles, chords = points[1::2], 0.5 * (points[2::2] + points[:-2:2])
+    if carrier is not None:
+        middles, chords = carrier(*middles.T), carrier(*chords.T)
+    off = np.linalg.norm(middles - chords, axis=1).max()
+    return curve(np.linspace(*span, LEAST_SEGMENTS * max(1, int(np.ceil(np.sqrt(off / sag)))) + 1))
 
 
 def _split_polyline(points: Array) -> Array:

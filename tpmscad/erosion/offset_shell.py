@@ -29,6 +29,10 @@ from tpmscad.splines.knots import knots_within
 SMOOTH_SINE = 1e-6
 """Sine of the angle at an edge below which its faces count as tangent."""
 
+BORDER_SAG = 1e-4
+"""In skins: how far the polygons round faces may be off their edges: a tenth of the step at which it is seen whether an edge
+leaves a vertex, or an edge would leave it across a border and end in nothing."""
+
 OPEN_RIM_COSINE = 0.72
 """Cosine of the angle between the normals of a face with a skin and an open face above which a tube round their edge ends the
 skin; below it the offset face goes on to the open face, where the skin is at most 1.45 times as thick."""
@@ -178,7 +182,7 @@ class _Assembly:
             BORDER_REL_TOL * self.size, 0.5 * np.sqrt(self.skin * (self.skin - depth_limit(self.skin, self.size)))
         )
         self.sheet_of_face = np.full(len(brep.faces), -1)
-        for f, region in enumerate(build_regions(brep, self.carriers, self.curves)):
+        for f, region in enumerate(build_regions(brep, self.carriers, self.curves, BORDER_SAG * self.skin)):
             sense = int(brep.faces.sense[f])
             strips = tuple(self._make_strip(f, joint) for joint in self.joints if self._needs_strip(f, joint))
             depth = 0.0 if self.is_open[f] else self.skin

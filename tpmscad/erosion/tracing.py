@@ -15,6 +15,7 @@ import numpy as np
 
 from tpmscad._typing import Array, BoolArray
 from tpmscad.erosion.edge_graph import MERGE_REL_TOL, EdgeGraph, TracedEdge
+from tpmscad.erosion.sites import DEPTH_REL_TOL
 from tpmscad.errors import TrimmingError, format_point
 from tpmscad.index_ranges import repeat_rows
 from tpmscad.trimming.intersect.common_curves import correct_points
@@ -176,7 +177,24 @@ def _end_edge(graph: EdgeGraph, pair: Pair, good: Array, bad: Array) -> tuple[Ar
             return _end_row(graph, good, *end), end[0]
         rows, is_good = find_good_points(graph, pair, 0.5 * (good + bad)[None, :7], (bad - good)[None, :3])
         good, bad = (rows[0], bad) if is_good[0] else (good, rows[0])
+    end = _find_tangent_vertex(graph, pair, good)
+    if end is not None:
+        return _end_row(graph, good, *end), end[0]
     raise TrimmingError(f"an edge of the eroded body ends in nothing at {format_point(good[:3])}")
+
+
+def _find_tangent_vertex(graph: EdgeGraph, pair: Pair, good: Array) -> tuple[int, Array] | None:
+    """The vertex near the last row (10,) of an edge in which its sheets are tangent, and its parameters (4,) on both.
+
+    Sheets that are off by e there, as fitted ones are, meet off it by the root of e times their radius of curvature.
+    """
+    reach = np.sqrt(DEPTH_REL_TOL * graph.shell.size * graph.shell.skin)
+    for v in np.flatnonzero(np.linalg.norm(np.reshape(graph.vertices, (-1, 3)) - good[:3], axis=1) <= reach).tolist():
+        own = [[uv for s, uv in graph.incident[v] if s == sheet] for sheet in pair]
+        for y in map(np.concatenate, product(*own)):
+            if find_tangent(graph, pair, y) is None:
+                return v, y
+    return None
 
 
 def _end_row(graph: EdgeGraph, before: Array, vertex: int, y: Array) -> Array:

@@ -29,10 +29,10 @@ from tpmscad.kernel.occt.construction import make_compound
 from tpmscad.result_display import fit_lines, tabulate_summary
 
 CHIP_VOLUME_FRACTION = 1e-2
-"""Fraction of the largest piece's volume below which the notes call a piece a chip."""
+"""Fraction of the largest piece's volume below which the warnings call a piece a chip."""
 
 MAX_PIECES_LISTED = 5
-"""Pieces, and places where the solid touches itself, that the notes list one by one."""
+"""Pieces, and places where the solid touches itself, that notes and warnings list one by one."""
 
 ROUND_OFF = 1e-9
 """Relative round-off of volumes and areas, which are equal where a solid is a ball, or has no voids."""
@@ -117,6 +117,8 @@ class Certificate:
         Further measured values by name.
     notes : tuple of str
         How the solid was made, where that matters to the user.
+    warnings : tuple of str
+        What is wrong with many a part though the request is met: closed cavities, and pieces apart, with their places.
     seconds : mapping of str to float
         Wall time of each stage.
     """
@@ -144,6 +146,7 @@ class Certificate:
     notes: tuple[str, ...] = ()
     seconds: Mapping[str, float] = field(default_factory=dict)
     dropped: tuple[float, ...] = ()
+    warnings: tuple[str, ...] = ()
 
     def to_dict(self) -> dict[str, Any]:
         """The certificate as plain values, ready for JSON.
@@ -187,8 +190,7 @@ class Certificate:
             f"joints      apart by at most {self.gap:.2g} mm, bent by {self.tangent_jump_deg:.2g} degrees; "
             f"curvature differs by {self.curvature_jump:.2g} of its greatest value",
         ]
-        if cavities := self.betti[2]:
-            lines.append(f"warning     {describe_traps(cavities)}")
+        lines += [f"warning     {warning}" for warning in self.warnings]
         lines += [f"note        {note}" for note in self.notes]
         if verbose:
             lines.append(f"patches     {self.n_primitives} primitives, {self.n_poles} poles")
@@ -223,13 +225,15 @@ def describe_topology(betti: tuple[int, int, int]) -> str:
     )
 
 
-def describe_traps(cavities: int) -> str:
+def _warn_of_traps(properties: SolidProperties) -> tuple[str, ...]:
     """What closed cavities mean to those who print the part."""
+    cavities = properties.betti[2] if properties.betti else 0
     one = cavities == 1
-    return (
+    text = (
         f"{cavities} closed {'cavity' if one else 'cavities'}: powder or resin stays inside; "
         f"open {'it' if one else 'them'} by another thickness, phase or cell, or bore into {'it' if one else 'each'}"
     )
+    return (text,) if cavities else ()
 
 
 def certify_built_solids(
@@ -352,8 +356,9 @@ def _certify(
         n_poles=sum(s.poles.shape[0] * s.poles.shape[1] for s in primitives.values()),
         bounds=dict(measures.bounds),
         figures=dict(measures.figures),
-        notes=(*measures.notes, *notes, *_note_pieces(properties.pieces), *_note_contacts(properties.contacts)),
+        notes=(*measures.notes, *notes, *_note_contacts(properties.contacts)),
         dropped=dropped,
+        warnings=(*_warn_of_traps(properties), *_warn_of_pieces(properties.pieces)),
     )
 
 
@@ -418,15 +423,19 @@ def _locate_solids(solids: tuple[Any, ...], report: ShapeReport) -> tuple[SolidP
     return tuple(SolidPiece(volume, (x, y, z)) for volume, (x, y, z) in zip(report.volumes, centers, strict=True))
 
 
-def _note_pieces(pieces: tuple[SolidPiece, ...]) -> tuple[str, ...]:
-    """A note on each of the largest pieces but the first, and on the number of the others."""
-    notes = []
-    for piece in pieces[1 : 1 + MAX_PIECES_LISTED]:
-        x, y, z = piece.near
-        notes.append(f"{describe_piece(piece.volume, pieces[0].volume)} apart near ({x:.4g}, {y:.4g}, {z:.4g})")
+def _warn_of_pieces(pieces: tuple[SolidPiece, ...]) -> tuple[str, ...]:
+    """A warning of pieces apart, with the places of the largest ones but the first."""
+    if len(pieces) < 2:
+        return ()
+    listed = [
+        f"{describe_piece(piece.volume, pieces[0].volume)} near {format_point(np.round(piece.near, 9) + 0.0)}"
+        for piece in pieces[1 : 1 + MAX_PIECES_LISTED]
+    ]
     if len(pieces) > 1 + MAX_PIECES_LISTED:
-        notes.append(f"{len(pieces) - 1 - MAX_PIECES_LISTED} smaller pieces apart")
-    return tuple(notes)
+        listed.append(f"{len(pieces) - 1 - MAX_PIECES_LISTED} smaller ones")
+    return (
+        f"{len(pieces)} pieces, apart from the largest: {', '.join(listed)}; another phase, cell or thickness may join them",
+    )
 
 
 def describe_piece(volume: float, largest: float) -> str:

@@ -272,6 +272,7 @@ class FluidDomains:
         lines = [f"{self.name}: {format_size(self.bounding_box)} mm, volume {self.volume:.7g}"]
         for name, model in self.domains.items():
             lines.append(f"  {name:10}{_describe_pieces(model)}, volume {model.volume:.7g}, area {model.area:.7g}")
+        lines += [f"  warning   wall: {warning}" for warning in self.certificate.warnings]
         shortfalls = self.certificate.shortfalls
         lines.append(
             "  met" if not shortfalls else f"  NOT met {shortfalls[0]}" + (" ..." if len(shortfalls) > 1 else "")

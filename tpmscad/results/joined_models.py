@@ -73,6 +73,7 @@ def join_certificates(parts: Mapping[str, Certificate]) -> Certificate:
         figures={f"{part}: {name}": value for part, of in parts.items() for name, value in of.figures.items()},
         notes=(*common, *own),
         dropped=_sort([of.dropped for of in every]),
+        warnings=tuple(f"{part}: {text}" for part, of in parts.items() for text in of.warnings),
     )
 
 

@@ -70,6 +70,7 @@ def format_html(shape: Any, name: str, box: BoxCorners, certificate: Certificate
         ("pieces", str(len(certificate.pieces))),
         ("faces", str(certificate.n_faces)),
     ]
+    rows += [("warning", warning) for warning in certificate.warnings]
     rows += [("note", note) for note in certificate.notes]
     picture = f'<img src="data:image/png;base64,{encoded}" alt="{escape(name)}">'
     return f"<div>{picture}{format_html_table(name, rows)}</div>"

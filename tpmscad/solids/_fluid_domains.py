@@ -16,7 +16,6 @@ import numpy as np
 from tpmscad._typing import Array
 from tpmscad.api.public_calls import validate_options
 from tpmscad.brep.boundary_representation import Brep
-from tpmscad.brep.moments import integral_properties
 from tpmscad.errors import InvalidRequest, KernelError, MissingDomain
 from tpmscad.fallbacks import Fallback, Fallbacks
 from tpmscad.kernel.body_import.cad_body import CadBody, read_body
@@ -268,9 +267,7 @@ def _collect_domains(divided: DividedBody, block: LatticeBlock, body: Body) -> d
         if name not in divided.domains:
             raise _missing_domain(body, name, block)
         built = divided.domains[name]
-        area = np.bincount(
-            built.brep.faces.tag, integral_properties.integrate_faces(built.brep).area, len(built.brep.tags)
-        )
+        area = np.bincount(built.brep.faces.tag, built.nesting.moments.area, len(built.brep.tags))
         on_body = {face: float(area[face]) for face in body.face_labels}  # the body's tags come first
         result[name] = DomainSolids(built, built.brep, on_body, divided.notes, divided.moved, divided.checks)
     return result

@@ -8,7 +8,6 @@ pieces stay what they are.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
 
 import numpy as np
 
@@ -23,16 +22,22 @@ MAX_DEAD_END_VOLUME_FRACTION = 0.1
 
 
 def absorb_dead_ends(
-    shared: Brep, members: Sequence[IntArray], reversed_faces: IntArray, n_body_tags: int
+    shared: Brep,
+    members: Sequence[IntArray],
+    reversed_faces: IntArray,
+    n_body_tags: int,
+    moments: integral_properties.FaceMoments,
 ) -> tuple[list[IntArray], tuple[str, ...]]:
     """The faces of the wall, the first domain, with the dead ends of the channels, those of the channels, and a note on these.
 
     Those of `reversed_faces` have the opposite sense in the channels. Faces with the first `n_body_tags` tags lie on the body.
+    `moments` are those of the faces of `shared`.
     """
     volumes: list[float] = []
     wall, channels = members[0], []
     for own in members[1:]:
-        is_dead, found = _find_dead_ends(shared, own, reversed_faces, n_body_tags)
+        measured = moments.select(own, np.isin(own, reversed_faces))
+        is_dead, found = _find_dead_ends(select_faces(shared, own), n_body_tags, measured)
         volumes += found
         wall = np.setxor1d(wall, own[is_dead])
         channels.append(own[~is_dead])
@@ -44,16 +49,13 @@ def absorb_dead_ends(
 
 
 def _find_dead_ends(
-    shared: Brep, faces: IntArray, reversed_faces: IntArray, n_body_tags: int
+    channel: Brep, n_body_tags: int, moments: integral_properties.FaceMoments
 ) -> tuple[BoolArray, list[float]]:
     """Whether each face of a channel bounds a dead end, and the volumes of the dead ends, model units cubed."""
-    channel = select_faces(shared, faces)
     count, shell = connectivity.label_shells(channel)
     if count < 2:
-        return np.zeros(len(faces), bool), []
-    sense = np.where(np.isin(faces, reversed_faces), -channel.faces.sense, channel.faces.sense)
-    channel = replace(channel, faces=replace(channel.faces, sense=sense))
-    volume = integral_properties.volume(integral_properties.integrate_faces(channel), shell)
+        return np.zeros(len(channel.faces), bool), []
+    volume = integral_properties.volume(moments, shell)
     tag = channel.faces.tag
     n_faces = np.array([len(np.unique(tag[(shell == k) & (tag < n_body_tags)])) for k in range(count)])
     fractions = np.array([np.inf, MAX_DEAD_END_VOLUME_FRACTION, CHIP_VOLUME_FRACTION])

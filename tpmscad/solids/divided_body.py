@@ -17,6 +17,7 @@ from scipy.spatial import cKDTree
 from tpmscad._typing import IntArray
 from tpmscad.brep import connectivity
 from tpmscad.brep.boundary_representation import Brep, drop_unused_geometry, select_faces
+from tpmscad.brep.moments.integral_properties import integrate_faces
 from tpmscad.errors import TrimmingError
 from tpmscad.kernel.body_import.cad_body import CadBody
 from tpmscad.kernel.build.solids import BrepSolids, build_regions
@@ -82,8 +83,9 @@ def build_domains(
     `n_body_tags` tags are the body's. TrimmingError if a domain does not close, or the kernel rejects it.
     """
     absorbed: tuple[str, ...] = ()
+    moments = integrate_faces(shared)
     if absorbs:
-        members, absorbed = absorb_dead_ends(shared, members, reversed_faces, n_body_tags)
+        members, absorbed = absorb_dead_ends(shared, members, reversed_faces, n_body_tags, moments)
     breps = []
     for number, own in enumerate(members):
         part = select_domain(shared, own, reversed_faces if number else None)
@@ -94,7 +96,7 @@ def build_domains(
         breps.append(drop_unused_geometry(part))
     names = [name for name, own in zip((WALL, PLUS, MINUS), members, strict=True) if len(own)]
     breps, members = [b for b in breps if len(b.faces)], [m for m in members if len(m)]
-    built = build_regions(shared, breps, members)
+    built = build_regions(shared, breps, members, moments)
     if not all(is_brep_valid(each, of.faces) for each, of in zip(breps, built, strict=True)):
         raise TrimmingError("the kernel's check rejects a domain")
     return dict(zip(names, built, strict=True)), absorbed

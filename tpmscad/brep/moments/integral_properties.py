@@ -14,7 +14,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from tpmscad._typing import Array, IntArray
+from tpmscad._typing import Array, BoolArray, IntArray
 from tpmscad.brep.boundary_representation import Brep
 from tpmscad.brep.carriers import Carrier, Plane
 from tpmscad.brep.foot_surface import find_point_sides
@@ -33,6 +33,12 @@ class FaceMoments:
     normal: Array
     first: Array
     second: Array
+
+    def select(self, faces: IntArray, reversed_faces: BoolArray | None = None) -> FaceMoments:
+        """The moments of some faces (n,), of which those of the mask (n,) look the other way."""
+        outward = 1.0 if reversed_faces is None else np.where(reversed_faces, -1.0, 1.0)[:, None]
+        first = self.first[faces] * np.expand_dims(outward, -1)
+        return FaceMoments(self.area[faces], self.normal[faces] * outward, first, self.second[faces] * outward)
 
 
 def integrate_faces(brep: Brep) -> FaceMoments:

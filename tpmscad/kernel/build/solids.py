@@ -170,13 +170,10 @@ def select_solids(brep: Brep, built: BrepSolids, selected: Sequence[int]) -> tup
     faces = np.flatnonzero(np.isin(nesting.shell_of_face, [shell for piece in pieces for shell in piece]))
     shells, shell_of_face = np.unique(nesting.shell_of_face[faces], return_inverse=True)
     number = {shell: k for k, shell in enumerate(shells.tolist())}
-    moments = nesting.moments
     kept = ShellNesting(
         shell_of_face=shell_of_face,
         volume=nesting.volume[shells],
-        moments=integral_properties.FaceMoments(
-            moments.area[faces], moments.normal[faces], moments.first[faces], moments.second[faces]
-        ),
+        moments=nesting.moments.select(faces),
         shells_of_solid=tuple(tuple(number[shell] for shell in piece) for piece in pieces),
     )
     part = drop_unused_geometry(select_faces(brep, faces))
@@ -245,15 +242,22 @@ def _placed_surfaces(brep: Brep) -> list[Geom_Surface]:
     return result
 
 
-def build_regions(brep: Brep, regions: Sequence[Brep], members: Sequence[IntArray]) -> tuple[BrepSolids, ...]:
-    """Solids of each region, largest first. `members[r]` are the faces of `brep` from which region r is made."""
+def build_regions(
+    brep: Brep, regions: Sequence[Brep], members: Sequence[IntArray], moments: integral_properties.FaceMoments
+) -> tuple[BrepSolids, ...]:
+    """Solids of each region, largest first. `members[r]` are the faces of `brep` from which region r is made.
+
+    `moments` are those of the faces of `brep`.
+    """
     faces = build_faces(brep)
     result = []
     for region, member in zip(regions, members, strict=True):
+        turned = brep.faces.sense[member] != region.faces.sense
         own = [
-            faces[m] if brep.faces.sense[m] == sense else convert.as_face(faces[m].Reversed())
-            for m, sense in zip(member.tolist(), region.faces.sense.tolist(), strict=True)
+            convert.as_face(faces[m].Reversed()) if is_turned else faces[m]
+            for m, is_turned in zip(member.tolist(), turned.tolist(), strict=True)
         ]
         count, label = connectivity.label_shells(region)
-        result.append(_nest_and_collect(region, tuple(own), _split_by_shell(label, count)))
+        measured = moments.select(member, turned)
+        result.append(_nest_and_collect(region, tuple(own), _split_by_shell(label, count), measured))
     return tuple(result)
