@@ -27,9 +27,9 @@ def tpmscad(*arguments: str, folder: Path) -> subprocess.CompletedProcess[str]:
     )
 
 
-def warnings_of(answer: subprocess.CompletedProcess[str]) -> list[str]:
-    """What a command said beside its result, but for the stages that it tells where it takes long."""
-    return [line for line in answer.stderr.splitlines() if not line.endswith(" ...")]
+def list_warnings(error: str) -> list[str]:
+    """The lines on standard error, but for the stages that a command tells where it takes long."""
+    return [line for line in error.splitlines() if not line.endswith(" ...")]
 
 
 @pytest.fixture(scope="module")
@@ -57,7 +57,7 @@ def test_check_finds_in_the_file_what_the_report_says(made: tuple[Path, dict[str
     folder, report = made
     answer = tpmscad("check", "gyroid.step", "--report", "check.json", folder=folder)
     assert answer.returncode == 0
-    assert warnings_of(answer) == []
+    assert list_warnings(answer.stderr) == []
     assert "ok          valid, closed, the right way out\nsize        10 x 10 x 10 mm" in answer.stdout
     assert "1 solid" in answer.stdout
     found = json.loads((folder / "check.json").read_text())
@@ -68,7 +68,7 @@ def test_check_finds_in_the_file_what_the_report_says(made: tuple[Path, dict[str
 def test_render_draws_a_picture_without_a_display(made: tuple[Path, dict[str, Any]]) -> None:
     answer = tpmscad("render", "gyroid.step", "-o", "gyroid.png", folder=made[0])
     assert answer.returncode == 0
-    assert warnings_of(answer) == []
+    assert list_warnings(answer.stderr) == []
     assert (made[0] / "gyroid.png").read_bytes().startswith(b"\x89PNG")
 
 
