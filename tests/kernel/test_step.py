@@ -284,7 +284,7 @@ def test_a_missing_file_is_named(tmp_path: Path) -> None:
 class TestBadRequests:
     def test_a_path_or_a_schema_that_cannot_be_written_is_refused(self, writer: str, tmp_path: Path) -> None:
         for name, how, words in (
-            ("a.iges", {}, r"\.iges.*ending in \.step"),
+            ("a.iges", {}, r"\.iges.*ending in \.step$"),
             ("nowhere/a.step", {}, r"folder .*nowhere"),
             ("a.step", {"schema": "ap203"}, r"'ap203'.*ap242, ap214"),
         ):

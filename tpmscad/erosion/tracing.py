@@ -9,6 +9,7 @@ Not resolved are edges that begin inside a sheet, at a centre of curvature, and 
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from itertools import combinations, product
 
 import numpy as np
@@ -189,12 +190,18 @@ def _find_tangent_vertex(graph: EdgeGraph, pair: Pair, good: Array) -> tuple[int
     Sheets that are off by e there, as fitted ones are, meet off it by the root of e times their radius of curvature.
     """
     reach = np.sqrt(DEPTH_REL_TOL * graph.shell.size * graph.shell.skin)
-    for v in np.flatnonzero(np.linalg.norm(np.reshape(graph.vertices, (-1, 3)) - good[:3], axis=1) <= reach).tolist():
-        own = [[uv for s, uv in graph.incident[v] if s == sheet] for sheet in pair]
-        for y in map(np.concatenate, product(*own)):
+    distance = np.linalg.norm(np.reshape(graph.vertices, (-1, 3)) - good[:3], axis=1)
+    for v in np.flatnonzero(distance <= reach).tolist():
+        for y in _list_parameters(graph, pair, v):
             if find_tangent(graph, pair, y) is None:
                 return v, y
     return None
+
+
+def _list_parameters(graph: EdgeGraph, pair: Pair, vertex: int) -> Iterator[Array]:
+    """The parameters (4,) of a vertex on both sheets, several where a sheet passes it more than once."""
+    own = [[uv for s, uv in graph.incident[vertex] if s == sheet] for sheet in pair]
+    return map(np.concatenate, product(*own))
 
 
 def _end_row(graph: EdgeGraph, before: Array, vertex: int, y: Array) -> Array:
@@ -211,8 +218,7 @@ def _find_vertex(graph: EdgeGraph, pair: Pair, good: Array, bad: Array) -> tuple
     reach = 2.0 * np.linalg.norm(bad[:3] - good[:3]) + MERGE_REL_TOL * graph.shell.size
     near = np.flatnonzero(np.linalg.norm(arm, axis=1) <= reach)
     for v in near[np.argsort(arm[near] @ (bad - good)[:3], kind="stable")].tolist():
-        own = [[uv for s, uv in graph.incident[v] if s == sheet] for sheet in pair]
-        for y in map(np.concatenate, product(*own)):
+        for y in _list_parameters(graph, pair, v):
             if _is_between(graph, pair, good, bad, np.concatenate([graph.vertices[v], y])):
                 return v, y
     return None

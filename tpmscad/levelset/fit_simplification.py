@@ -45,7 +45,10 @@ Smaller fits take about a second."""
 
 
 def simplify_fit(fit: LevelSetFit) -> LevelSetFit:
-    """The fit with patches merged in up to three simplifications, or `fit` itself, as of periodic fields, whose periods match."""
+    """The fit with patches merged in up to three simplifications, or `fit` itself.
+
+    Periods of a periodic field match, and stay so unless its mesh was simplified before it was fitted.
+    """
     if fit.request.field.periods() is not None and not fit.is_simplified:
         return fit
     for max_distortion in MAX_DISTORTIONS[1:] if fit.is_simplified else MAX_DISTORTIONS:

@@ -226,14 +226,15 @@ def describe_topology(betti: tuple[int, int, int]) -> str:
 
 
 def _warn_of_traps(properties: SolidProperties) -> tuple[str, ...]:
-    """What closed cavities mean to those who print the part."""
+    """A warning of closed cavities: what they mean to those who print the part."""
     cavities = properties.betti[2] if properties.betti else 0
+    if not cavities:
+        return ()
     one = cavities == 1
-    text = (
+    return (
         f"{cavities} closed {'cavity' if one else 'cavities'}: powder or resin stays inside; "
-        f"open {'it' if one else 'them'} by another thickness, phase or cell, or bore into {'it' if one else 'each'}"
+        f"open {'it' if one else 'them'} by another thickness, phase or cell, or bore into {'it' if one else 'each'}",
     )
-    return (text,) if cavities else ()
 
 
 def certify_built_solids(

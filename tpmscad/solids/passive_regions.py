@@ -23,7 +23,7 @@ from tpmscad.kernel.body_import.cad_body import BodyFile, CadBody, read_bodies, 
 from tpmscad.kernel.body_import.solid_choice import ALL
 from tpmscad.kernel.boolean.boolean_operations import OcctSolids, estimate_volume, intersect_solids, merge_faces
 from tpmscad.kernel.boolean.cut_faces import label_cut_solids
-from tpmscad.kernel.boolean.kept_solids import find_holes, grow_beyond
+from tpmscad.kernel.boolean.kept_solids import Hole, find_holes, grow_beyond
 from tpmscad.kernel.boolean.solid_trees import SolidSet, combine_sets, list_solids
 from tpmscad.kernel.build.solids import BrepSolids
 from tpmscad.kernel.measure.shape_report import is_valid
@@ -266,7 +266,7 @@ def divide_kept(keep: Any, bodies: Sequence[KernelBody]) -> list[list[Any]]:
         refusals = []
         for own, body in zip(divided, bodies, strict=True):
             try:
-                _find_bosses(body.cad, True, one)
+                _choose_holes(body.cad, True, one)
             except InvalidRequest as refusal:
                 refusals.append(refusal)
             else:
@@ -288,12 +288,20 @@ def _is_bosses(keep: Any) -> bool:
 
 def _find_bosses(body: CadBody, is_exact: bool, keep: Sequence[Any]) -> tuple[CadBody, ...]:
     """The surroundings of the holes of a body, of all or of one radius; InvalidRequest if it has none."""
+    return tuple(
+        replace(read_body(hole.grow(keep[1])), name=f"the hole of radius {hole.radius:g} with {keep[1]:g} around it")
+        for hole in _choose_holes(body, is_exact, keep)
+    )
+
+
+def _choose_holes(body: CadBody, is_exact: bool, keep: Sequence[Any]) -> list[Hole]:
+    """The holes of a body whose surroundings are kept; InvalidRequest if it has none, or if `keep` is malformed."""
     numbers = [value for value in keep[1:] if isinstance(value, int | float) and 0 < value < np.inf]
     if len(keep) not in (2, 3) or len(numbers) != len(keep) - 1:
         raise InvalidRequest(
             f'keep={tuple(keep)!r} must be ("bosses", width), or ("bosses", width, radius), with lengths above 0 in mm'
         )
-    width, *radius = numbers
+    _, *radius = numbers
     holes = find_holes(body.shape) if is_exact else ()
     radii = sorted({round(hole.radius, 6) for hole in holes})
     chosen = [hole for hole in holes if not radius or abs(hole.radius - radius[0]) < 1e-6 * radius[0]]
@@ -302,11 +310,7 @@ def _find_bosses(body: CadBody, is_exact: bool, keep: Sequence[Any]) -> tuple[Ca
             f"its round holes have radii of {', '.join(f'{r:g}' for r in radii)}" if radii else "it has no round holes"
         )
         raise InvalidRequest(f'keep=("bosses", {", ".join(f"{v:g}" for v in keep[1:])}): {body.name}: {listed}')
-    grown = [read_body(hole.grow(width)) for hole in chosen]
-    named = [f"the hole of radius {hole.radius:g}" for hole in chosen]
-    return tuple(
-        replace(each, name=f"{name} with {width:g} around it") for each, name in zip(grown, named, strict=True)
-    )
+    return chosen
 
 
 def _read_all(source: Any, role: str) -> tuple[CadBody, ...]:

@@ -34,11 +34,11 @@ class FaceMoments:
     first: Array
     second: Array
 
-    def select(self, faces: IntArray, reversed_faces: BoolArray | None = None) -> FaceMoments:
+    def select(self, faces: IntArray, reversed_faces: BoolArray | bool = False) -> FaceMoments:
         """The moments of some faces (n,), of which those of the mask (n,) look the other way."""
-        outward = 1.0 if reversed_faces is None else np.where(reversed_faces, -1.0, 1.0)[:, None]
-        first = self.first[faces] * np.expand_dims(outward, -1)
-        return FaceMoments(self.area[faces], self.normal[faces] * outward, first, self.second[faces] * outward)
+        sign = np.where(reversed_faces, -1.0, 1.0)[..., None]
+        first = self.first[faces] * sign[..., None]
+        return FaceMoments(self.area[faces], self.normal[faces] * sign, first, self.second[faces] * sign)
 
 
 def integrate_faces(brep: Brep) -> FaceMoments:
