@@ -9,7 +9,7 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from tpmscad._typing import Array, IntArray
-from tpmscad.brep.boundary_representation import Brep, spline_faces
+from tpmscad.brep.boundary_representation import Brep, spline_faces, stacked_spline_faces
 from tpmscad.brep.orthogonal_projection import project_to_patch
 from tpmscad.splines.bspline import BSplineSurface
 
@@ -36,11 +36,11 @@ class PatchNodes:
 def place_nodes(brep: Brep, count: int = NODES_PER_DIRECTION) -> PatchNodes:
     """A grid of count x count nodes on every face that lies on a B-spline."""
     found, size = [(np.zeros((0, 3)), np.zeros(0, np.int64), np.zeros((0, 2)))], 0.0
-    for own, carrier in spline_faces(brep):
-        u, v = _make_grid(carrier, count)
-        local = carrier(u, v)
-        size = max(size, float(np.ptp(local, axis=0).max()))
-        placed = brep.faces.motion[own][:, None].apply(local).reshape(-1, 3)
+    for own, place, stack in stacked_spline_faces(brep):
+        u, v = _make_grid(stack, count)
+        local = _unstack(stack(u, v))
+        size = max(size, float(np.ptp(local, axis=1).max()))
+        placed = brep.faces.motion[own][:, None].apply(local[place]).reshape(-1, 3)
         found.append((placed, np.repeat(own, len(u)), np.tile(np.column_stack([u, v]), (len(own), 1))))
     points, face, parameters = map(np.concatenate, zip(*found, strict=True))
     return PatchNodes(points, face, parameters, size)
@@ -50,6 +50,11 @@ def _make_grid(carrier: BSplineSurface, count: int) -> tuple[Array, Array]:
     """The parameters u, v (count^2,) of a grid on a patch."""
     u, v = np.meshgrid(*(np.linspace(*domain, count) for domain in carrier.domain), indexing="ij")
     return u.ravel(), v.ravel()
+
+
+def _unstack(values: Array) -> Array:
+    """Values (n, 3k) of k stacked surfaces one by one: (k, n, 3)."""
+    return values.reshape(len(values), -1, 3).swapaxes(0, 1)
 
 
 def project_from_nodes(brep: Brep, nodes: PatchNodes, points: Array, nearest: int) -> Iterator[tuple[IntArray, Array]]:
@@ -88,13 +93,13 @@ def _place_normals(patches: Brep, low: Array, high: Array) -> tuple[Array, Array
     """Nodes and outward normals (n, 3), (n, 3) of the patches whose centers lie in the box [low, high]."""
     faces = patches.faces
     nodes, normals = [np.zeros((0, 3))], [np.zeros((0, 3))]
-    for own, carrier in spline_faces(patches):
-        points, by_u, by_v = carrier.jet(*_make_grid(carrier, SIDE_NODES))
-        center = faces.motion[own].apply(points.mean(axis=0))
-        own = own[((center >= low) & (center <= high)).all(axis=1)]
-        motion = faces.motion[own]
-        orientation = faces.sense[own] * motion.handedness
-        nodes.append(motion[:, None].apply(points).reshape(-1, 3))
-        normal = motion[:, None].apply_to_vectors(np.cross(by_u, by_v)) * orientation[:, None, None]
+    for own, place, stack in stacked_spline_faces(patches):
+        points, by_u, by_v = map(_unstack, stack.jet(*_make_grid(stack, SIDE_NODES)))
+        center = faces.motion[own].apply(points.mean(axis=1)[place])
+        near = ((center >= low) & (center <= high)).all(axis=1)
+        motion, place = faces.motion[own[near]], place[near]
+        orientation = faces.sense[own[near]] * motion.handedness
+        nodes.append(motion[:, None].apply(points[place]).reshape(-1, 3))
+        normal = motion[:, None].apply_to_vectors(np.cross(by_u, by_v)[place]) * orientation[:, None, None]
         normals.append(normal.reshape(-1, 3))
     return np.concatenate(nodes), np.concatenate(normals)
