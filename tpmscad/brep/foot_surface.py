@@ -16,7 +16,7 @@ import numpy as np
 
 from tpmscad._compiled_loops import njit_cached
 from tpmscad._typing import Array, BoolArray, IntArray
-from tpmscad.splines.basis import design_matrices
+from tpmscad.splines.basis import apply_span_bases, design_matrices
 from tpmscad.splines.bspline import BSplineSurface
 
 MAX_DEGREE = 9
@@ -126,7 +126,7 @@ def tabulate_spans(
     spans = SpanPolynomials(
         breaks_u,
         breaks_v,
-        np.ascontiguousarray(np.einsum("aku,uvc,blv->abklc", left, poles, right, optimize=True)),
+        apply_span_bases(left, poles, right),
         box,
         np.where(closed, (breaks_u[-1], breaks_v[-1]), 0.0),
         speed,

@@ -24,7 +24,7 @@ from tpmscad._typing import Array
 from tpmscad.brep.foot_surface import find_point_sides, tabulate_spans
 from tpmscad.brep.free_form_surface import FreeFormSurface
 from tpmscad.index_ranges import repeat_rows
-from tpmscad.splines.basis import design_matrix
+from tpmscad.splines.basis import apply_bases, design_matrix
 from tpmscad.splines.bspline import BSplineSurface
 from tpmscad.splines.knots import greville_abscissae, to_common_space
 from tpmscad.splines.quadrature import gauss_legendre
@@ -157,7 +157,7 @@ def _fit_correction(surface: FreeFormSurface, uv: Array, offsets: Array, count: 
     for _ in range(REFINEMENTS):
         net = net + solver.solve(design.T @ (offsets - design @ net) / n)
     net = net.reshape(axes[0].size, axes[1].size, 3)
-    poles = np.einsum("ai,bj,ijk->abk", axes[0].expand, axes[1].expand, net, optimize=True)
+    poles = apply_bases(axes[0].expand, net, axes[1].expand)
     return BSplineSurface(poles, axes[0].knots, axes[1].knots, axes[0].degree, axes[1].degree)
 
 

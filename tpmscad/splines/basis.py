@@ -203,9 +203,21 @@ def differentiate_poles(poles: Array, knots: Array, degree: int) -> tuple[Array,
 
 def evaluate_bezier_patches(rows: Array, poles: Array, columns: Array) -> Array:
     """Points (n, k l, 3) of many Bezier patches (n, U, V, 3) on the grid of two design matrices (k, U), (l, V), u first."""
-    n, nu, nv, _ = poles.shape
-    half = (rows @ poles.reshape(n, nu, nv * 3)).reshape(n, len(rows), nv, 3)
-    return (columns @ half).reshape(n, -1, 3)
+    return apply_bases(rows, poles, columns).reshape(len(poles), -1, 3)
+
+
+def apply_bases(left: Array, grids: Array, right: Array) -> Array:
+    """The products left @ grid @ right^T for every last component: (m, U), (..., U, V, D), (n, V) give (..., m, n, D)."""
+    half = left @ grids.reshape(*grids.shape[:-2], -1)
+    return right @ half.reshape(*half.shape[:-1], *grids.shape[-2:])
+
+
+def apply_span_bases(left: Array, grids: Array, right: Array) -> Array:
+    """The same for each pair of spans: (a, k, U), (..., U, V, D), (b, l, V) give (..., a, b, k, l, D)."""
+    (a, k), (b, m) = left.shape[:2], right.shape[:2]
+    found = apply_bases(left.reshape(a * k, -1), grids, right.reshape(b * m, -1))
+    found = found.reshape(*grids.shape[:-3], a, k, b, m, grids.shape[-1])
+    return np.ascontiguousarray(np.swapaxes(found, -4, -3))
 
 
 @lru_cache(maxsize=64)

@@ -51,11 +51,11 @@ import numpy as np
 
 from tpmscad._typing import Array
 from tpmscad.splines.affine_subspace import AffineSubspace
+from tpmscad.splines.basis import apply_bases
 from tpmscad.splines.bspline import BSplineSurface
 from tpmscad.splines.quadrature import trapezoidal_weights
 from tpmscad.splines.spline_axis import SplineAxis
 from tpmscad.splines.surface_fit import (
-    apply_bases,
     coordinates_from_surface,
     gram_eigenvalue_bounds,
     surface_from_coordinates,

@@ -14,7 +14,7 @@ from functools import cache
 import numpy as np
 
 from tpmscad._typing import Array, IntArray
-from tpmscad.splines.basis import bernstein_elevation_matrix, design_matrix, knot_domain
+from tpmscad.splines.basis import apply_span_bases, bernstein_elevation_matrix, design_matrix, knot_domain
 from tpmscad.splines.bspline import BSplineCurve, BSplineSurface
 
 COMMON_KNOT_RTOL = 1e-12
@@ -169,7 +169,7 @@ def bezier_pieces(surface: BSplineSurface, parts: int = 1) -> tuple[Array, Array
     """Ends of the spans along u and v, each cut into equal parts, and their Bezier poles (m, n, p + 1, q + 1, D)."""
     u, rows = bezier_rows(surface.knots_u, surface.degree_u, parts)
     v, columns = bezier_rows(surface.knots_v, surface.degree_v, parts)
-    return u, v, np.einsum("mij,nkl,jld->mnikd", rows, columns, surface.poles, optimize=True)
+    return u, v, apply_span_bases(rows, surface.poles, columns)
 
 
 def bezier_curve(poles: Array) -> BSplineCurve:

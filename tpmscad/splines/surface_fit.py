@@ -11,6 +11,7 @@ import numpy as np
 
 from tpmscad._typing import Array
 from tpmscad.splines.affine_subspace import AffineSubspace
+from tpmscad.splines.basis import apply_bases
 from tpmscad.splines.bspline import BSplineSurface
 from tpmscad.splines.spline_axis import SplineAxis
 
@@ -62,13 +63,7 @@ def least_squares_coordinates(samples: Array, axis_u: SplineAxis, axis_v: Spline
         raise ValueError(f"samples {samples.shape} don't lie on the axes' grid {expected}")
     left = np.sqrt(axis_u.weights)[:, None] * axis_u.weighted_design_matrix()
     right = np.sqrt(axis_v.weights)[:, None] * axis_v.weighted_design_matrix()
-    return np.asarray(np.einsum("mu,mnd,nv->uvd", left, samples, right, optimize=True))
-
-
-def apply_bases(left: Array, grid: Array, right: Array) -> Array:
-    """The products left @ grid @ right^T for every last component: (m, U), (U, V, D), (n, V) give (m, n, D)."""
-    half = (left @ grid.reshape(len(grid), -1)).reshape(len(left), *grid.shape[1:])
-    return right @ half
+    return apply_bases(left.T, samples, right.T)
 
 
 def gram_eigenvalue_bounds(basis_u: Array, basis_v: Array) -> tuple[float, float]:
@@ -79,7 +74,7 @@ def gram_eigenvalue_bounds(basis_u: Array, basis_v: Array) -> tuple[float, float
 
 def surface_from_coordinates(coordinates: Array, axis_u: SplineAxis, axis_v: SplineAxis) -> BSplineSurface:
     """The surface with the given coordinates (U, V, D)."""
-    poles = np.einsum("pu,uvd,qv->pqd", axis_u.to_poles, coordinates, axis_v.to_poles, optimize=True)
+    poles = apply_bases(axis_u.to_poles, coordinates, axis_v.to_poles)
     return BSplineSurface(poles, axis_u.knots, axis_v.knots, axis_u.degree, axis_v.degree)
 
 

@@ -15,7 +15,7 @@ from tpmscad.brep.surface_cells import DEGREE, CellFit, SurfaceCells, trim_cells
 from tpmscad.kernel.measure.shape_sampling import divide_pcurves
 from tpmscad.kernel.occt.exploration import orientation_sign
 from tpmscad.kernel.occt.geometry_evaluators import SurfaceTable, face_evaluator, pack_surfaces
-from tpmscad.splines.basis import bernstein_basis, bezier_interpolation
+from tpmscad.splines.basis import apply_bases, bernstein_basis, bezier_interpolation
 
 CHECKED = np.array([0.125, 0.375, 0.625, 0.875])
 """Grid lines between the nodes on which the distance between patch and surface is measured."""
@@ -66,8 +66,8 @@ def cell_fitter(faces: Sequence[TopoDS_Face]) -> CellFit:
 
     def fit(face: IntArray, box: Array) -> tuple[Array, Array]:
         nodes, checks = (_evaluate_grids(surfaces, face, *_grid_lines(box, t)) for t in (_NODES, CHECKED))
-        nets = np.ascontiguousarray(np.einsum("ia,jb,nabc->nijc", _TO_POLES, _TO_POLES, nodes, optimize=True))
-        fitted = np.einsum("ka,lb,nabc->nklc", between, between, nets, optimize=True)
+        nets = apply_bases(_TO_POLES, nodes, _TO_POLES)
+        fitted = apply_bases(between, nets, between)
         return nets, PAD_FACTOR * np.linalg.norm(fitted - checks, axis=3).max(axis=(1, 2))
 
     return fit

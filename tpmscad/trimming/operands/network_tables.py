@@ -24,6 +24,7 @@ from tpmscad.brep.boundary_representation import Brep
 from tpmscad.brep.carriers import Carrier, Plane
 from tpmscad.brep.foot_surface import span_powers
 from tpmscad.rigid_motion import Motion
+from tpmscad.splines.basis import apply_span_bases
 from tpmscad.splines.bspline import BSplineCurve, BSplineSurface
 from tpmscad.splines.curve_batch import evaluate_curves
 from tpmscad.trimming.operands.conic_splines import approximate_quadric
@@ -224,7 +225,7 @@ def tabulate_carriers(carriers: Sequence[Carrier], uv: Sequence[Array], sense: A
             span_powers(surface.knots_v, surface.degree_v),
         )
         breaks += [u, v]
-        coefficients.append(np.einsum("aku,uvc,blv->abklc", left, surface.poles, right, optimize=True))
+        coefficients.append(apply_span_bases(left, surface.poles, right))
     shapes = np.array([c.shape[:4] for c in coefficients], np.int64)
     starts = (
         find_starts([len(b) for b in breaks])[:-1].reshape(-1, 2),
@@ -442,10 +443,10 @@ def _divide_like_patches(surfaces: list[BSplineSurface], parts: tuple[int, int])
         for knots, domain, degree in zip((s.knots_u, s.knots_v), s.domain, degrees, strict=True)
     )
     poles = np.stack([own.poles for own in surfaces])
-    coefficients = np.einsum("aku,nuvc,blv->nabklc", left, poles, right, optimize=True)
+    coefficients = apply_span_bases(left, poles, right)
     n, nu, nv = coefficients.shape[:3]
     (x, hx, in_u), (y, hy, in_v) = (_part_powers(m, d) for m, d in zip(parts, degrees, strict=True))
-    local = np.einsum("iKk,nabklc,jLl->naibjKLc", in_u, coefficients, in_v, optimize=True)
+    local = apply_span_bases(in_u, coefficients, in_v).swapaxes(2, 3)
     local = local.reshape(n, nu * parts[0] * nv * parts[1], p + 1, q + 1, 3)
     norms = np.linalg.norm(local, axis=4)
     k, m = np.arange(p + 1.0), np.arange(q + 1.0)
