@@ -131,8 +131,8 @@ def nest_loops(polygons: Sequence[Array]) -> list[list[int]]:
 
 def signed_area(polygon: Array) -> float:
     """Signed area of a closed polygon (n, 2), positive if it runs counter-clockwise."""
-    x, y = (polygon - polygon[0]).T
-    return 0.5 * float(x @ np.roll(y, -1) - y @ np.roll(x, -1))
+    x, y = (polygon - polygon[0]).T  # so that the segment which closes it adds nothing
+    return 0.5 * float(x[:-1] @ y[1:] - y[:-1] @ x[1:])
 
 
 def point_in_polygon(polygon: Array, point: Array) -> bool:

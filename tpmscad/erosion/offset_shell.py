@@ -18,6 +18,7 @@ from tpmscad._typing import Array, BoolArray, IntArray
 from tpmscad.brep.boundary_representation import Brep
 from tpmscad.brep.carriers import Circle, EdgeCurve
 from tpmscad.brep.free_form_surface import BodyCarrier, FreeFormSurface
+from tpmscad.brep.loops import signed_area
 from tpmscad.erosion.face_regions import build_regions
 from tpmscad.erosion.sheets import Sheet, Tube, TubeEnd, make_ball, make_tube, offset_face
 from tpmscad.erosion.sites import BORDER_REL_TOL, BodySites, EdgeSite, FaceSite, OpenSite, Site, VertexSite, depth_limit
@@ -459,7 +460,7 @@ class _Assembly:
             angle = float(np.arctan2(np.linalg.norm(np.cross(*ways)), ways[0] @ ways[1]))
             border.append(sphere.parameters(between(np.linspace(0.0, angle, ARC_SAMPLES)))[:-1])
         polygon = np.concatenate(border)
-        turn = 1 if _signed_area(polygon) > 0 else -1
+        turn = 1 if signed_area(polygon) > 0 else -1
         segments = np.stack([polygon, np.roll(polygon, -1, axis=0)], axis=1)
         self._add_sheet(Sheet(sphere, -1, segments, -1))
         self.ball_of_vertex[vertex] = number
@@ -477,11 +478,6 @@ def _left_sense(sheet: Sheet, ends: Array) -> int:
     """+1 if the domain of a sheet lies on the left of a straight side between parameters (2, 2), else -1."""
     step, inward = ends[1] - ends[0], sheet.box().mean(axis=0) - ends.mean(axis=0)
     return 1 if step[0] * inward[1] - step[1] * inward[0] > 0 else -1
-
-
-def _signed_area(polygon: Array) -> float:
-    x, y = (polygon - polygon[0]).T
-    return 0.5 * float(x @ np.roll(y, -1) - y @ np.roll(x, -1))
 
 
 def _chain_arcs(arcs: list[Array]) -> list[tuple[int, bool]] | None:
