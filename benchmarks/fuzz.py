@@ -55,6 +55,7 @@ CHEAP: Mapping[str, Mapping[str, Any]] = {
     "blend": {"structures": [1.0, -1.0], "resolution": (4, 4, 4)},
     "sweep": {"table": []},
     "homogenize": {"surface": "gyroid", "volume_fraction": 2.0, "kind": "rod"},  # two faults: valid calls take longer
+    "design_for": {"surface": "octet", "property": "permeability"},  # which is refused
     "threshold_for": {"samples": 8},
     "graded_threshold": {"phi": 1.0},
     "volume_fraction": {"samples": 8},

@@ -36,7 +36,7 @@ PAIR = Region(lambda p: np.abs(np.abs(p[..., 0]) - 0.7) < 0.2, np.full(3, -1.1),
 @pytest.mark.slow
 def test_random_requests_are_met_or_refused() -> None:
     """In a process of its own: the trial forks, and the kernel's threads of this one would not be there after it."""
-    count = 3
+    count = 2
     options = ["--seed", "1", "--count", str(count), "--kind", "recipe"]
     command = [sys.executable, "-m", "benchmarks.trial", *options]
     answer = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=False)

@@ -53,22 +53,25 @@ def test_the_report_holds_the_certificate(made: tuple[Path, dict[str, Any]]) -> 
     assert report["volume"] == pytest.approx(309.15 - 4.19, rel=1e-3)
 
 
-def test_check_finds_in_the_file_what_the_report_says(made: tuple[Path, dict[str, Any]]) -> None:
+def test_check_finds_in_the_file_what_the_report_says(
+    made: tuple[Path, dict[str, Any]], capfd: pytest.CaptureFixture[str]
+) -> None:
     folder, report = made
-    answer = tpmscad("check", "gyroid.step", "--report", "check.json", folder=folder)
-    assert answer.returncode == 0
-    assert list_warnings(answer.stderr) == []
-    assert "ok          valid, closed, the right way out\nsize        10 x 10 x 10 mm" in answer.stdout
-    assert "1 solid" in answer.stdout
+    assert run(f"check {folder / 'gyroid.step'} --report {folder / 'check.json'}") == 0
+    out, err = capfd.readouterr()
+    assert list_warnings(err) == []
+    assert "ok          valid, closed, the right way out\nsize        10 x 10 x 10 mm" in out
+    assert "1 solid" in out
     found = json.loads((folder / "check.json").read_text())
     assert found["volume"] == pytest.approx(report["volume"], rel=1e-9)
     assert found["area"] == pytest.approx(report["area"], rel=1e-6)
 
 
-def test_render_draws_a_picture_without_a_display(made: tuple[Path, dict[str, Any]]) -> None:
-    answer = tpmscad("render", "gyroid.step", "-o", "gyroid.png", folder=made[0])
-    assert answer.returncode == 0
-    assert list_warnings(answer.stderr) == []
+def test_render_draws_a_picture_without_a_display(
+    made: tuple[Path, dict[str, Any]], capfd: pytest.CaptureFixture[str]
+) -> None:
+    assert run(f"render {made[0] / 'gyroid.step'} -o {made[0] / 'gyroid.png'}") == 0
+    assert list_warnings(capfd.readouterr().err) == []
     assert (made[0] / "gyroid.png").read_bytes().startswith(b"\x89PNG")
 
 
@@ -132,18 +135,19 @@ def test_a_file_of_beams_is_made_a_solid(
     assert "--level: for images, not for beams" in capsys.readouterr().err
 
 
-def test_the_field_of_a_recipe_fills_a_body(tmp_path: Path) -> None:
+def test_the_field_of_a_recipe_fills_a_body(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
     """Struts beyond all sides of a box: what is left is what the recipe's own domain, the same box, cuts from them."""
-    bd.export_step(bd.Pos(6, 4, 4) * bd.Box(12, 8, 8), str(tmp_path / "box.step"))
-    struts = 'kind = "strut_lattice"\nstructure = "cubic"\ncell = 4\ncells = [4, 3, 3]\ndiameter = 1\n'
+    monkeypatch.chdir(tmp_path)
+    bd.export_step(bd.Pos(4, 2, 2) * bd.Box(8, 4, 4), "box.step")
+    struts = 'kind = "strut_lattice"\nstructure = "cubic"\ncell = 4\ncells = [3, 2, 2]\ndiameter = 1\n'
     moved = f'[field]\nkind = "translate"\nvector = [-1, -1, -1]\nof = "struts"\n[fields.struts]\n{struts}'
-    (tmp_path / "struts.toml").write_text(f"tol = 0.02\ndomain = [[0, 0, 0], [12, 8, 8]]\n{moved}")
+    (tmp_path / "struts.toml").write_text(f"tol = 0.02\ndomain = [[0, 0, 0], [8, 4, 4]]\n{moved}")
     volumes = []
-    for command in (("infill", "box.step", "struts.toml"), ("solidify", "struts.toml")):
-        done = tpmscad(*command, "-o", "out.step", "--report", "out.json", folder=tmp_path)
-        assert done.returncode == 0, done.stderr
-        volumes.append(json.loads((tmp_path / "out.json").read_text())["volume"])
+    for command in ("infill box.step struts.toml", "solidify struts.toml"):
+        assert run(f"{command} -o out.step --report out.json") == 0
+        volumes.append(json.loads(Path("out.json").read_text())["volume"])
     assert volumes[0] == pytest.approx(volumes[1], rel=1e-6)
-    refused = tpmscad("infill", "box.step", "none.toml", "-o", "out.step", folder=tmp_path)
-    assert refused.returncode == 2
-    assert "none.toml" in refused.stderr
+    assert run("infill box.step none.toml -o out.step") == 2
+    assert "none.toml" in capsys.readouterr().err

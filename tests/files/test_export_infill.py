@@ -25,7 +25,8 @@ from tpmscad.kernel.step.step_reader import read_step
 
 pytestmark = pytest.mark.kernel
 
-WALL: dict[str, Any] = {"cell": 1, "thickness": 0.2, "tol": 0.02}
+CELL: dict[str, Any] = {"cell": 1, "tol": 0.02}
+WALL = CELL | {"thickness": 0.2}
 CHORD_ERROR = 0.01
 NO_MASS = MassProperties(1.0, 1.0, (0.0, 0.0, 0.0))
 
@@ -37,15 +38,19 @@ NO_MASS = MassProperties(1.0, 1.0, (0.0, 0.0, 0.0))
         (
             bd.Pos(0.02, 0.01, 0) * bd.Cylinder(0.85, 1.16),
             "gyroid",
-            {"rotation": (0, 0, 35), "phase": (0.38, 0.41, 0.44)},
+            {"kind": "skeletal", "offset": 0.1, "rotation": (0, 0, 35), "phase": (0.38, 0.41, 0.44)},
         ),
-        (bd.Box(1.6, 1.65, 2.6), "schwarz_p", {"skin": 0.25, "open_faces": ">Z", "phase": (0.38, 0.41, 0.04)}),
+        (
+            bd.Box(1.6, 1.65, 2.6),
+            "schwarz_p",
+            {"thickness": 0.2, "skin": 0.25, "open_faces": ">Z", "phase": (0.38, 0.41, 0.04)},
+        ),
     ],
     ids=["turned", "skin"],
 )
 def test_parts_make_up_the_filled_body(body: bd.Shape, surface: str, asked: dict[str, Any], tmp_path: Path) -> None:
-    file = tpmscad.export_infill(body, surface, tmp_path / "parts.step", **WALL, **asked)
-    solid = tpmscad.infill(body, surface, **WALL, **asked, loose="keep")
+    file = tpmscad.export_infill(body, surface, tmp_path / "parts.step", **CELL, **asked)
+    solid = tpmscad.infill(body, surface, **CELL, **asked, loose="keep")
     read = read_step(file.path, healed=False)
     assert file.whole_cells > 0
     assert len(read.solids) == file.parts
@@ -132,7 +137,7 @@ def test_of_a_large_file_the_kernel_reads_an_excerpt_with_every_solid(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(_export_infill, "KERNEL_READ_LIMIT", 0)
-    file = tpmscad.export_infill(bd.Box(1.4, 1.4, 1.4), "P", tmp_path / "parts.step", **WALL)
+    file = tpmscad.export_infill(bd.Box(7, 7, 2), "square", tmp_path / "parts.step", cell=2, thickness=0.2)
     table = read_entity_table(file.path)
     with pytest.raises(KernelError, match=f"of {file.parts + 1} solids the kernel reads {file.parts}"):
         _export_infill._verify(file.path, table, volume=file.volume, parts=file.parts + 1, whole=False)

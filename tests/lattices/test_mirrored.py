@@ -170,7 +170,7 @@ def test_the_two_sides_have_the_betti_numbers_of_the_formula(name: str, side: st
 def test_a_box_anywhere_is_closed_with_the_volume_of_its_cell(name: str) -> None:
     rng = np.random.default_rng(8)
     expected = surfaces.volume_fraction(name, "nodal", *OFFSETS[name])
-    for tol in (1e-3, 1e-4, 1e-5):
+    for tol in (1e-3, 1e-5):
         sheet = fit_mirror_pieces(name, OFFSETS[name], 1.0, tol).surfaces
         cover = reflected_pieces_over_box(surfaces.mirror_symmetry(name), sheet, (1, 1, 1), rng.random(3))
         cut = trim(cover, box([0, 0, 0], [1, 1, 1]), tol=5e-10)

@@ -134,6 +134,7 @@ def test_struts_in_the_sides_of_the_box_are_halved() -> None:
     assert whole == pytest.approx(8 * volume(bound(field, (np.zeros(3), np.array([10.0, 8, 6])))), rel=1e-9)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("kind", "node_radius"), [("octet", 0.0), ("kelvin", 0.8)])
 def test_classes_of_struts_change_nothing(kind: str, node_radius: float, monkeypatch: pytest.MonkeyPatch) -> None:
     """Two cells against one of them, against the graph, and against every strut worked out by itself."""
@@ -150,6 +151,7 @@ def test_classes_of_struts_change_nothing(kind: str, node_radius: float, monkeyp
     assert volume(single) == pytest.approx(volume(brep), rel=1e-12)
 
 
+@pytest.mark.slow
 def test_more_cells_have_no_more_classes() -> None:
     counts = [
         count_classes(fields.strut_lattice("octet", 10.0, 1.0, n), (np.zeros(3), np.full(3, 10.0 * n))) for n in (4, 5)

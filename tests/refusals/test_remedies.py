@@ -28,24 +28,24 @@ def box(size: float = 8.0) -> bd.Part:
 
 
 def infill(body: Any = None, **options: Any) -> tpmscad.Model:
-    given = {"surface": "gyroid", "cell": 6, "thickness": 0.8, "tol": 0.05, "progress": False} | options
+    given = {"surface": "schwarz_p", "cell": 6, "thickness": 0.8, "tol": 0.1, "progress": False} | options
     return tpmscad.infill(
         box() if body is None else body, given.pop("surface"), **{k: v for k, v in given.items() if v is not None}
     )
 
 
 def lattice(surface: str = "gyroid", **options: Any) -> tpmscad.Model:
-    given = {"cell": 10, "thickness": 1, "tol": 0.05, "progress": False} | options
+    given = {"cell": 10, "thickness": 1, "tol": 0.1, "progress": False} | options
     return tpmscad.lattice(surface, **{k: v for k, v in given.items() if v is not None})
 
 
 def fill_cylinder(limit: Callable[[fields.Field], fields.Field]) -> tpmscad.Model:
-    fraction = limit(fields.expression("0.2 + 0.075 * sqrt(X^2 + Y^2)"))
+    fraction = limit(fields.expression("0.2 + 0.12 * sqrt(X^2 + Y^2)"))
     gyroid = fields.tpms("gyroid", 4)
     levels = fields.graded_threshold(gyroid, fraction, (0.19, 0.51), "sheet")
     assert isinstance(levels, tuple)
     return tpmscad.infill(
-        fields.cylinder((0, 0, 1), 4, height=2), fields.sheet(gyroid, *levels), tol=0.1, progress=False
+        fields.cylinder((0, 0, 1), 2.5, height=2), fields.sheet(gyroid, *levels), tol=0.1, progress=False
     )
 
 
@@ -80,9 +80,9 @@ REMEDIES: dict[str, tuple[Request, str, Remedy]] = {
         lambda _: infill(open_faces=">Z", skin=1),
     ),
     "a curved open face": (
-        lambda: infill(bd.Cylinder(6, 12), open_faces=0, skin=1),
+        lambda: infill(bd.Cylinder(4, 6), open_faces=0, skin=1),
         "keep the skin on it, and drill through it afterwards",
-        lambda _: infill(bd.Cylinder(6, 12), skin=1).solid - bd.Rot(0, 90, 0) * bd.Pos(0, 0, 4) * bd.Cylinder(2, 8),
+        lambda _: infill(bd.Cylinder(4, 6), skin=1).solid - bd.Rot(0, 90, 0) * bd.Pos(0, 0, 3) * bd.Cylinder(1, 4),
     ),
     "all faces open": (
         lambda: infill(open_faces="|X,|Y,|Z", skin=1),
@@ -159,19 +159,19 @@ REMEDIES: dict[str, tuple[Request, str, Remedy]] = {
     "unequal cells of a surface whose mirrors they bend": (
         lambda: lattice("neovius", cell=(8, 8, 9.6)),
         "whose periods may be unequal",
-        lambda _: solidify(fields.sheet(fields.tpms("neovius", (8, 8, 9.6)), -0.6, 0.6), tol=0.1),
+        lambda _: solidify(fields.sheet(fields.tpms("neovius", (8, 8, 9.6)), -0.6, 0.6), tol=0.14),
     ),
     "a map of a surface of fitted patches": (
         lambda: lattice("fischer_koch_s", map=maps.stretching((1, 1, 1.2))),
         "whose `domain` takes a spline map of tpmscad.maps",
         lambda _: tpmscad.solidify(
-            fields.sheet(fields.tpms("fischer_koch_s", 8), -0.4, 0.4), wedge(), tol=0.2, progress=False
+            fields.sheet(fields.tpms("fischer_koch_s", 8), -0.4, 0.4), wedge(), tol=0.25, progress=False
         ),
     ),
     "an octahedron of absolute values": (
         lambda: solidify(fields.expression("abs(X) + abs(Y) + abs(Z) - 2")),
         r"a crease of \d+ degrees there, .*: combine fields by fields.union, fields.intersection",
-        lambda _: solidify(fields.intersection(*(fields.linear(s, -2.0) for s in product((-1, 1), repeat=3)))),
+        lambda _: solidify(fields.intersection(*(fields.linear(s, -2.0) for s in product((-1, 1), repeat=3))), 0.1),
     ),
     "a fraction that leaves its span in the body": (
         lambda: fill_cylinder(lambda fraction: fraction + 0.1),

@@ -23,7 +23,7 @@ def test_a_graded_wall(tmp_path: Path) -> None:
 
 def test_a_block_fitted_on_a_dask_cluster_is_the_one_made_here(tmp_path: Path) -> None:
     pytest.importorskip("distributed", reason="Dask is not installed")
-    found = runpy.run_path(str(FOLDER / "solidify_dask.py"))["main"](tmp_path / "block.step", cells=1)
+    found = runpy.run_path(str(FOLDER / "solidify_dask.py"))["main"](tmp_path / "block.step", cells=1, tol=0.1)
     assert found["met"]
     assert check_step(tmp_path / "block.step").ok
 

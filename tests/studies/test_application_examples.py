@@ -215,7 +215,7 @@ def test_a_voronoi_foam_has_the_holes_of_its_graph(load: Any) -> None:
 
 def test_a_periodic_foam_is_meshed_with_equal_nodes_in_opposite_sides(load: Any) -> None:
     pytest.importorskip("gmsh")
-    found = load("periodic_foam").main()
+    found = load("periodic_foam").main(diameter=0.6)
     assert found["met"]
     assert all(found["pairs of nodes in opposite sides"].get(axis, 0) > 50 for axis in "xyz")
 

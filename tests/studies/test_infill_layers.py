@@ -30,21 +30,40 @@ BOSS = bd.Pos(1.2, 0.3, 0) * bd.Cylinder(0.8, 2.8)
 BOLTS = bd.Compound([bd.Pos(1.1, 0.2, 0) * bd.Cylinder(0.3, 3), bd.Pos(0.6, 0.1, 0) * bd.Cylinder(0.4, 3.2)])
 
 CASES: dict[str, tuple[bd.Shape, str, dict[str, Any]]] = {
-    "cone": (bd.Cone(2.4, 1.3, 2), "gyroid", {"cell": 2, "thickness": 0.3}),
-    "turned": (bd.Pos(0.3, 0.5, 0) * bd.Box(2.9, 2.1, 1.7), "P", {"cell": 2, "thickness": 0.3, "rotation": (0, 0, 25)}),
-    "rods": (bd.Box(2.1, 1.9, 1.2), "diamond", {"cell": 2, "kind": "skeletal", "volume_fraction": 0.3}),
-    "skin": (bd.Cylinder(1.5, 1.5) - bd.Cylinder(0.5, 1.5), "gyroid", {"cell": 2, "thickness": 0.3, "skin": 0.2}),
-    "open": (bd.Box(2, 2.2, 1.5), "gyroid", {"cell": 2, "thickness": 0.3, "skin": 0.2, "open_faces": "<X"}),
-    "boss": (bd.Cylinder(1.6, 2), "P", {"cell": 2, "thickness": 0.3, "keep": BOSS, "clear": BOLTS}),
+    "cone": (bd.Cone(2.4, 1.3, 2), "gyroid", {"cell": 2, "thickness": 0.3, "tol": 0.01}),
+    "turned": (
+        bd.Pos(0.3, 0.5, 0) * bd.Box(2.9, 2.1, 1.7),
+        "P",
+        {"cell": 2, "thickness": 0.3, "tol": 0.01, "rotation": (0, 0, 25)},
+    ),
+    "rods": (bd.Box(2.1, 1.9, 1.2), "diamond", {"cell": 2, "kind": "skeletal", "volume_fraction": 0.3, "tol": 0.01}),
+    "skin": (
+        bd.Cylinder(1.5, 1.5) - bd.Cylinder(0.5, 1.5),
+        "gyroid",
+        {"cell": 2, "thickness": 0.3, "tol": 0.01, "skin": 0.2},
+    ),
+    "open": (
+        bd.Box(2, 2.2, 1.5),
+        "gyroid",
+        {"cell": 2, "thickness": 0.3, "tol": 0.01, "skin": 0.2, "open_faces": "<X"},
+    ),
+    "boss": (bd.Cylinder(1.6, 2), "P", {"cell": 2, "thickness": 0.3, "tol": 0.01, "keep": BOSS, "clear": BOLTS}),
     "within": (
         bd.Box(3.3, 2.5, 2),
         "gyroid",
-        {"cell": 2, "thickness": 0.3, "skin": 0.2, "keep": bd.Pos(0.3, 0.2, 0) * bd.Cylinder(0.8, 2), "clear": BOLTS},
+        {
+            "cell": 2,
+            "thickness": 0.3,
+            "tol": 0.01,
+            "skin": 0.2,
+            "keep": bd.Pos(0.3, 0.2, 0) * bd.Cylinder(0.8, 2),
+            "clear": BOLTS,
+        },
     ),
     "bosses": (
         bd.Box(3.1, 2.5, 1.4) - bd.Pos(0.6, 0.2, 0) * bd.Cylinder(0.3, 3),
         "gyroid",
-        {"cell": 2, "thickness": 0.3, "keep": ("bosses", 0.4)},
+        {"cell": 2, "thickness": 0.3, "tol": 0.01, "keep": ("bosses", 0.4)},
     ),
 }
 
@@ -131,7 +150,7 @@ def test_layers_of_a_graded_wall_follow_its_thickness() -> None:
     mid = lattice_source("gyroid", "minimal").mid_surface((1.2,) * 3, (1, 1, 1), np.zeros(3), None)
     middles = [(0.5 * (layer.bottom + layer.top), np.concatenate(layer.contours)) for layer in tilted]
     points = np.concatenate([np.insert(at, 2, z, axis=1) for z, at in middles])
-    points = points[(np.hypot(*points.T[:2]) < 1.5) & (np.abs(points[:, 2]) < 0.8)][::11]
+    points = points[(np.hypot(*points.T[:2]) < 1.5) & (np.abs(points[:, 2]) < 0.8)][::23]
     cell = np.floor(points @ turn / 1.2) * 1.2
     distance, foot = mid.distance_and_foot(points @ turn - cell)
     assert len(points) > 100

@@ -7,6 +7,8 @@ import pytest
 
 from tpmscad.surfaces.curvature_integrals import LEVEL_SET_MEASURES, CellMeasures, cell_measures, measure_level_set
 
+pytestmark = pytest.mark.slow
+
 NODAL = [name for name, reference in LEVEL_SET_MEASURES if reference == "nodal"]
 
 
