@@ -45,7 +45,7 @@ from tpmscad.rigid_motion import Motion
 from tpmscad.splines.bspline import BSplineCurve, BSplineSurface
 
 STACKED = 1000
-"""Surfaces that are evaluated at once: ten times as many are no faster, and take ten times the memory."""
+"""Surfaces that are evaluated at once: of degree 4 at 25 points 1.6 us each; 2.1 in stacks of 100, 3.1 in stacks of 10,000."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -254,8 +254,7 @@ def stacked_spline_faces(brep: Brep) -> Iterator[tuple[IntArray, IntArray, BSpli
     """
     spaces: dict[tuple[Any, ...], list[tuple[IntArray, BSplineSurface]]] = {}
     for faces, surface in spline_faces(brep):
-        space = surface.degree_u, surface.degree_v, surface.knots_u.tobytes(), surface.knots_v.tobytes()
-        spaces.setdefault(space, []).append((faces, surface))
+        spaces.setdefault(surface.space, []).append((faces, surface))
     stacks = [alike[i : i + STACKED] for alike in spaces.values() for i in range(0, len(alike), STACKED)]
     for stack in stacks:
         own, surfaces = zip(*stack, strict=True)

@@ -129,8 +129,7 @@ def _evaluate_along_uses(brep: Brep, uses: IntArray) -> Side:
     ):
         surface, curve = brep.carriers[carrier], brep.pcurves[pcurve]
         assert isinstance(surface, BSplineSurface)
-        space = surface.degree_u, surface.degree_v, surface.knots_u.tobytes(), surface.knots_v.tobytes()
-        groups.setdefault((*space, curve.degree, curve.knots.tobytes(), curve.poles.tobytes()), []).append(i)
+        groups.setdefault((*surface.space, curve.degree, curve.knots.tobytes(), curve.poles.tobytes()), []).append(i)
     for rows in groups.values():
         surfaces = [brep.carriers[i] for i in faces.carrier[face[rows]].tolist()]
         surface, curve = surfaces[0], brep.pcurves[int(brep.uses.pcurve[uses[rows[0]]])]

@@ -15,7 +15,14 @@ from numpy.typing import ArrayLike
 
 from tpmscad._typing import Array
 from tpmscad.rigid_motion import Motion
-from tpmscad.splines.basis import check_knot_counts, design_matrices, design_matrix, knot_domain, scipy_spline
+from tpmscad.splines.basis import (
+    apply_bases,
+    check_knot_counts,
+    design_matrices,
+    design_matrix,
+    knot_domain,
+    scipy_spline,
+)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -147,6 +154,11 @@ class BSplineSurface:
         return knot_domain(self.knots_u, self.degree_u), knot_domain(self.knots_v, self.degree_v)
 
     @property
+    def space(self) -> tuple[int, int, bytes, bytes]:
+        """Degrees and knots, equal for surfaces of one spline space."""
+        return self.degree_u, self.degree_v, self.knots_u.tobytes(), self.knots_v.tobytes()
+
+    @property
     def corners(self) -> Array:
         """Parameters (4, 2) of the corners; corner i is the start of side i."""
         (u0, u1), (v0, v1) = self.domain
@@ -182,8 +194,7 @@ class BSplineSurface:
         """Points, or the mixed derivative of orders (du, dv), on the grid of all u with all v: (len(u), len(v), D)."""
         rows = design_matrix(self.knots_u, self.degree_u, np.asarray(u, float), du)
         columns = design_matrix(self.knots_v, self.degree_v, np.asarray(v, float), dv)
-        half = (rows @ self.poles.reshape(len(self.poles), -1)).reshape(len(rows), *self.poles.shape[1:])
-        return columns @ half
+        return apply_bases(rows, self.poles, columns)
 
     def normal(self, u: ArrayLike, v: ArrayLike) -> Array:
         """Normal vectors S_u x S_v at the pairs (u, v), not of unit length: (..., 3)."""
