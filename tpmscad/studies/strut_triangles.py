@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import math
-from functools import partial, reduce
+from functools import partial
 
 import numpy as np
 
-from tpmscad._typing import Array, IntArray
-from tpmscad.brep.triangles.closed_mesh import SolidMesh, combine_meshes, unite_meshes
+from tpmscad._typing import Array
+from tpmscad.brep.triangles.closed_mesh import SolidMesh, combine_meshes
 from tpmscad.fields.analysis.exact_leaves import StrutLeaf, find_exact
 from tpmscad.fields.analysis.outermost_extremes import combine_complements
 from tpmscad.fields.field import Field, MinMaxField, ScaledField
@@ -32,9 +32,9 @@ def triangulate_tree(field: Field, deviation: float) -> tuple[SolidMesh, bool, f
         mesh, complement = combine_complements(
             field.sign,
             [one[:2], other[:2]],
-            unite=partial(reduce, partial(combine_meshes, operation="union")),
-            intersect=partial(reduce, partial(combine_meshes, operation="intersection")),
-            subtract=lambda first, others: reduce(partial(combine_meshes, operation="difference"), others, first),
+            unite=partial(combine_meshes, "union"),
+            intersect=partial(combine_meshes, "intersection"),
+            subtract=lambda first, others: combine_meshes("difference", [first, *others]),
         )
         return mesh, complement, max(one[2], other[2])
     found = find_exact(field)
@@ -74,7 +74,7 @@ def triangulate_struts(field: StrutsField, deviation: float) -> tuple[SolidMesh,
         profile = np.array([[low, 0.0], [low, first * away], [high, last * away], [high, 0.0]])
         parts.append(_revolve(field.points[i], along / length, profile, sides))
         reached = max(reached, (factor - 1) * max(first, last))
-    return unite_meshes(parts), reached
+    return combine_meshes("union", parts), reached
 
 
 def _count_sides(radius: float, deviation: float) -> int:
@@ -83,8 +83,8 @@ def _count_sides(radius: float, deviation: float) -> int:
     return max(LEAST_SIDES, 4 * math.ceil(math.pi / math.acos(math.sqrt(least)) / 4))
 
 
-def _revolve(origin: Array, axis: Array, profile: Array, sides: int) -> tuple[Array, IntArray]:
-    """Points and triangles of a solid of revolution, of heights and radii (n, 2) that begin and end on the axis."""
+def _revolve(origin: Array, axis: Array, profile: Array, sides: int) -> SolidMesh:
+    """The triangles of a solid of revolution, of heights and radii (n, 2) that begin and end on the axis."""
     x_axis = np.cross(axis, np.eye(3)[int(np.argmin(np.abs(axis)))])
     x_axis /= np.linalg.norm(x_axis)
     turn = 2 * math.pi * np.arange(sides)[:, None] / sides
@@ -100,4 +100,5 @@ def _revolve(origin: Array, axis: Array, profile: Array, sides: int) -> tuple[Ar
         a, b, c, d = own + first, following + first, following + first + sides, own + first + sides
         triangles += [np.column_stack([a, b, c]), np.column_stack([a, c, d])]
     triangles.append(np.column_stack([own + top, following + top, np.full(sides, high)]))
-    return points, np.concatenate(triangles)
+    found = np.concatenate(triangles)
+    return SolidMesh(points, found, np.zeros(len(found), np.int64))

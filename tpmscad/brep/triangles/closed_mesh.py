@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -15,6 +15,9 @@ from tpmscad._typing import Array, BoolArray, IntArray, UIntArray
 from tpmscad.brep.linked_items import label_linked
 from tpmscad.brep.sections.polygon_regions import Operation
 from tpmscad.errors import TrimmingError
+
+OPERATIONS: dict[Operation, str] = {"intersection": "Intersect", "union": "Add", "difference": "Subtract"}
+"""Manifold's names for them."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -212,43 +215,32 @@ def load_manifold() -> Any:
     return import_extra("manifold3d", "triangles without a solid", "triangles")
 
 
-def unite_meshes(parts: Sequence[tuple[Array, IntArray]]) -> SolidMesh:
-    """The union of closed meshes, points (n, 3) and triangles (m, 3) each, all of one face; TrimmingError if one is open."""
-    manifold = load_manifold()
-    solids = [
-        manifold.Manifold(manifold.Mesh64(np.ascontiguousarray(points), np.ascontiguousarray(triangles, np.uint64)))
-        for points, triangles in parts
-    ]
-    if failed := [each.status().name for each in solids if each.status() != manifold.Error.NoError]:
-        raise TrimmingError(f"a mesh is not closed: {failed[0]}")
-    result = manifold.Manifold.batch_boolean(solids, manifold.OpType.Add).to_mesh64()
-    triangles = narrow_indices(result.tri_verts)
-    return SolidMesh(np.array(result.vert_properties), triangles, narrow_indices(np.zeros(len(triangles))))
+def combine_meshes(operation: Operation, meshes: Iterable[SolidMesh]) -> SolidMesh:
+    """The intersection or union of closed meshes, or the first without the others.
 
-
-def combine_meshes(first: SolidMesh, second: SolidMesh, operation: Operation) -> SolidMesh:
-    """The intersection, union or difference of two closed meshes, with the faces of the triangles that their pieces come from.
-
-    Points that stay keep their coordinates, bit for bit. TrimmingError if an operand is not closed.
+    Its triangles have the faces of those that they are pieces of. Points that stay keep their coordinates, bit for bit.
+    TrimmingError if an operand is not closed.
     """
     manifold = load_manifold()
-    solids, faces = [], {}
-    number = manifold.Manifold.reserve_ids(2)
-    for original, mesh in enumerate((first, second), number):
+    faces = {}
+
+    def load(mesh: SolidMesh) -> Any:
+        original = manifold.Manifold.reserve_ids(1)
         points, triangles = np.ascontiguousarray(mesh.points), np.ascontiguousarray(mesh.triangles, np.uint64)
         run = {
             "run_index": np.array([0, triangles.size], np.uint64),
             "run_original_id": np.array([original], np.uint32),
-            "face_id": np.arange(len(triangles), dtype=np.uint64),
         }
+        if (mesh.face != mesh.face[0]).any():  # of one face, those in one plane are merged
+            run["face_id"] = np.arange(len(triangles), dtype=np.uint64)
         found = manifold.Manifold(manifold.Mesh64(points, triangles, **run))
         if found.status() != manifold.Error.NoError:
             raise TrimmingError(f"a mesh is not closed: {found.status().name}")
-        solids.append(found)
-        faces[original] = mesh.face
-    one, other = solids
-    combine = {"intersection": one.__xor__, "union": one.__add__, "difference": one.__sub__}[operation]
-    result = combine(other).to_mesh64()
+        faces[original] = mesh.face if "face_id" in run else np.broadcast_to(mesh.face[0], len(triangles))
+        return found
+
+    solids = [load(mesh) for mesh in meshes]
+    result = manifold.Manifold.batch_boolean(solids, getattr(manifold.OpType, OPERATIONS[operation])).to_mesh64()
     origin, face = np.asarray(result.face_id, np.int64), narrow_indices(np.zeros(len(result.tri_verts)))
     limits = np.asarray(result.run_index, np.int64) // 3
     for original, start, stop in zip(result.run_original_id, limits[:-1].tolist(), limits[1:].tolist(), strict=True):

@@ -35,6 +35,9 @@ TOUCH_MARGIN_CELLS = 1e-7
 BYTES_PER_VOXEL = 20
 """Memory taken at the peak for each voxel while pieces are chosen."""
 
+MAX_HALVINGS = 256
+"""How often a triangle is halved along its longest side, at most: about twice for each factor of two of its size in voxels."""
+
 ROUND_OFF_VOXELS = 1e-7
 """By how much a box may reach into a voxel that it does not meet."""
 
@@ -106,12 +109,13 @@ def _every_cell(first: Sequence[int], size: IntArray) -> tuple[slice, ...]:
 
 @njit_cached
 def _mark_touched(touched: BoolArray, corners: Array, margin: float) -> None:
-    """Mark the voxels that triangles (m, 3, 3), in voxels, may meet: those of their boxes, after large ones are divided."""
-    first, last = np.empty(3, np.int64), np.empty(3, np.int64)
+    """Mark the voxels that triangles (m, 3, 3), in voxels, may meet: those of their boxes, after large ones are halved."""
+    first, last, middle = np.empty(3, np.int64), np.empty(3, np.int64), np.empty(3)
+    due = np.empty((MAX_HALVINGS, 3, 3))
     for t in range(len(corners)):
-        due = [corners[t].copy()]
-        while len(due) > 0:
-            own = due.pop()
+        due[0], count = corners[t], 1
+        while count > 0:
+            own = due[count - 1]
             large = False
             for axis in range(3):
                 low = min(own[0, axis], own[1, axis], own[2, axis])
@@ -121,22 +125,26 @@ def _mark_touched(touched: BoolArray, corners: Array, margin: float) -> None:
                 last[axis] = min(touched.shape[axis] - 1, int(np.floor(high + margin)))
             if not large:
                 touched[first[0] : last[0] + 1, first[1] : last[1] + 1, first[2] : last[2] + 1] = True
+                count -= 1
                 continue
-            middles = np.empty((3, 3))
+            longest, greatest = 0, -1.0
             for k in range(3):
-                middles[k] = 0.5 * (own[k] + own[(k + 1) % 3])
-            due.append(middles)
-            for k in range(3):
-                part = np.empty((3, 3))
-                part[0], part[1], part[2] = own[k], middles[k], middles[(k + 2) % 3]
-                due.append(part)
+                square = ((own[k] - own[(k + 1) % 3]) ** 2).sum()
+                if square > greatest:
+                    longest, greatest = k, square
+            middle[:] = 0.5 * (own[longest] + own[(longest + 1) % 3])
+            due[count] = own
+            due[count, longest] = middle
+            own[(longest + 1) % 3] = middle
+            count += 1
 
 
 def combine_parts(matter: SolidMesh, body: SolidMesh, others: Sequence[tuple[Operation, SolidMesh]] = ()) -> SolidMesh:
     """Matter cut by a body, then united with others or without them, whose faces count from FIRST_OF_BODY."""
-    filled = combine_meshes(matter, replace(body, face=body.face + FIRST_OF_BODY), "intersection")
-    for operation, other in others:
-        filled = combine_meshes(filled, replace(other, face=other.face + FIRST_OF_BODY), operation)
+    filled = matter
+    for operation, mesh in (("intersection", body), *others):
+        # what is read anew is cleaned of slivers: operations that Manifold evaluates together left some, joined along an edge
+        filled = combine_meshes(operation, [filled, replace(mesh, face=mesh.face + FIRST_OF_BODY)])
     return filled
 
 
