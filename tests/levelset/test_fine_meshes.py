@@ -81,6 +81,7 @@ def test_the_mesh_of_a_periodic_field_is_simplified_in_a_box_of_few_periods(
     monkeypatch: pytest.MonkeyPatch, period: float, simplified: bool
 ) -> None:
     monkeypatch.setattr(fine_meshes, "MIN_POLYGONS", 0)
+    monkeypatch.setattr(fine_meshes, "MAX_PERIODS", 12.0)
     tree = octree.uniform_octree(LO, HI, np.array((40, 35, 30)))
     request = FitRequest(fields.tpms("schwarz_p", period), TOL, np.empty((0, 3)))
     mesh, _ = mesh_level_set(tree, request.field)

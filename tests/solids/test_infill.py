@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -236,6 +237,22 @@ class TestBodyField:
             assert found(at) == pytest.approx(exact(at), abs=1e-7)
             assert found.gradient(at) == pytest.approx(exact.gradient(at), abs=1e-4)
             assert found.on_grid([0, 1], [0, 1, 2], [0.5]).shape == (2, 3, 1)
+
+    @pytest.mark.parametrize(
+        "shape",
+        [
+            bd.fillet((bd.Box(6, 5, 4) - bd.Pos(1, 0, 0) * bd.Cylinder(1, 9)).edges().group_by(bd.Axis.Z)[-1], 0.4),
+            bd.extrude(bd.Ellipse(3, 2), 4) - bd.Pos(0, 0, 4) * bd.Sphere(1.2),
+        ],
+        ids=["fillets", "free form"],
+    )
+    def test_feet_in_arrays_are_the_kernels(self, shape: Any) -> None:
+        found = tpmscad.body_field(shape)
+        assert found.boundary is not None
+        at = np.random.default_rng(3).uniform(-5, 5, (300, 3))
+        assert found(at) == pytest.approx(replace(found, boundary=None)(at), abs=1e-8)
+        distance, feet = found.boundary.feet(at)
+        assert np.linalg.norm(feet - at, axis=1) == pytest.approx(distance, abs=1e-12)
 
     def test_a_table_of_it_is_exact_at_the_samples_and_near_them_between(self) -> None:
         exact = fields.sphere((0, 0, 0), 4)

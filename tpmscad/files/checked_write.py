@@ -36,8 +36,8 @@ from tpmscad.kernel.step.step_reader import read_step
 from tpmscad.kernel.step.text_check import check_text
 from tpmscad.rigid_motion import Motion
 
-KERNEL_READ_LIMIT = 8_000_000
-"""Bytes of a file that the kernel always reads as a whole, which takes it three seconds; of larger ones it reads an excerpt."""
+KERNEL_READ_LIMIT = 3_000_000
+"""Bytes of a file that the kernel always reads as a whole, faster than its solid was made; of larger ones it reads an excerpt."""
 
 REREAD_VOLUME_RTOL = 1e-9
 """Relative difference allowed between the volume written and the volume read back, for faces that are all B-spline patches."""

@@ -14,7 +14,6 @@ from tpmscad.errors import InvalidRequest
 from tpmscad.fields.field import as_field
 from tpmscad.fields.kinds.data_domains import bound_data_in_body
 from tpmscad.fields.kinds.strut_graphs import StrutsField, map_struts
-from tpmscad.kernel.occt.bounding_boxes import enclosing_box
 from tpmscad.lattices.coordinate_maps import as_map
 from tpmscad.requests.face_selection import is_numbered, list_given_faces
 from tpmscad.requests.lattice_options import InfillOptions
@@ -115,6 +114,6 @@ def _fill(options: InfillOptions, body: Body, tol: float, stages: StageTimer) ->
                     "solidify(field, map), which ends in the faces of the map, or put the map into the field"
                 )
             field = map_struts(field, as_map(options.map))
-        field = bound_data_in_body(field, *enclosing_box(body.cad.shape))
+        field = bound_data_in_body(field, *body.cad.box)
         matter = build_field_matter(field, body.cad, tol, stages)
     return fill_body(body, matter, options.skin, options.loose, stages, passive)

@@ -18,7 +18,6 @@ from tpmscad.fields.field import Field, as_field
 from tpmscad.fields.kinds.data_domains import bound_data, settle_data
 from tpmscad.fields.kinds.linear_extension import extend_level_sets_linearly
 from tpmscad.kernel.body_import.cad_body import read_body
-from tpmscad.kernel.occt.bounding_boxes import enclosing_box
 from tpmscad.levelset.field_solid import validate_box
 from tpmscad.solids._solidify import is_numeric_box, parse_corners
 from tpmscad.solids.matter.field_matter import expand_body_box
@@ -51,7 +50,7 @@ def preview_solid(
         check_field_in_box(settled, first, last, tol)
     else:
         body = read_body(domain)
-        low, high = enclosing_box(body.shape)
+        low, high = body.box
         extended = extend_level_sets_linearly(field, low, high)
         check_field_in_box(extended, *expand_body_box(low, high), tol)
     corners = triple(low.tolist()), triple(high.tolist())

@@ -28,7 +28,6 @@ from tpmscad.fields.kinds.linear_extension import extend_level_sets_linearly
 from tpmscad.kernel.body_import.cad_body import read_body
 from tpmscad.kernel.build.solids import build_solids
 from tpmscad.kernel.measure.envelope import Envelope
-from tpmscad.kernel.occt.bounding_boxes import enclosing_box
 from tpmscad.lattices.spline_maps import SplineMap
 from tpmscad.levelset.crossing_operands import has_meeting_quadrics
 from tpmscad.levelset.field_solid import validate_box
@@ -125,7 +124,7 @@ def solidify(
         if executor is not None:
             raise InvalidRequest("an executor is for boxes; a body is filled by one process: leave executor out")
         body = read_body(domain)
-        bounds = enclosing_box(body.shape)
+        bounds = body.box
         matter = extend_level_sets_linearly(bound_data_in_body(as_field(field), *bounds), *bounds)
         return infill(body, matter, tol=tol, keep=keep, clear=clear, loose=loose, progress=progress)
     stages = StageTimer(progress)

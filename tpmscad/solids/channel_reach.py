@@ -20,7 +20,6 @@ from tpmscad.errors import InvalidRequest
 from tpmscad.fields.data.triangle_distance import grid_winding_numbers
 from tpmscad.fields.kinds.normal_distance import NormalDistance
 from tpmscad.kernel.measure.shape_sampling import sample_faces
-from tpmscad.kernel.occt.bounding_boxes import enclosing_box
 from tpmscad.kernel.occt.exploration import faces_of
 from tpmscad.lattices.mapped_surface import grading
 from tpmscad.requests.lattice_request import LatticeRequest
@@ -96,7 +95,7 @@ class WallHeight:
 
 def require_connected(body: KernelBody, request: LatticeRequest, rotation: Array, ends: ChannelEnds) -> None:
     """InvalidRequest if a channel does not reach one of its openings, or does not connect them, with what would do."""
-    low, high = enclosing_box(body.cad.shape)
+    low, high = body.cad.box
     edge = min(request.cell)
     spacing = max(edge / SAMPLES_PER_CELL, float(np.prod(high - low) / MAX_SAMPLES) ** (1 / 3))
     if spacing > edge / MIN_SAMPLES_PER_CELL:
@@ -155,7 +154,7 @@ def _is_wall_possible(request: LatticeRequest, edge: float) -> bool:
 def sample_body(body: KernelBody, ends: ChannelEnds, spacing: float) -> BodySamples:
     """The samples of a body at a spacing."""
     own = faces_of(body.cad.shape)
-    low, high = enclosing_box(body.cad.shape)
+    low, high = body.cad.box
     x, y, z = (np.arange(a + spacing / 2, b, spacing) for a, b in zip(low, high, strict=True))
     mesh = body.mesh(spacing / 4)
     inside = grid_winding_numbers(mesh.points, mesh.triangles, x, y, z) != 0

@@ -10,7 +10,6 @@ import numpy as np
 from tpmscad.api.public_calls import validate_options
 from tpmscad.errors import InvalidRequest
 from tpmscad.kernel.measure.mass_properties import measure_face
-from tpmscad.kernel.occt.bounding_boxes import enclosing_box
 from tpmscad.kernel.occt.exploration import faces_of
 from tpmscad.requests.channel_openings import ChannelOpenings
 from tpmscad.requests.lattice_options import FluidDomainsOptions
@@ -61,7 +60,7 @@ def sample_domains(options: FluidDomainsOptions) -> CoarseDomains:
     own = faces_of(body.cad.shape)
     every = frozenset(range(len(own)))
     ends = asked.ends or ChannelEnds(ChannelOpenings(every, every), 0.0)
-    low, high = enclosing_box(body.cad.shape)
+    low, high = body.cad.box
     spacing = max(min(request.cell) / SAMPLES_PER_CELL, float(np.prod(high - low) / MAX_SAMPLES) ** (1 / 3))
     samples = sample_body(body, ends, spacing)
     volumes, openings = {}, {}

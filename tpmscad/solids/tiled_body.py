@@ -16,7 +16,6 @@ from tpmscad.fields.kinds.data_domains import bound_data_in_body
 from tpmscad.fields.kinds.triangle_meshes import MeshField
 from tpmscad.kernel.body_import.cad_body import CadBody
 from tpmscad.kernel.build.solids import BrepSolids, build_solids
-from tpmscad.kernel.occt.bounding_boxes import enclosing_box
 from tpmscad.requests.lattice_options import InfillOptions
 from tpmscad.requests.lattice_request import (
     LatticeRequest,
@@ -102,7 +101,7 @@ def read_tiled_body(
     if copies and isinstance(options.surface, CoreField):
         core, axes = options.surface.facing_z()
         return TiledBody(body.cad, opened, core, axes, tol, passive, f"{core.structure} core")
-    bounded = bound_data_in_body(as_field(options.surface), *enclosing_box(body.cad.shape))
+    bounded = bound_data_in_body(as_field(options.surface), *body.cad.box)
     if is_of_struts(bounded):
         return TiledBody(body.cad, opened, bounded, turn, tol, passive.cut_within(body.cad), "field infill")
     matter = build_field_matter(bounded, body.cad, tol, stages)

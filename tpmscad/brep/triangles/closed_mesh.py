@@ -231,12 +231,12 @@ def combine_meshes(operation: Operation, meshes: Iterable[SolidMesh]) -> SolidMe
             "run_index": np.array([0, triangles.size], np.uint64),
             "run_original_id": np.array([original], np.uint32),
         }
-        if (mesh.face != mesh.face[0]).any():  # of one face, those in one plane are merged
+        if (mesh.face != mesh.face[:1]).any():  # of one face, those in one plane are merged
             run["face_id"] = np.arange(len(triangles), dtype=np.uint64)
         found = manifold.Manifold(manifold.Mesh64(points, triangles, **run))
         if found.status() != manifold.Error.NoError:
             raise TrimmingError(f"a mesh is not closed: {found.status().name}")
-        faces[original] = mesh.face if "face_id" in run else np.broadcast_to(mesh.face[0], len(triangles))
+        faces[original] = mesh.face if "face_id" in run else np.broadcast_to(mesh.face[:1], len(triangles))
         return found
 
     solids = [load(mesh) for mesh in meshes]

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from OCP.TopoDS import TopoDS_Shape, TopoDS_Solid
 
+from tpmscad._typing import Array
 from tpmscad.errors import InvalidRequest
 from tpmscad.kernel.body_import.healing import describe_faults
 from tpmscad.kernel.body_import.isolated_reader import read_foreign_solids
@@ -55,6 +56,12 @@ class CadBody:
     def volume(self) -> float:
         """Volume in model units."""
         return self.report.volume
+
+    @property
+    def box(self) -> tuple[Array, Array]:
+        """Opposite corners (3,), (3,) of its true extent; the kernel's box of spline faces is that of their poles."""
+        low, high = self.report.bounds
+        return np.array(low), np.array(high)
 
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)

@@ -14,6 +14,7 @@ import numpy as np
 
 from tpmscad._typing import Array, BoolArray, BoxCorners
 from tpmscad.brep.boundary_representation import Brep
+from tpmscad.brep.extents import true_bounds
 from tpmscad.brep.patch_nodes import measure_patch_distances
 from tpmscad.brep.solid_properties import measure_solid
 from tpmscad.brep.triangles.closed_mesh import SolidMesh, join_meshes
@@ -34,7 +35,6 @@ from tpmscad.kernel.build.solids import BrepSolids, build_solids
 from tpmscad.kernel.export.solid_mesh import mesh_solids
 from tpmscad.kernel.measure.shape_report import ShapeReport
 from tpmscad.kernel.measure.validity import is_brep_valid
-from tpmscad.kernel.occt.bounding_boxes import enclosing_box
 from tpmscad.levelset.crossing_operands import has_meeting_quadrics
 from tpmscad.results.certificate import Check, PatchMeasures
 from tpmscad.solids.bodies.kernel_body import MESH_ANGLE, HasKernelSolid
@@ -104,8 +104,7 @@ class FittedBody(HasKernelSolid):
 
     def sample(self) -> Array:
         """An even sample (n, 3) of points in the body."""
-        low, high = (np.array(corner) for corner in self.cad.report.bounds)
-        points = sample_box(low, high)
+        points = sample_box(*self.cad.box)
         return points[self.contains(points)]
 
     def contains(self, points: Array) -> BoolArray:
@@ -280,8 +279,7 @@ def _tag_as_body(brep: Brep) -> Brep:
 def _make_body(field: Field, lo: Array, hi: Array, name: str, built: BrepSolids, measures: PatchMeasures) -> FittedBody:
     """The body of patches, with the distances from the triangles of a mesh."""
     brep, properties = built.brep, measure_solid(built.brep, built.nesting.moments)
-    low, high = enclosing_box(built.shape)  # by the poles of the patches, which reach beyond the sides that cut these
-    low, high = np.maximum(low, lo), np.minimum(high, hi)
+    low, high = true_bounds(brep)
     report = ShapeReport(
         solids=built.n_solids,
         shells=len(built.nesting.volume),

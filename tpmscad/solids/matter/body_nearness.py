@@ -9,7 +9,7 @@ from tpmscad._typing import Array, BoolArray
 from tpmscad.kernel.body_import._body_field import BodyDistance
 from tpmscad.kernel.body_import.cad_body import CadBody
 from tpmscad.kernel.measure.shape_sampling import contains_points, sample_faces
-from tpmscad.kernel.occt.bounding_boxes import box_diagonal, enclosing_box
+from tpmscad.kernel.occt.bounding_boxes import box_diagonal
 from tpmscad.kernel.occt.exploration import faces_of
 
 POINTS_PER_CELL = 10.0
@@ -24,7 +24,7 @@ class BodyNearness:
         spacing = min(edge / POINTS_PER_CELL, box_diagonal(body.shape))
         self.tree = cKDTree(sample_faces(faces_of(body.shape), spacing).points)
         self.spacing = spacing
-        self.low, self.high = enclosing_box(body.shape)
+        self.low, self.high = body.box
 
     def __call__(self, images: Array, margin: float, reach: float = 0.0) -> BoolArray:
         """Of cells or patches by the images (n, m, 3) of their points: within a margin, in their diagonals, and a reach."""
@@ -40,7 +40,7 @@ class BodyNearness:
     def is_reached_from(self, points: Array, reach: float) -> BoolArray:
         """Whether points (n, 3) lie in the body or within a reach of it."""
         near = self(points[:, None], 0.0, reach)
-        exact = BodyDistance(self.body.shape, self.low, self.high, tuple(faces_of(self.body.shape)))
+        exact = BodyDistance.of(self.body)
         near[near] = exact(points[near] @ self.rotation.T) <= reach
         return near
 

@@ -13,7 +13,7 @@ from tpmscad.fields.field import Field
 from tpmscad.fields.kinds.volume_fraction_thresholds import continue_thresholds
 from tpmscad.kernel.body_import.cad_body import CadBody
 from tpmscad.kernel.measure.shape_sampling import sample_faces
-from tpmscad.kernel.occt.bounding_boxes import box_diagonal, enclosing_box
+from tpmscad.kernel.occt.bounding_boxes import box_diagonal
 from tpmscad.kernel.occt.exploration import faces_of
 from tpmscad.levelset.crossing_operands import has_meeting_quadrics
 from tpmscad.results.certificate import require
@@ -39,7 +39,7 @@ def build_field_matter(field: Field, body: CadBody, tol: float, stages: StageTim
 
     Volume fractions must stay within their spans in the body only: what they are in the corners of its box is never seen.
     """
-    low, high = expand_body_box(*enclosing_box(body.shape))
+    low, high = expand_body_box(*body.box)
     continued = continue_thresholds(field)
     if continued is not field:
         _require_spans(field, body)

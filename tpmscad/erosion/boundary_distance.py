@@ -1,0 +1,86 @@
+"""Distances of many points from the boundary of a body, in arrays: that from the nearest of its faces, edges and vertices.
+
+A sample of the boundary bounds each distance from above; only sites whose boxes are nearer than that are asked.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.spatial import cKDTree
+
+from tpmscad._typing import Array
+from tpmscad.brep.boundary_representation import Brep
+from tpmscad.brep.free_form_surface import BodyCarrier, FreeFormSurface
+from tpmscad.brep.loops import points_in_polygons
+from tpmscad.erosion.face_regions import FaceRegion, build_regions
+from tpmscad.erosion.sites import BodySites, EdgeSite, FaceSite, Site, VertexSite
+
+BORDER_SAG = 1e-6
+"""In body sizes: how far the polygons of borders are off, and by how much the distance of a point near a border may be."""
+
+SAMPLES_PER_AXIS = 33
+"""Nodes of a face along each parameter among the samples that bound distances."""
+
+POINTS_AT_ONCE = 200_000
+"""Points whose distances are sought together, which limits the memory."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class BoundaryDistance:
+    """The sites of a closed body with their boxes (S, 2, 3), and a sample of its boundary."""
+
+    sites: Sequence[Site]
+    boxes: Array
+    samples: cKDTree
+
+    @classmethod
+    def of(cls, brep: Brep, free_form: Mapping[int, FreeFormSurface]) -> BoundaryDistance:
+        """That of a body without motions, whose spline carriers are given with their distances, by their numbers."""
+        size = float(np.linalg.norm(np.ptp(brep.vertices, axis=0)))
+        found = [free_form.get(c, brep.carriers[c]) for c in brep.faces.carrier.tolist()]
+        carriers: list[BodyCarrier] = [c for c in found if not hasattr(c, "poles")]
+        curves = [brep.curves[c] for c in brep.edges.curve.tolist()]
+        regions = build_regions(brep, carriers, curves, BORDER_SAG * size)
+        sites: list[Site] = [FaceSite(region, BORDER_SAG * size) for region in regions]
+        sites += [EdgeSite(curve, tuple(span)) for curve, span in zip(curves, brep.edges.span.tolist(), strict=True)]
+        sites += [VertexSite(point) for point in brep.vertices]
+        samples = cKDTree(np.concatenate([_sample(region) for region in regions]))
+        return cls(sites, BodySites.of(sites, 0.0, size).boxes, samples)
+
+    def feet(self, points: Array) -> tuple[Array, Array]:
+        """Distances (n,) of points (n, 3), without a sign, and the nearest points (n, 3) of the boundary."""
+        parts = np.array_split(points, max(1, -(-len(points) // POINTS_AT_ONCE)))
+        distances, feet = zip(*map(self._find_feet, parts), strict=True)
+        return np.concatenate(distances), np.concatenate(feet)
+
+    def _find_feet(self, points: Array) -> tuple[Array, Array]:
+        best, nearest = self.samples.query(points)
+        feet = np.asarray(self.samples.data)[nearest]
+        for site, (low, high) in zip(self.sites, self.boxes, strict=True):
+            outside = np.maximum(np.maximum(low - points, points - high), 0.0)
+            at = np.flatnonzero((outside * outside).sum(axis=1) < best * best)
+            if not len(at):
+                continue
+            distance, uv = site.feet(points[at], float(best[at].max()))
+            closer = distance < best[at]
+            at, uv = at[closer], uv[closer]
+            best[at] = distance[closer]
+            if isinstance(site, FaceSite):
+                feet[at] = site.region.carrier(*uv.T)
+            elif isinstance(site, EdgeSite):
+                feet[at] = site.curve(uv[:, 0])
+            elif isinstance(site, VertexSite):
+                feet[at] = site.point
+        return best, feet
+
+
+def _sample(region: FaceRegion) -> Array:
+    """Points (n, 3) of a face: nodes of a grid in it, and of its border."""
+    low, high = region.segments.min(axis=(0, 1)), region.segments.max(axis=(0, 1))
+    lines = (np.linspace(a, b, SAMPLES_PER_AXIS) for a, b in zip(low, high, strict=True))
+    uv = np.stack(np.meshgrid(*lines), axis=-1).reshape(-1, 2)
+    inside = points_in_polygons(region.segments[:, 0], region.segments[:, 1], uv)
+    return np.concatenate([region.carrier(*uv[inside].T), region.border[:, 0]])
