@@ -286,7 +286,7 @@ def list_compiled(words: str) -> set[str]:
 def test_curves_are_traced_and_surfaces_evaluated_in_one_place() -> None:
     """A second tracer, or a second table of surfaces, is a second way to cut."""
     assert list_compiled("trace|march|follow") == {"face_face"}
-    assert list_compiled("evaluate_(face|patch|surface)$") == {"network_tables"}
+    assert list_compiled("evaluate_(face|patch|surface)$") == {"patch_polynomials"}
 
 
 def test_import_of_the_package_loads_no_kernel() -> None:

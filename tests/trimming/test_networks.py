@@ -29,12 +29,12 @@ from tpmscad.trimming.intersect.face_face import _jumps
 from tpmscad.trimming.intersect.network_hits import prepare_networks
 from tpmscad.trimming.network_boolean import KEPT_PARTS, NetworkResult, Operation, combine_networks
 from tpmscad.trimming.operands.network_tables import (
-    evaluate_face,
     find_overlapping_boxes,
     tabulate_edges,
     tabulate_faces,
     tabulate_segments,
 )
+from tpmscad.trimming.operands.patch_polynomials import evaluate_face
 from tpmscad.trimming.operands.polyhedra import box
 
 __all__ = ["cover"]

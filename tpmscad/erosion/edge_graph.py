@@ -9,7 +9,7 @@ import numpy as np
 from tpmscad._typing import Array, BoolArray
 from tpmscad.erosion.offset_shell import OffsetShell, SheetEdge
 from tpmscad.erosion.sites import FaceSite, OpenSite, depth_limit
-from tpmscad.trimming.operands.network_tables import PatchPolynomials, tabulate_carriers
+from tpmscad.trimming.operands.patch_polynomials import PatchPolynomials, tabulate_carriers
 
 MERGE_REL_TOL = 1e-6
 """In body sizes: vertices within it are one."""

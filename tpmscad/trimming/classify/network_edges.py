@@ -22,13 +22,12 @@ from tpmscad.trimming.intersect.edge_face import intersect_edges_with_faces
 from tpmscad.trimming.intersect.network_hits import Hits, Network, evaluate_faces, outward_normals
 from tpmscad.trimming.operands.edge_uses import evaluate_edges
 from tpmscad.trimming.operands.network_tables import (
-    SENSE,
     are_in_regions,
     find_overlapping_boxes,
-    find_starts,
     tabulate_faces,
     tabulate_segments,
 )
+from tpmscad.trimming.operands.patch_polynomials import SENSE, find_starts
 
 RAY_DIRECTIONS = np.array([[0.61, 0.37, 0.70], [-0.43, 0.81, 0.40], [0.29, -0.52, -0.80], [0.05, 0.17, 0.98]])
 """Directions of rays towards the middle of a network, but for signs; tried one after another while a ray touches a face or meets

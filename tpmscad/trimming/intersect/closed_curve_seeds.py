@@ -28,13 +28,12 @@ from tpmscad.trimming.intersect.common_points import (
 from tpmscad.trimming.operands.network_tables import (
     FaceCells,
     NetworkFaces,
-    PatchPolynomials,
-    evaluate_face,
     is_in_region,
     is_planar,
     misses_plane,
     place_on_plane,
 )
+from tpmscad.trimming.operands.patch_polynomials import PatchPolynomials, evaluate_face
 
 MAX_DIVISIONS = 8
 """Halvings of two cells. What still is not resolved touches within 2^-16 of their bulge, without a crossing that is known."""

@@ -24,7 +24,8 @@ from tpmscad.trimming.intersect.common_points import Work, correct_point, find_t
 from tpmscad.trimming.intersect.congruent_pairs import sort_ends
 from tpmscad.trimming.intersect.face_face import trace_curves
 from tpmscad.trimming.intersect.network_hits import CurveEnds, Network, evaluate_faces
-from tpmscad.trimming.operands.network_tables import PatchPolynomials, find_starts, join_faces
+from tpmscad.trimming.operands.network_tables import join_faces
+from tpmscad.trimming.operands.patch_polynomials import PatchPolynomials, find_starts
 
 DEGREE = 7
 """Degree of the curves; those of lattices' trims are of the same."""

@@ -11,13 +11,7 @@ import numpy as np
 
 from tpmscad._compiled_loops import njit_inner
 from tpmscad._typing import Array
-from tpmscad.trimming.operands.network_tables import (
-    BREAK_U,
-    SENSE,
-    SPANS_U,
-    PatchPolynomials,
-    evaluate_face,
-)
+from tpmscad.trimming.operands.patch_polynomials import BREAK_U, SENSE, SPANS_U, PatchPolynomials, evaluate_face
 
 NEWTON_STEPS = 15
 """Largest number of Newton steps of a correction."""

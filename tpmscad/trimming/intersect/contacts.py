@@ -29,7 +29,7 @@ from tpmscad.trimming.intersect.network_hits import (
     locate_in_faces,
 )
 from tpmscad.trimming.operands.edge_uses import evaluate_edges, evaluate_use_parameters, project_onto_planes
-from tpmscad.trimming.operands.network_tables import PLANAR, SENSE
+from tpmscad.trimming.operands.patch_polynomials import PLANAR, SENSE
 
 MIN_SINE = 1e-6
 """Sine of an angle below which two directions are one, or a direction lies in a plane."""

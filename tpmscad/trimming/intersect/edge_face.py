@@ -18,7 +18,6 @@ from tpmscad._typing import Array, IntArray
 from tpmscad.trimming.operands.network_tables import (
     NetworkEdges,
     NetworkFaces,
-    evaluate_face,
     evaluate_piece,
     grow_rows,
     is_in_region,
@@ -26,6 +25,7 @@ from tpmscad.trimming.operands.network_tables import (
     misses_plane,
     place_on_plane,
 )
+from tpmscad.trimming.operands.patch_polynomials import evaluate_face
 
 MAX_DIVISIONS = 14
 """Halvings of a box. Curves that come nearer than 2^-28 of a cell's bulge without a crossing count as touching."""

@@ -29,13 +29,13 @@ from tpmscad.trimming.intersect.common_points import (
 )
 from tpmscad.trimming.intersect.congruent_pairs import group_congruent_pairs
 from tpmscad.trimming.intersect.network_hits import CurveEnds, Network, locate_in_faces
-from tpmscad.trimming.operands.network_tables import (
+from tpmscad.trimming.operands.network_tables import NetworkFaces
+from tpmscad.trimming.operands.patch_polynomials import (
     BREAK_U,
     BREAK_V,
     PLANAR,
     SPANS_U,
     SPANS_V,
-    NetworkFaces,
     PatchPolynomials,
     evaluate_face,
     find_starts,

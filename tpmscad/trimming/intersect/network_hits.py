@@ -20,17 +20,15 @@ from tpmscad.errors import InvalidRequest, TrimmingError, format_point
 from tpmscad.trimming.intersect.edge_face import intersect_edges_with_faces
 from tpmscad.trimming.operands.edge_uses import UseSegments, divide_uses, evaluate_edges, evaluate_use_parameters
 from tpmscad.trimming.operands.network_tables import (
-    SENSE,
     NetworkEdges,
     NetworkFaces,
-    PatchPolynomials,
     bound_faces,
-    evaluate_face,
     find_overlapping_boxes,
     is_in_region,
     tabulate_edges,
     tabulate_faces,
 )
+from tpmscad.trimming.operands.patch_polynomials import SENSE, PatchPolynomials, evaluate_face
 
 EVERYWHERE = np.array([[-np.inf] * 3, [np.inf] * 3])
 """What a closed network covers."""

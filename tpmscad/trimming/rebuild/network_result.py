@@ -25,7 +25,7 @@ from tpmscad.trimming.classify.network_edges import EdgePieces
 from tpmscad.trimming.intersect.common_curves import CommonCurves
 from tpmscad.trimming.intersect.contacts import EdgesInFaces
 from tpmscad.trimming.operands.edge_uses import list_spline_curves, project_onto_planes
-from tpmscad.trimming.operands.network_tables import find_starts
+from tpmscad.trimming.operands.patch_polynomials import find_starts
 
 SAMPLE_FRACTIONS = np.linspace(0.0, 1.0, 13)
 """Fractions of an edge at which the polygons of loops are sampled."""
