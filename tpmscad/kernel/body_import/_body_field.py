@@ -31,7 +31,7 @@ TABLE_MARGIN_SPACINGS = 2.0
 """Spacings by which a table of distances reaches beyond the body's box, so that the body's surface is interpolated well."""
 
 MAX_TABLE_SAMPLES = 1_000_000
-"""Samples of a table of distances: four minutes of foot points."""
+"""Samples of a table of distances: four minutes of foot points that the kernel finds."""
 
 DIFFERENCE_STEP = 1e-4
 """Model units. Closer to the surface than this, the gradient is a central difference with this step."""
@@ -108,7 +108,8 @@ def body_field(
     Returns
     -------
     Field
-        Distance in model units; exact, at about 0.25 ms per point, or a `SampledField`.
+        Distance in model units, a `SampledField` or exact: some microseconds a point for planes, quadrics and splines, else about
+        0.25 ms.
 
     Raises
     ------
@@ -149,7 +150,7 @@ def _tabulate(exact: BodyDistance, box_low: Array, box_high: Array, spacing: flo
     if counts.prod() > MAX_TABLE_SAMPLES:
         remedy = float(np.cbrt(extent.prod() / MAX_TABLE_SAMPLES))
         raise InvalidRequest(
-            f"a spacing of {spacing:g} needs {counts.prod():.3g} samples, more than {MAX_TABLE_SAMPLES}, at 0.25 ms each: "
+            f"a spacing of {spacing:g} needs {counts.prod():.3g} samples, more than {MAX_TABLE_SAMPLES}, at up to 0.25 ms each: "
             f"give at least {remedy:.3g}"
         )
     steps = extent / (counts - 1)
