@@ -121,18 +121,17 @@ def find_knots_in_file(surface: BSplineSurface) -> tuple[Array, Array]:
 
     Poles and points are the same, and so is every bit of the knots but their exponent.
     """
-    corners = surface.poles[[0, 0, -1, -1], [0, -1, -1, 0]]
-    scale = find_knot_scale(corners, float(np.ptp(surface.knots_u)), float(np.ptp(surface.knots_v)))
+    scale = find_knot_scale(surface.poles, float(np.ptp(surface.knots_u)), float(np.ptp(surface.knots_v)))
     return surface.knots_u * scale, surface.knots_v * scale
 
 
-def find_knot_scale(corners: Array, width_u: float, width_v: float) -> float:
-    """The power of two for the knots of a spline with corners (4, 3), in their order around it, over a domain of these widths.
+def find_knot_scale(poles: Array, width_u: float, width_v: float) -> float:
+    """The power of two for the knots of a spline with poles (k, l, 3) over a domain of these widths.
 
-    It is 1 unless the surface is small.
+    It is 1 unless the surface is small. Lengths are those of the net: the ends of one that is closed nearly meet.
     """
-    sides = np.linalg.norm(corners - np.roll(corners, 1, axis=0), axis=1)
-    speed = np.sqrt(sides[::2].mean() * sides[1::2].mean() / (width_u * width_v))
+    lengths = [np.linalg.norm(np.diff(poles, axis=axis), axis=2).sum(axis=axis).mean() for axis in (0, 1)]
+    speed = np.sqrt(lengths[0] * lengths[1] / (width_u * width_v))
     return float(2.0 ** np.round(np.log2(speed))) if 0.0 < speed < SMALL_SPEED else 1.0
 
 

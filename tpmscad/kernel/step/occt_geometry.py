@@ -264,9 +264,8 @@ def _format_spline_surface(spline: Geom_BSplineSurface, points: IntArray) -> str
     ]
     knots_u = np.array([spline.UKnot(i) for i in range(1, spline.NbUKnots() + 1)])
     knots_v = np.array([spline.VKnot(i) for i in range(1, spline.NbVKnots() + 1)])
-    around = ((1, 1), (1, columns), (rows, columns), (rows, 1))
-    corners = np.array([spline.Pole(i, j).Coord() for i, j in around])
-    scale = find_knot_scale(corners, np.ptp(knots_u), np.ptp(knots_v))
+    poles = np.array([[spline.Pole(i, j).Coord() for j in range(1, columns + 1)] for i in range(1, rows + 1)])
+    scale = find_knot_scale(poles, np.ptp(knots_u), np.ptp(knots_v))
     knots = [(scale * knots_u).tolist(), (scale * knots_v).tolist()]
     tail = f"{_format_counts(counts)},{_format_values(knots)},.UNSPECIFIED."
     if not (spline.IsURational() or spline.IsVRational()):
