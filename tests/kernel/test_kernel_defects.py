@@ -223,7 +223,7 @@ def test_it_does_so_with_the_knots_of_our_files() -> None:
 def test_a_large_surface_that_nearly_closes_keeps_its_knots() -> None:
     angle = np.linspace(0.0, 2 * np.pi, 9)
     ring = np.column_stack([np.cos(angle), np.sin(angle), 1e-9 * angle])
-    poles = 50.0 * np.stack([ring, ring + (0, 0, 1)])
+    poles = 50.0 * np.stack([ring, ring + np.array([0, 0, 1])])
     surface = BSplineSurface(poles, bezier_knots(1), bezier_knots(8), 1, 8)
     np.testing.assert_array_equal(find_knots_in_file(surface)[1], surface.knots_v)
 

@@ -44,6 +44,9 @@ MAX_PROJECTIONS = 10_000
 """Edges of a face times poles of its surface, of faces of which more than one on each surface is taken: the kernel, which is told
 no pcurves, projects an edge on 2,375 poles in .2 s, and on 166 in 3 ms."""
 
+SLOW_EXCERPT_FACES = 2
+"""Faces with more projections that are taken nevertheless: the kernel takes one to three seconds for one of eight edges."""
+
 MAX_EXCERPT_EDGES = 300
 """Edges of a face that stands for its kind; the kernel compares the edges of a face pair by pair."""
 
@@ -99,12 +102,16 @@ def check_excerpt(path: Path, brep: Brep, nesting: ShellNesting, instances: Sequ
 def choose_faces(brep: Brep, nesting: ShellNesting) -> IntArray:
     """Faces for an excerpt, among them the simplest of each shell and each kind of face.
 
-    Of those that the kernel has to check and reads fast, some are spread evenly, and some have the most uneven nets.
+    Of those that the kernel has to check and reads fast, some are spread evenly, and some have the most uneven nets; of the
+    others it takes those that it reads the fastest, on surfaces of their own.
     """
-    first = find_faces_to_check(brep)
+    checked = find_faces_to_check(brep)
     n_edges = np.diff(brep.faces.use_start[brep.faces.loop_start])
     n_poles = np.array([c.poles.size // 3 if isinstance(c, BSplineSurface) else 1 for c in brep.carriers])
-    first = first[(n_edges * n_poles[brep.faces.carrier])[first] <= MAX_PROJECTIONS]
+    projections = (n_edges * n_poles[brep.faces.carrier])[checked]
+    first = checked[projections <= MAX_PROJECTIONS]
+    slow = checked[np.argsort(projections, kind="stable")][len(first) :]
+    slow = slow[np.sort(np.unique(brep.faces.carrier[slow], return_index=True)[1])[:SLOW_EXCERPT_FACES]]
     some = first[np.linspace(0, len(first) - 1, min(len(first), MAX_EXCERPT_FACES)).astype(int)]
     unevenness = _measure_unevenness(brep.carriers)[brep.faces.carrier[first]]
     uneven = first[np.argsort(-unevenness, kind="stable")[:UNEVEN_EXCERPT_FACES]]
@@ -115,7 +122,9 @@ def choose_faces(brep: Brep, nesting: ShellNesting) -> IntArray:
     _, of_kinds = np.unique(kind, axis=0, return_index=True)
     _, of_shells = np.unique(nesting.shell_of_face[order], return_index=True)
     simplest = order[of_kinds]
-    return np.unique(np.concatenate([some, uneven, simplest[n_edges[simplest] <= MAX_EXCERPT_EDGES], order[of_shells]]))
+    return np.unique(
+        np.concatenate([some, uneven, slow, simplest[n_edges[simplest] <= MAX_EXCERPT_EDGES], order[of_shells]])
+    )
 
 
 def _measure_unevenness(carriers: Sequence[Carrier]) -> Array:
