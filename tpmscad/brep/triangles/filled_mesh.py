@@ -35,8 +35,8 @@ TOUCH_MARGIN_CELLS = 1e-7
 BYTES_PER_VOXEL = 20
 """Memory taken at the peak for each voxel while pieces are chosen."""
 
-MAX_HALVINGS = 256
-"""How often a triangle is halved along its longest side, at most: about twice for each factor of two of its size in voxels."""
+MAX_WAITING = 256
+"""Parts of a triangle that wait while others are divided, at most: three for each time that its size is halved, 80 times."""
 
 ROUND_OFF_VOXELS = 1e-7
 """By how much a box may reach into a voxel that it does not meet."""
@@ -109,13 +109,14 @@ def _every_cell(first: Sequence[int], size: IntArray) -> tuple[slice, ...]:
 
 @njit_cached
 def _mark_touched(touched: BoolArray, corners: Array, margin: float) -> None:
-    """Mark the voxels that triangles (m, 3, 3), in voxels, may meet: those of their boxes, after large ones are halved."""
-    first, last, middle = np.empty(3, np.int64), np.empty(3, np.int64), np.empty(3)
-    due = np.empty((MAX_HALVINGS, 3, 3))
+    """Mark the voxels that triangles (m, 3, 3), in voxels, may meet: those of their boxes, after large ones are quartered."""
+    first, last = np.empty(3, np.int64), np.empty(3, np.int64)
+    due, own, middles = np.empty((MAX_WAITING, 3, 3)), np.empty((3, 3)), np.empty((3, 3))
     for t in range(len(corners)):
         due[0], count = corners[t], 1
         while count > 0:
-            own = due[count - 1]
+            count -= 1
+            own[:] = due[count]
             large = False
             for axis in range(3):
                 low = min(own[0, axis], own[1, axis], own[2, axis])
@@ -125,17 +126,14 @@ def _mark_touched(touched: BoolArray, corners: Array, margin: float) -> None:
                 last[axis] = min(touched.shape[axis] - 1, int(np.floor(high + margin)))
             if not large:
                 touched[first[0] : last[0] + 1, first[1] : last[1] + 1, first[2] : last[2] + 1] = True
-                count -= 1
                 continue
-            longest, greatest = 0, -1.0
             for k in range(3):
-                square = ((own[k] - own[(k + 1) % 3]) ** 2).sum()
-                if square > greatest:
-                    longest, greatest = k, square
-            middle[:] = 0.5 * (own[longest] + own[(longest + 1) % 3])
-            due[count] = own
-            due[count, longest] = middle
-            own[(longest + 1) % 3] = middle
+                for axis in range(3):
+                    middles[k, axis] = 0.5 * (own[k, axis] + own[(k + 1) % 3, axis])
+            for k in range(3):
+                due[count, 0], due[count, 1], due[count, 2] = own[k], middles[k], middles[(k + 2) % 3]
+                count += 1
+            due[count] = middles
             count += 1
 
 
