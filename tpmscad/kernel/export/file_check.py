@@ -45,7 +45,7 @@ MAX_PROJECTIONS = 10_000
 no pcurves, projects an edge on 2,375 poles in .2 s, and on 166 in 3 ms."""
 
 SLOW_EXCERPT_FACES = 2
-"""Faces with more projections that are taken nevertheless: the kernel takes one to three seconds for one of eight edges."""
+"""Faces with more projections that are taken nevertheless: one of eight edges on 2,375 poles takes the kernel 1.6 s."""
 
 MAX_EXCERPT_EDGES = 300
 """Edges of a face that stands for its kind; the kernel compares the edges of a face pair by pair."""
