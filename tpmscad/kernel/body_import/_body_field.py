@@ -1,15 +1,17 @@
 """Signed distance to a CAD body as an implicit field.
 
-Of bodies whose faces are planes, quadrics and splines they are found in arrays, some microseconds a point; of others OCCT finds
-them one at a time, a quarter of a millisecond each.
+Foot points on bodies of planes, quadrics and a few splines are found in arrays, some microseconds each; on others OCCT finds
+them one at a time, in a quarter of a millisecond.
 """
 
 from __future__ import annotations
 
+from contextlib import suppress
 from dataclasses import dataclass
 from typing import Annotated, Any
 
 import numpy as np
+from OCP.BRepAdaptor import BRepAdaptor_Surface
 from OCP.TopoDS import TopoDS_Face, TopoDS_Solid
 
 from tpmscad._typing import Array
@@ -22,6 +24,7 @@ from tpmscad.fields.kinds.sampled_data import SampledField, interpolate_samples
 from tpmscad.fields.tape.evaluation import FieldJet, stack_points
 from tpmscad.kernel.body_import.body_brep import read_free_form_body
 from tpmscad.kernel.body_import.cad_body import CadBody, read_body
+from tpmscad.kernel.measure.mass_properties import ELEMENTARY
 from tpmscad.kernel.measure.shape_sampling import contains_points
 from tpmscad.kernel.measure.skin_depth import SkinDepth
 from tpmscad.kernel.occt.bounding_boxes import enclosing_box
@@ -32,6 +35,9 @@ TABLE_MARGIN_SPACINGS = 2.0
 
 MAX_TABLE_SAMPLES = 1_000_000
 """Samples of a table of distances: four minutes of foot points that the kernel finds."""
+
+MAX_FREE_FORM_FACES = 16
+"""Faces besides planes and quadrics of a body that is read into arrays: 71 patches of a fitted one took over a minute."""
 
 DIFFERENCE_STEP = 1e-4
 """Model units. Closer to the surface than this, the gradient is a central difference with this step."""
@@ -54,12 +60,12 @@ class BodyDistance(Field):
     @classmethod
     def of(cls, body: CadBody) -> BodyDistance:
         """The distance from all faces of a body."""
-        try:
-            found = read_free_form_body(body.shape, accuracy=body.accuracy)
-            boundary = BoundaryDistance.of(found.brep, found.free_form) if not found.notes else None
-        except TpmscadError:  # its own surfaces, or gaps
-            boundary = None
-        return cls(body.shape, *body.box, tuple(faces_of(body.shape)), boundary)
+        faces, boundary = tuple(faces_of(body.shape)), None
+        if sum(BRepAdaptor_Surface(face, False).GetType() not in ELEMENTARY for face in faces) <= MAX_FREE_FORM_FACES:
+            with suppress(TpmscadError):  # surfaces of other kinds, or gaps
+                found = read_free_form_body(body.shape, accuracy=body.accuracy)
+                boundary = BoundaryDistance.of(found.brep, found.free_form) if not found.notes else None
+        return cls(body.shape, *body.box, faces, boundary)
 
     def at(self, x: Array, y: Array, z: Array) -> Array:
         """Distance at the points (x, y, z), in model units."""
@@ -108,8 +114,8 @@ def body_field(
     Returns
     -------
     Field
-        Distance in model units, a `SampledField` or exact: some microseconds a point for planes, quadrics and splines, else about
-        0.25 ms.
+        Distance in model units, a `SampledField` or exact: some microseconds a point for planes, quadrics and a few splines,
+        else about 0.25 ms.
 
     Raises
     ------

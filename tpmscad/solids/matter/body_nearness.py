@@ -40,7 +40,7 @@ class BodyNearness:
     def is_reached_from(self, points: Array, reach: float) -> BoolArray:
         """Whether points (n, 3) lie in the body or within a reach of it."""
         near = self(points[:, None], 0.0, reach)
-        exact = BodyDistance.of(self.body)
+        exact = BodyDistance(self.body.shape, self.low, self.high, tuple(faces_of(self.body.shape)))
         near[near] = exact(points[near] @ self.rotation.T) <= reach
         return near
 
