@@ -5,7 +5,7 @@ A sample of the boundary bounds each distance from above; only sites whose boxes
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -13,9 +13,9 @@ from scipy.spatial import cKDTree
 
 from tpmscad._typing import Array
 from tpmscad.brep.boundary_representation import Brep
-from tpmscad.brep.free_form_surface import BodyCarrier, FreeFormSurface
+from tpmscad.brep.free_form_surface import FreeFormSurface
 from tpmscad.brep.loops import points_in_polygons
-from tpmscad.erosion.face_regions import FaceRegion, build_regions
+from tpmscad.erosion.face_regions import FaceRegion, build_regions, list_carriers
 from tpmscad.erosion.sites import BodySites, EdgeSite, FaceSite, Site, VertexSite
 
 BORDER_SAG = 1e-6
@@ -30,25 +30,22 @@ POINTS_AT_ONCE = 200_000
 
 @dataclass(frozen=True, slots=True, eq=False)
 class BoundaryDistance:
-    """The sites of a closed body with their boxes (S, 2, 3), and a sample of its boundary."""
+    """The sites of a closed body with their boxes, and a sample of its boundary."""
 
-    sites: Sequence[Site]
-    boxes: Array
+    sites: BodySites
     samples: cKDTree
 
     @classmethod
     def of(cls, brep: Brep, free_form: Mapping[int, FreeFormSurface]) -> BoundaryDistance:
         """That of a body without motions, whose spline carriers are given with their distances, by their numbers."""
         size = float(np.linalg.norm(np.ptp(brep.vertices, axis=0)))
-        found = [free_form.get(c, brep.carriers[c]) for c in brep.faces.carrier.tolist()]
-        carriers: list[BodyCarrier] = [c for c in found if not hasattr(c, "poles")]
         curves = [brep.curves[c] for c in brep.edges.curve.tolist()]
-        regions = build_regions(brep, carriers, curves, BORDER_SAG * size)
+        regions = build_regions(brep, list_carriers(brep, free_form), curves, BORDER_SAG * size)
         sites: list[Site] = [FaceSite(region, BORDER_SAG * size) for region in regions]
         sites += [EdgeSite(curve, tuple(span)) for curve, span in zip(curves, brep.edges.span.tolist(), strict=True)]
         sites += [VertexSite(point) for point in brep.vertices]
         samples = cKDTree(np.concatenate([_sample(region) for region in regions]))
-        return cls(sites, BodySites.of(sites, 0.0, size).boxes, samples)
+        return cls(BodySites.of(sites, 0.0, size), samples)
 
     def feet(self, points: Array) -> tuple[Array, Array]:
         """Distances (n,) of points (n, 3), without a sign, and the nearest points (n, 3) of the boundary."""
@@ -59,7 +56,7 @@ class BoundaryDistance:
     def _find_feet(self, points: Array) -> tuple[Array, Array]:
         best, nearest = self.samples.query(points)
         feet = np.asarray(self.samples.data)[nearest]
-        for site, (low, high) in zip(self.sites, self.boxes, strict=True):
+        for site, (low, high) in zip(self.sites.sites, self.sites.boxes, strict=True):
             outside = np.maximum(np.maximum(low - points, points - high), 0.0)
             at = np.flatnonzero((outside * outside).sum(axis=1) < best * best)
             if not len(at):

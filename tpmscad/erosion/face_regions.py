@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -10,7 +10,7 @@ import numpy as np
 from tpmscad._typing import Array, BoolArray, IntArray
 from tpmscad.brep.boundary_representation import Brep
 from tpmscad.brep.carriers import EdgeCurve, Plane
-from tpmscad.brep.free_form_surface import BodyCarrier
+from tpmscad.brep.free_form_surface import BodyCarrier, FreeFormSurface
 from tpmscad.brep.loops import pair_with_intervals
 from tpmscad.splines.bspline import is_segment
 
@@ -56,6 +56,12 @@ def shift_to_period(uv: Array, carrier: BodyCarrier, reference: Array) -> Array:
         if period:
             uv[..., axis] -= period * np.round((uv[..., axis] - reference[axis]) / period)
     return uv
+
+
+def list_carriers(brep: Brep, free_form: Mapping[int, FreeFormSurface]) -> list[BodyCarrier]:
+    """The carrier of each face (F), of which splines are given with their distances, by the numbers of the carriers."""
+    found = [free_form.get(c, brep.carriers[c]) for c in brep.faces.carrier.tolist()]
+    return [c for c in found if not hasattr(c, "poles")]
 
 
 def build_regions(

@@ -19,7 +19,7 @@ from tpmscad.brep.boundary_representation import Brep
 from tpmscad.brep.carriers import Circle, EdgeCurve
 from tpmscad.brep.free_form_surface import BodyCarrier, FreeFormSurface
 from tpmscad.brep.loops import signed_area
-from tpmscad.erosion.face_regions import build_regions
+from tpmscad.erosion.face_regions import build_regions, list_carriers
 from tpmscad.erosion.sheets import Sheet, Tube, TubeEnd, make_ball, make_tube, offset_face
 from tpmscad.erosion.sites import BORDER_REL_TOL, BodySites, EdgeSite, FaceSite, OpenSite, Site, VertexSite, depth_limit
 from tpmscad.errors import TrimmingError, format_point
@@ -127,8 +127,7 @@ def build_offset_shell(
     Raises TrimmingError where an edge is concave in one part and convex in another, or a sheet cannot be fitted.
     """
     size = float(np.linalg.norm(np.ptp(brep.vertices, axis=0)))
-    found = [free_form.get(c, brep.carriers[c]) for c in brep.faces.carrier.tolist()]
-    carriers: list[BodyCarrier] = [c for c in found if not hasattr(c, "poles")]
+    carriers = list_carriers(brep, free_form)
     curves = [brep.curves[c] for c in brep.edges.curve.tolist()]
     assembly = _Assembly(brep, carriers, curves, skin, size, is_open)
     assembly.add_faces()
