@@ -73,10 +73,7 @@ def _smooth(
 ) -> tuple[Callable[[Array], Array], float]:
     """The smooth function that differs least from values (n,) at points (n, 3), or by no more than a limit, and by how much."""
     found: list[tuple[float, GaussianInterpolant]] = []
-    least = 0.0
     for parts in SPACINGS_PER_CELL:
-        if parts < min(least, SPACINGS_PER_CELL[-1]):
-            continue
         spacing = cell / parts
         origin = points.min(axis=0) - MARGIN_SPACINGS * spacing
         counts = np.ceil((points.max(axis=0) - origin) / spacing).astype(int) + MARGIN_SPACINGS + 1
@@ -85,6 +82,5 @@ def _smooth(
         found.append((float(np.abs(function(points) - values).max()), function))
         if found[-1][0] <= limit:
             break
-        least = parts * found[-1][0] / limit  # at creases the difference falls with the spacing
     miss, function = min(found, key=lambda each: each[0])
     return function, miss
