@@ -51,6 +51,10 @@ class EqualityConstraints:
             involved, rank, null_space[:, :, : len(involved) - rank.min(initial=len(involved))], inverse
         )
 
+    def of(self, part: slice) -> EqualityConstraints:
+        """Those of some of the problems."""
+        return EqualityConstraints(self.involved, self.rank[part], self.null_space[part], self.inverse[part])
+
     def minimise(self, matrix: Array, rhs: Array, target: Array) -> Array:
         """The solutions (n, unknowns) of rows @ x = target (n, m) that minimise x' matrix x / 2 - rhs' x.
 

@@ -8,6 +8,8 @@ solved together. The basis is a tensor product, whose sums are formed one parame
 
 from __future__ import annotations
 
+from functools import lru_cache
+
 import numpy as np
 
 from tpmscad._typing import Array, IntArray
@@ -15,9 +17,6 @@ from tpmscad.levelset.fit.equality_constraints import EqualityConstraints
 
 _ROW, _COLUMN = np.tril_indices(3)
 """Rows and columns of the six entries of a symmetric metric."""
-
-MAX_SUMS = 2**20
-"""Sums of pairs that are formed at once: what fits into a cache of a few MiB is not slower than less."""
 
 Basis = tuple[Array, Array]
 """Values of the basis functions in u, (a, k), and in v, (b, l): together k l functions at a b points, u first."""
@@ -63,15 +62,12 @@ class NormalEquations:
         (m, k), (w, l) = rows.shape, columns.shape  # noqa: E741
         pairs_u, pairs_v = _products_of_pairs(rows), _products_of_pairs(columns)
         entry = _spread_pairs(k, l, pairs_v.shape[1])
-        n_at_once = max(1, MAX_SUMS // (6 * pairs_u.shape[1] * pairs_v.shape[1]))
-        for first in range(0, len(self.rhs), n_at_once):
-            part = slice(first, first + n_at_once)
-            n, t = (each[part].reshape(-1, m, w, 3) for each in (normal, target))
-            metric = (full - less) * n[..., _ROW] * n[..., _COLUMN] + less * (_ROW == _COLUMN)
-            sums = _sum_products(metric, pairs_u, pairs_v)
-            self.matrix[part] += np.take(sums.reshape(len(n), -1), entry, axis=1)
-            weighted = less * t + (full - less) * (n * t).sum(axis=-1, keepdims=True) * n
-            self.rhs[part] += _sum_products(weighted, rows, columns).transpose(0, 1, 3, 2).reshape(len(n), -1)
+        n, t = (each.reshape(-1, m, w, 3) for each in (normal, target))
+        metric = (full - less) * n[..., _ROW] * n[..., _COLUMN] + less * (_ROW == _COLUMN)
+        sums = _sum_products(metric, pairs_u, pairs_v)
+        self.matrix += np.take(sums.reshape(len(n), -1), entry, axis=1)
+        weighted = less * t + (full - less) * (n * t).sum(axis=-1, keepdims=True) * n
+        self.rhs += _sum_products(weighted, rows, columns).transpose(0, 1, 3, 2).reshape(len(n), -1)
 
 
 def _products_of_pairs(basis: Array) -> Array:
@@ -87,6 +83,7 @@ def _sum_products(values: Array, along_u: Array, along_v: Array) -> Array:
     return (along_u.T @ over_v.reshape(n, m, -1)).reshape(n, -1, e, along_v.shape[1])
 
 
+@lru_cache(maxsize=16)
 def _spread_pairs(k: int, l: int, n_pairs: int) -> IntArray:  # noqa: E741
     """Places of the elements of a matrix (3 k l, 3 k l) among the sums of pairs along u, entries and pairs along v."""
 
