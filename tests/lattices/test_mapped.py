@@ -255,6 +255,21 @@ def test_a_graded_wall_reaches_half_its_local_thickness_from_the_mid_surface() -
     assert mapped_lattice.find_greatest_reach(constant, (1.0,))[0] == pytest.approx(2 * reach, rel=1e-12)
 
 
+def test_a_wall_with_creases_is_smoothed_no_more_finely_than_its_tolerance_asks() -> None:
+    """On a finer grid than that within the tolerance patches take degree 11, with poles up to 23 mm from the corner of a cell of 10 mm."""
+    mapped = replace(
+        mid(maps.Map(lambda p: p, name="none")),
+        thickness=lambda p: np.clip(1.1 - 0.3 * np.abs(p[..., 2] - 4.3), 0.4, 1.0),
+    )
+    fit = mapped_lattice.fit_mapped_layers(mapped, (-0.5, 0.5), tol=0.05)
+    assert fit.deviation.max < 0.05
+    assert len(fit.notes) == 1
+    poles = np.concatenate(
+        [patch.poles.ravel() for layer in fit.surfaces if layer is not None for patch in layer.patches]
+    )
+    assert np.abs(poles).max() < 18.0
+
+
 def test_beyond_the_radius_of_curvature_a_wall_is_refused_only_where_a_body_holds_it() -> None:
     symmetry, patch = surfaces.patch_symmetry("gyroid"), surfaces.primitive_patch("gyroid")
     placements = copies.place_whole_cells("gyroid", (2, 1, 1), np.zeros(3))
