@@ -256,7 +256,7 @@ def test_a_graded_wall_reaches_half_its_local_thickness_from_the_mid_surface() -
 
 
 def test_a_wall_with_creases_is_smoothed_no_more_finely_than_its_tolerance_asks() -> None:
-    """On a finer grid than that within the tolerance patches take degree 11, with poles up to 23 mm from the corner of a cell of 10 mm."""
+    """On a finer grid than that within the tolerance patches take degree 11, with poles up to 23 mm away in a cell of 10."""
     mapped = replace(
         mid(maps.Map(lambda p: p, name="none")),
         thickness=lambda p: np.clip(1.1 - 0.3 * np.abs(p[..., 2] - 4.3), 0.4, 1.0),
