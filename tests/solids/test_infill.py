@@ -238,6 +238,11 @@ class TestBodyField:
             assert found.gradient(at) == pytest.approx(exact.gradient(at), abs=1e-4)
             assert found.on_grid([0, 1], [0, 1, 2], [0.5]).shape == (2, 3, 1)
 
+    def test_a_point_as_far_from_the_boundary_as_from_one_on_it_is_inside(self) -> None:
+        """The first one is 2e-15 inside of a face, which the kernel takes for on it."""
+        found = tpmscad.body_field(bd.Box(10, 10, 10))(np.array([[1.0, 1.0, -5 + 2e-15], [1.0, 1.0, -4.0]]))
+        assert found == pytest.approx([0.0, -1.0], abs=1e-12)
+
     @pytest.mark.parametrize(
         "shape",
         [
