@@ -51,8 +51,8 @@ class EqualityConstraints:
             involved, rank, null_space[:, :, : len(involved) - rank.min(initial=len(involved))], inverse
         )
 
-    def of(self, part: slice) -> EqualityConstraints:
-        """Those of some of the problems."""
+    def __getitem__(self, part: slice) -> EqualityConstraints:
+        """The conditions of some of the problems."""
         return EqualityConstraints(self.involved, self.rank[part], self.null_space[part], self.inverse[part])
 
     def minimise(self, matrix: Array, rhs: Array, target: Array) -> Array:

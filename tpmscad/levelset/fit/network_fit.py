@@ -123,7 +123,7 @@ def fit_patches(field: Field, border: list[Array], normals: list[Array]) -> Arra
             system = NormalEquations(unknown.size, len(net))
             system.add_point_rows(inner, target_normals[part], target[part] - points[part], TANGENTIAL_WEIGHT)
             system.add_energy(energy, unknown, net, FAIRNESS_WEIGHT)
-            step = system.solve_subject_to(conditions.of(part), -across[part])
+            step = system.solve_subject_to(conditions[part], -across[part])
             poles[part, 1:-1, 1:-1] += step.reshape(-1, p - 1, q - 1, 3)
     return poles
 

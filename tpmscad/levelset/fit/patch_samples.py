@@ -93,6 +93,7 @@ def foot_point_distances(poles: Array, patch: IntArray, points: Array, u: Array,
 
 
 def _foot_point_distances(poles: Array, patch: IntArray, points: Array, u: Array, v: Array) -> Array:
+    """As `foot_point_distances`, of all points at once."""
     p, q = poles.shape[1] - 1, poles.shape[2] - 1
 
     def jet(s: Array, t: Array, rows: IntArray) -> tuple[Array, Array, Array]:
