@@ -83,7 +83,7 @@ def test_the_inner_poles_of_mapped_patches_are_the_direct_solution_within_the_pr
     poles, convergence = g2_fit.fit_g2_patches(samples, degree)
     border = poles.copy()
     border[:, 3:-3, 3:-3] = 0
-    operators = g2_fit._fit_operators(degree)
+    operators = g2_fit._fit_operators(degree, len(t))
     sites = 0.5 * (1 - np.cos(np.pi * (np.arange(3 * degree) + 0.5) / (3 * degree)))
     basis = bernstein_basis(degree, sites)
     values = np.einsum("am,pmnk,bn->pabk", operators.values_at_sites, samples, operators.values_at_sites)

@@ -7,6 +7,7 @@ import pytest
 
 from tpmscad.brep.edge_continuity import evaluate_curvature
 from tpmscad.lattices import g2_fit
+from tpmscad.splines.bspline import BSplineSurface
 from tpmscad.splines.knots import bezier_surface
 
 EDGE = 2 / np.sqrt(3)  # of the Klein square; half of it is c, and 1/c - c is again EDGE
@@ -31,21 +32,45 @@ def neighbour(u: np.ndarray, v: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     return EDGE / 2 + factor * out, factor * y
 
 
-@pytest.fixture(scope="module")
-def samples() -> np.ndarray:
-    t = g2_fit.sample_parameters()
-    u, v = np.meshgrid(t, t, indexing="ij")
+def sample_charts(pieces: int, nodes: int) -> np.ndarray:
+    """Samples of both charts over all pieces of them: (2, pieces, pieces, nodes, nodes, 3)."""
+    t = (np.arange(pieces)[:, None] + g2_fit.sample_parameters(nodes)) / pieces
+    u, v = np.broadcast_arrays(t[:, None, :, None], t[None, :, None, :])
     return np.stack([surface(*chart(u, v)), surface(*neighbour(u, v))])
 
 
-@pytest.mark.parametrize("degree", [9, 10, 13, 16])
-def test_neighbouring_charts_join_to_second_order(samples: np.ndarray, degree: int) -> None:
-    here, there = (bezier_surface(p) for p in g2_fit.fit_g2_patches(samples, degree)[0])
+@pytest.fixture(scope="module")
+def samples() -> np.ndarray:
+    return sample_charts(1, g2_fit.CHEBYSHEV_NODES)[:, 0, 0]
+
+
+def assert_second_order(here: BSplineSurface, there: BSplineSurface) -> None:
+    """The patches join with continuous curvature along the sides u = 1."""
     s = np.linspace(0, 1, 31)
     (x, n, k), (y, m, q) = evaluate_curvature(here, np.ones(31), s), evaluate_curvature(there, np.ones(31), 1 - s)
     assert np.abs(x - y).max() < 1e-9
     assert np.abs(n - m).max() < 1e-8
     assert np.abs(k - q).max() < 1e-6 * np.abs(k).max()
+
+
+@pytest.mark.parametrize("degree", [9, 10, 13, 16])
+def test_neighbouring_charts_join_to_second_order(samples: np.ndarray, degree: int) -> None:
+    assert_second_order(*(bezier_surface(p) for p in g2_fit.fit_g2_patches(samples, degree)[0]))
+
+
+@pytest.mark.parametrize(("pieces", "degree"), [(2, 9), (2, 12), (3, 10)])
+def test_charts_of_several_spans_join_to_second_order_and_are_nearer_to_the_surface(pieces: int, degree: int) -> None:
+    poles = g2_fit.fit_g2_patches(sample_charts(pieces, g2_fit.PIECE_NODES), degree)[0]
+    here, there = (g2_fit.join_pieces(p) for p in poles)
+    assert here.degree_u == here.degree_v == degree
+    assert len(np.unique(here.knots_u)) == len(np.unique(here.knots_v)) == pieces + 1
+    assert_second_order(here, there)
+    u, v = np.meshgrid(np.linspace(0, 1, 41), np.linspace(0, 1, 41), indexing="ij")
+    whole = bezier_surface(g2_fit.fit_g2_patches(sample_charts(1, 48)[:, 0, 0], degree)[0][1])
+    off, before = (np.abs(patch(u, v) - surface(*neighbour(u, v))).max() for patch in (there, whole))
+    assert off < before / 50
+    t = np.linspace(0, 1 / pieces, 11)
+    np.testing.assert_allclose(here.grid(t, t), bezier_surface(poles[0, 0, 0]).grid(pieces * t, pieces * t), atol=1e-9)
 
 
 def test_the_fit_approaches_the_surface_with_the_degree(samples: np.ndarray) -> None:

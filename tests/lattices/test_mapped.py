@@ -7,6 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.spatial import cKDTree
 from scipy.spatial.transform import Rotation
 
 from tpmscad import maps, surfaces
@@ -15,6 +16,7 @@ from tpmscad.brep.edge_continuity import measure_edge_continuity
 from tpmscad.brep.solid_properties import measure_solid
 from tpmscad.errors import InvalidRequest
 from tpmscad.lattices import copies, mapped_lattice
+from tpmscad.lattices.mapped_deviation import SAMPLES_PER_PARAMETER
 from tpmscad.lattices.mapped_surface import MappedSurface, require_regular
 from tpmscad.lattices.self_contact import require_no_self_contact
 
@@ -126,7 +128,7 @@ def test_a_map_with_a_branch_point_in_the_lattice_is_refused_with_place_amount_a
     """Near the branch point of a square the normal turns too fast for neighbours, each fitted on its own, to meet."""
 
     def square(p: np.ndarray) -> np.ndarray:
-        w = (p[..., 0] - 5.3 + 1j * (p[..., 1] - 5.2)) ** 2 / 5
+        w = (p[..., 0] - 5.2 + 1j * (p[..., 1] - 5.1)) ** 2 / 5
         return np.stack([w.real, w.imag, p[..., 2]], axis=-1)
 
     surface = mid(maps.as_map(square))
@@ -203,7 +205,7 @@ def test_the_greatest_deviation_is_that_of_all_patches_measured_one_by_one() -> 
                 measure_deviation(
                     patch,
                     lambda u, v, d=distance, i=index: surface.shift(surface.points(u, v, i), d),
-                    mapped_lattice.PATCH_SAMPLES_PER_PARAMETER,
+                    SAMPLES_PER_PARAMETER,
                 )
             )
     oracle = combine_deviations(each)
@@ -268,6 +270,31 @@ def test_a_wall_with_creases_is_smoothed_no_more_finely_than_its_tolerance_asks(
         [patch.poles.ravel() for layer in fit.surfaces if layer is not None for patch in layer.patches]
     )
     assert np.abs(poles).max() < 18.0
+
+
+def test_a_wall_with_many_creases_takes_patches_of_two_spans_with_poles_near_the_surface() -> None:
+    """One span of degree 14 would do, too, with poles 7,600 mm away; the ridges are a fifth of a cell apart."""
+
+    def zigzag(p: np.ndarray) -> np.ndarray:
+        return 0.8 + 0.5 * np.abs((p @ np.array([0.24, 0.3, 0.32])) % 2 - 1)
+
+    mapped = replace(mid(maps.Map(lambda p: p, name="none")), thickness=zigzag)
+    fit = mapped_lattice.fit_mapped_layers(mapped, (-0.5, 0.5), tol=0.05)
+    assert fit.deviation.max < 0.05
+    t = np.linspace(0, 1, 60)
+    for layer, distance in zip(fit.surfaces, (-0.5, 0.5), strict=True):
+        assert layer is not None
+        for index, patch in enumerate(layer.patches):
+            assert np.abs(patch.poles).max() < 14.0
+            assert len(np.unique(patch.knots_u)) == 3
+            exact = mapped.shift(mapped.points(*np.meshgrid(t, t, indexing="ij"), index), distance)
+            near = cKDTree(exact.reshape(-1, 3)).query(patch.grid(t[::7], t[::7]).reshape(-1, 3))[0]
+            assert near.max() < 0.1  # points are .05 apart
+    brep = mapped_lattice.assemble_mapped_lattice(mapped, *fit.surfaces, natural=True)
+    joints = measure_edge_continuity(brep, ("offset+", "offset-"))
+    assert joints.gap < 1e-6
+    assert joints.tangent_jump_deg < 1e-3
+    assert measure_solid(brep).closed
 
 
 def test_beyond_the_radius_of_curvature_a_wall_is_refused_only_where_a_body_holds_it() -> None:

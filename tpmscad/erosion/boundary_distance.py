@@ -1,6 +1,7 @@
 """Distances of many points from the boundary of a body, in arrays: that from the nearest of its faces, edges and vertices.
 
-A sample of the boundary bounds each distance from above; only sites whose boxes are nearer than that are asked.
+A sample of the boundary bounds each distance from above; only sites whose boxes are nearer than that are asked. Points are taken
+in groups that are near each other, for which few sites come into question.
 """
 
 from __future__ import annotations
@@ -11,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.spatial import cKDTree
 
-from tpmscad._typing import Array
+from tpmscad._typing import Array, IntArray
 from tpmscad.brep.boundary_representation import Brep
 from tpmscad.brep.free_form_surface import FreeFormSurface
 from tpmscad.brep.loops import points_in_polygons
@@ -24,8 +25,8 @@ BORDER_SAG = 1e-6
 SAMPLES_PER_AXIS = 33
 """Nodes of a face along each parameter among the samples that bound distances."""
 
-POINTS_AT_ONCE = 200_000
-"""Points whose distances are sought together, which limits the memory."""
+POINTS_AT_ONCE = 2048
+"""Points near each other whose distances are sought together: few sites are near them."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -49,18 +50,16 @@ class BoundaryDistance:
 
     def feet(self, points: Array) -> tuple[Array, Array]:
         """Distances (n,) of points (n, 3), without a sign, and the nearest points (n, 3) of the boundary."""
-        parts = np.array_split(points, max(1, -(-len(points) // POINTS_AT_ONCE)))
-        distances, feet = zip(*map(self._find_feet, parts), strict=True)
-        return np.concatenate(distances), np.concatenate(feet)
+        distances, feet = np.empty(len(points)), np.empty((len(points), 3))
+        for group in _group_near_points(points):
+            distances[group], feet[group] = self._find_feet(points[group])
+        return distances, feet
 
     def _find_feet(self, points: Array) -> tuple[Array, Array]:
         best, nearest = self.samples.query(points)
         feet = np.asarray(self.samples.data)[nearest]
-        for site, (low, high) in zip(self.sites.sites, self.sites.boxes, strict=True):
-            outside = np.maximum(np.maximum(low - points, points - high), 0.0)
-            at = np.flatnonzero((outside * outside).sum(axis=1) < best * best)
-            if not len(at):
-                continue
+        for s, at in self.sites.near_boxes(points, best):
+            site = self.sites.sites[s]
             distance, uv = site.feet(points[at], float(best[at].max()))
             closer = distance < best[at]
             at, uv = at[closer], uv[closer]
@@ -72,6 +71,15 @@ class BoundaryDistance:
             elif isinstance(site, VertexSite):
                 feet[at] = site.point
         return best, feet
+
+
+def _group_near_points(points: Array) -> list[IntArray]:
+    """Numbers of points (n, 3) in groups, by the cells of a grid."""
+    count = -(-len(points) // POINTS_AT_ONCE)
+    low, high = points.min(axis=0, initial=np.inf), points.max(axis=0, initial=-np.inf)
+    edge = np.max(high - low) / np.cbrt(count)
+    cells = np.floor((points - low) / edge) if edge > 0 else points
+    return np.array_split(np.lexsort(cells.T), count) if count else []
 
 
 def _sample(region: FaceRegion) -> Array:

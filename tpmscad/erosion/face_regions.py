@@ -37,7 +37,7 @@ class FaceRegion:
     def is_near_border(self, points: Array, distance: float) -> BoolArray:
         """Which points (n, 3) lie within a small distance of the border: (n,)."""
         start, end = self.border[:, 0], self.border[:, 1]
-        axis = int(np.ptp(self.border, axis=(0, 1)).argmax())
+        axis = int(np.ptp(start, axis=0).argmax())
         one, other = start[:, axis], end[:, axis]
         low, high = np.minimum(one, other) - distance, np.maximum(one, other) + distance
         segment, point = pair_with_intervals(points[:, axis], low, high)

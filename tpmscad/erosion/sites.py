@@ -175,7 +175,7 @@ class BodySites:
         """The nearest sites of points (n, 3), sought up to the distance `limit` (model units), one of them left out."""
         depth, site = np.full(len(points), np.inf), np.full(len(points), -1)
         parameters = np.zeros((len(points), 2))
-        for s, at in self._near_boxes(points, limit):
+        for s, at in self.near_boxes(points, limit):
             if s == without:
                 continue
             distance, uv = self.sites[s].feet(points[at], limit)
@@ -186,21 +186,23 @@ class BodySites:
     def are_deeper(self, points: Array, limit: float) -> BoolArray:
         """Which points (n, 3) have no site nearer than `limit` (model units): (n,)."""
         deep = np.ones(len(points), bool)
-        for s, near in self._near_boxes(points, limit):
+        for s, near in self.near_boxes(points, limit):
             at = near[deep[near]]
             if len(at):
                 deep[at] = ~(self.sites[s].feet(points[at], limit)[0] < limit)
         return deep
 
-    def _near_boxes(self, points: Array, limit: float) -> Iterator[tuple[int, IntArray]]:
-        """The sites whose boxes any of the points (n, 3) come near to, with these points."""
+    def near_boxes(self, points: Array, limit: float | Array) -> Iterator[tuple[int, IntArray]]:
+        """The sites whose boxes any of the points (n, 3) come near to, with these points.
+
+        limit: a distance, or one of each point, (n,), which may shrink between one site and the next.
+        """
         if not len(points):
             return
-        square = (limit * self.reaches) ** 2
         low, high = points.min(axis=0), points.max(axis=0)
         gap = np.maximum(np.maximum(self.boxes[:, 0] - high, low - self.boxes[:, 1]), 0.0)
-        for s in np.flatnonzero((gap * gap).sum(axis=1) < square).tolist():
+        for s in np.flatnonzero((gap * gap).sum(axis=1) < (np.max(limit) * self.reaches) ** 2).tolist():
             outside = np.maximum(np.maximum(self.boxes[s, 0] - points, points - self.boxes[s, 1]), 0.0)
-            at = np.flatnonzero((outside * outside).sum(axis=1) < square[s])
+            at = np.flatnonzero(np.einsum("nd,nd->n", outside, outside) < (limit * self.reaches[s]) ** 2)
             if len(at):
                 yield s, at

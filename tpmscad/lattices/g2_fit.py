@@ -30,14 +30,19 @@ from scipy.linalg import null_space, solve_triangular
 
 from tpmscad._typing import Array
 from tpmscad.splines.affine_subspace import unconstrained_subspace
-from tpmscad.splines.basis import bernstein_basis
+from tpmscad.splines.basis import apply_bases, bernstein_basis
+from tpmscad.splines.bspline import BSplineSurface
 from tpmscad.splines.cpia import NetConvergence, solve_cpia
+from tpmscad.splines.knots import bezier_surface
 
 MIN_DEGREE = 9
 """Ten poles along a side: five derivatives at each end."""
 
 CHEBYSHEV_NODES = 48
 """Chebyshev nodes along each parameter that carry the exact surface; fewer nodes leave larger tangent jumps at the joints."""
+
+PIECE_NODES = 32
+"""The same of pieces of a patch, which are half as large."""
 
 SAMPLE_OVERHANG = 0.04
 """The nodes reach this far beyond the patch, where the surface continues: derivatives on the border are then interior ones."""
@@ -49,15 +54,15 @@ KLEIN_EDGE = 2.0 / np.sqrt(3.0)
 """2 c, the side of the Klein square, which is also L = 1/c - c."""
 
 
-def sample_parameters() -> Array:
-    """Parameters of the samples along u and v, which reach a little beyond [0, 1] at both ends: (CHEBYSHEV_NODES,)."""
-    cosine = np.cos(np.pi * np.arange(CHEBYSHEV_NODES)[::-1] / (CHEBYSHEV_NODES - 1))
+def sample_parameters(nodes: int = CHEBYSHEV_NODES) -> Array:
+    """Parameters of the samples along u and v, which reach a little beyond [0, 1] at both ends: (nodes,)."""
+    cosine = np.cos(np.pi * np.arange(nodes)[::-1] / (nodes - 1))
     return 0.5 + (0.5 + SAMPLE_OVERHANG) * cosine
 
 
 def find_least_coefficients(values: Array) -> Array:
     """The greatest of the last Chebyshev coefficients (P,) of functions sampled at `sample_parameters` squared, (P, n, n)."""
-    inverse = _inverse_vandermonde()
+    inverse = _inverse_vandermonde(values.shape[1])
     size = np.abs(np.einsum("am,pmn,bn->pab", inverse, values, inverse, optimize=True))
     return np.maximum(size[:, -3:].max(axis=(1, 2)), size[:, :, -3:].max(axis=(1, 2)))
 
@@ -65,16 +70,19 @@ def find_least_coefficients(values: Array) -> Array:
 def fit_g2_patches(samples: Array, degree: int) -> tuple[Array, NetConvergence]:
     """Bezier poles (P, degree + 1, degree + 1, 3) of patches sampled at `sample_parameters` squared, and their convergence.
 
-    samples: (P, CHEBYSHEV_NODES, CHEBYSHEV_NODES, 3). ValueError below MIN_DEGREE.
+    samples: (P, n, n, 3), or (P, k, k, n, n, 3) of the k x k pieces of each patch, which are fitted apart and join as patches do:
+    (P, k, k, degree + 1, degree + 1, 3). ValueError below MIN_DEGREE.
     """
     if degree < MIN_DEGREE:
         raise ValueError(f"degree {degree} leaves a side too few poles; the least is {MIN_DEGREE}")
-    operators = _fit_operators(degree)
-    poles = _fit_boundary_strips(samples, degree, operators)
+    operators = _fit_operators(degree, samples.shape[-2])
+    pieces = 1 if samples.ndim == 4 else samples.shape[1]
+    poles = _fit_boundary_strips(samples.reshape(-1, pieces, pieces, *samples.shape[-3:]), degree)
+    shape = (*samples.shape[:-3], *poles.shape[3:])
+    poles, samples = poles.reshape(-1, *poles.shape[3:]), samples.reshape(-1, *samples.shape[-3:])
     to_sites, basis = operators.values_at_sites, operators.basis
-    data = np.einsum("am,pmnk,bn->abpk", to_sites, samples, to_sites, optimize=True) - np.einsum(
-        "ai,pijk,bj->abpk", basis, poles, basis, optimize=True
-    )
+    data = apply_bases(to_sites, samples, to_sites) - apply_bases(basis, poles, basis)
+    data = np.moveaxis(data, 0, 2)
     sites, inner = operators.inner_basis.shape
     solution = solve_cpia(
         data.reshape(sites, sites, -1),
@@ -89,82 +97,138 @@ def fit_g2_patches(samples: Array, degree: int) -> tuple[Array, NetConvergence]:
     # At the sites |S| <= |row_u| |row_v| |x|; between them a polynomial of degree p exceeds its values at N Chebyshev
     # points by at most the factor 1 / cos(pi p / 2 N) per direction (Ehlich, Zeller, Math. Z. 86 (1964)).
     at_sites = float((operators.inner_basis**2).sum(axis=1).max())
-    return poles, solution.convergence(at_sites / float(np.cos(np.pi * degree / (2 * sites))) ** 2)
+    convergence = solution.convergence(at_sites / float(np.cos(np.pi * degree / (2 * sites))) ** 2)
+    return poles.reshape(shape), convergence
+
+
+def join_pieces(poles: Array) -> BSplineSurface:
+    """The patch over the unit square whose k x k pieces have Bezier poles (k, k, p + 1, p + 1, 3), twice differentiable."""
+    pieces, degree = poles.shape[0], poles.shape[2] - 1
+    if pieces == 1:
+        return bezier_surface(poles[0, 0])
+    rows = _join_along(np.moveaxis(poles, 2, 1))  # (k, p + 1, k, p + 1, 3) -> (U, k, p + 1, 3)
+    net = np.moveaxis(_join_along(np.moveaxis(rows, 0, 2)), 0, 1)
+    inner = np.repeat(np.arange(1, pieces) / pieces, degree - 2)
+    knots = np.concatenate([np.zeros(degree + 1), inner, np.ones(degree + 1)])
+    return BSplineSurface(np.ascontiguousarray(net), knots, knots, degree, degree)
+
+
+def _join_along(poles: Array) -> Array:
+    """Poles (n, ...) of a spline with knots of multiplicity p - 2 from those of its pieces, (k, p + 1, ...).
+
+    A pole is the polar form at p consecutive knots (Ramshaw 1989). Where these reach over a knot on either side, they differ from
+    those of a pole of the left piece in one argument, of which the polar form is an affine function.
+    """
+    beyond = (2 * poles[:-1, -2] - poles[:-1, -3])[:, None]
+    between = np.concatenate([poles[:-1, 2:-2], beyond], axis=1)
+    return np.concatenate([poles[0, :2], *between, poles[-1, 2:]])
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _FitOperators:
-    """Linear operators of one degree p. "Nodal" are values at the CHEBYSHEV_NODES parameters of the samples."""
+    """Linear operators of one degree p. "Nodal" are values at the parameters of the samples."""
 
     side_operators: tuple[Array, Array, Array]  # nodal values of C, d1, d2 -> their Bernstein coefficients
-    y_times_derivative: Array  # Bernstein coefficients of f -> those of y f'
-    y2_times_second_derivative: Array  # Bernstein coefficients of f -> those of y^2 f''
     values_at_sites: Array  # nodal values -> values at the 3 p fitting sites
     basis: Array  # Bernstein polynomials at the sites: (3 p, p + 1)
     inner_basis: Array  # the span of the inner ones, orthonormal on the sites: (3 p, p - 5)
     inner_triangle: Array  # inner poles -> coordinates in that basis: (p - 5, p - 5)
 
 
-def _fit_boundary_strips(samples: Array, degree: int, operators: _FitOperators) -> Array:
-    """Poles (P, p + 1, p + 1, 3) whose three outer rows along every side are those of the G2 conditions, the others zero."""
-    poles = np.zeros((len(samples), degree + 1, degree + 1, 3))
+@dataclass(frozen=True, slots=True, eq=False)
+class _SideTerms:
+    """What carries the data of one side of a piece to the neighbour: d1 = stretch X_xi - y X_y, d2 with it and 2 turn d1.
+
+    On a side of the patch these are L, the coordinate y and 1; between pieces of a patch, where the neighbour has the same
+    chart, they are 1, 0 and 0.
+    """
+
+    stretch: float
+    y: Array  # at the nodes: (n, 1)
+    turn: float
+    y_times_derivative: Array  # Bernstein coefficients of f -> those of y f'
+    y2_times_second_derivative: Array  # Bernstein coefficients of f -> those of y^2 f''
+
+
+def _fit_boundary_strips(samples: Array, degree: int) -> Array:
+    """Poles (P, k, k, p + 1, p + 1, 3) whose three outer rows along every side are those of the G2 conditions, the others zero.
+
+    samples: (P, k, k, n, n, 3).
+    """
+    pieces = samples.shape[1]
+    poles = np.zeros((*samples.shape[:3], degree + 1, degree + 1, 3))
     for swapped in (False, True):  # sides u = 0 and u = 1, then those of v by exchanging the parameters
-        values = samples.swapaxes(1, 2) if swapped else samples
-        target = poles.swapaxes(1, 2) if swapped else poles
-        for end in (0, 1):
-            strip = _boundary_strip(values, end, operators)
-            rows = slice(0, 3) if end == 0 else slice(degree - 2, degree + 1)
-            target[:, rows] = strip if end == 0 else strip[:, ::-1]
+        values = samples.transpose(0, 2, 1, 4, 3, 5) if swapped else samples
+        target = poles.transpose(0, 2, 1, 4, 3, 5) if swapped else poles
+        for end, row, column in np.ndindex(2, pieces, pieces):
+            place = column if row == end * (pieces - 1) else None
+            side = _side_terms(degree, samples.shape[-2], pieces, place)
+            strip = _boundary_strip(values[:, row, column], end, degree, pieces, side)
+            if end == 0:
+                target[:, row, column, :3] = strip
+            else:
+                target[:, row, column, -3:] = strip[:, ::-1]
     return poles
 
 
-def _boundary_strip(samples: Array, end: int, operators: _FitOperators) -> Array:
-    """The three rows of poles next to the side u = end, outermost first: (P, 3, degree + 1, 3)."""
-    t = sample_parameters()
-    y = (KLEIN_EDGE * (t - 0.5))[None, :, None]
+def _boundary_strip(samples: Array, end: int, degree: int, pieces: int, side: _SideTerms) -> Array:
+    """The three rows of poles next to the side u = end of one piece, outermost first: (P, 3, degree + 1, 3)."""
+    nodes, edge = samples.shape[1], KLEIN_EDGE / pieces
+    t = sample_parameters(nodes)
     outward = 1.0 if end == 1 else -1.0  # the direction of u in which xi grows
-    x, x_xi, x_xixi = (
-        np.tensordot(samples, _evaluation_matrix(np.array([float(end)]), order)[0], (1, 0))
-        * (outward / KLEIN_EDGE) ** order
-        for order in range(3)
-    )
+    rows = [
+        _evaluation_matrix(np.array([float(end)]), order, nodes)[0] * (outward / edge) ** order for order in range(3)
+    ]
+    x, x_xi, x_xixi = np.einsum("kn,pnmd->kpmd", np.array(rows), samples)
 
     def along(f: Array, order: int) -> Array:
         """Derivative by y."""
-        return _evaluation_matrix(t, order) @ f / KLEIN_EDGE**order
+        return _evaluation_matrix(t, order, nodes) @ f / edge**order
 
-    d1 = KLEIN_EDGE * x_xi - y * along(x, 1)
-    d2 = (
-        KLEIN_EDGE**2 * x_xixi
-        - 2 * y * KLEIN_EDGE * along(x_xi, 1)
-        + y**2 * along(x, 2)
-        - 2 * KLEIN_EDGE * x_xi
-        + 2 * y * along(x, 1)
-    )
-    c, d1, d2 = (m @ f for m, f in zip(operators.side_operators, (x, d1, d2), strict=True))
+    y, stretch, turn = side.y, side.stretch, side.turn
+    d1 = stretch * x_xi - y * along(x, 1)
+    d2 = stretch**2 * x_xixi - 2 * y * stretch * along(x_xi, 1) + y**2 * along(x, 2) - 2 * turn * d1
+    c, d1, d2 = (m @ f for m, f in zip(_fit_operators(degree, nodes).side_operators, (x, d1, d2), strict=True))
     # X_xi and X_xixi from C, d1, d2, as Bernstein coefficients.
-    slope, y_slope = operators.y_times_derivative, operators.y_times_derivative @ c
-    first = (d1 + y_slope) / KLEIN_EDGE
-    second = (
-        d2
-        + 2 * KLEIN_EDGE * (slope @ first)
-        - operators.y2_times_second_derivative @ c
-        + 2 * KLEIN_EDGE * first
-        - 2 * y_slope
-    ) / KLEIN_EDGE**2
-    degree = operators.basis.shape[1] - 1
-    # Derivatives by the inward parameter w in [0, 1]: d/dw = -KLEIN_EDGE d/dxi.
-    row1 = c - KLEIN_EDGE * first / degree
-    row2 = KLEIN_EDGE**2 * second / (degree * (degree - 1)) + 2 * row1 - c
+    slope = side.y_times_derivative
+    first = (d1 + slope @ c) / stretch
+    second = (d2 + 2 * stretch * (slope @ first) - side.y2_times_second_derivative @ c + 2 * turn * d1) / stretch**2
+    # Derivatives by the inward parameter w in [0, 1]: d/dw = -edge d/dxi.
+    row1 = c - edge * first / degree
+    row2 = edge**2 * second / (degree * (degree - 1)) + 2 * row1 - c
     return np.stack([c, row1, row2], axis=1)
 
 
-@lru_cache(maxsize=1)
-def _inverse_vandermonde() -> Array:
-    """Nodal values -> Chebyshev coefficients."""
-    return np.asarray(
-        np.linalg.inv(chebyshev.chebvander(_to_chebyshev(sample_parameters()), CHEBYSHEV_NODES - 1)), float
+@lru_cache(maxsize=64)
+def _side_terms(degree: int, nodes: int, pieces: int, place: int | None) -> _SideTerms:
+    """Of the piece that is the `place`-th along a side of its patch, or of a side between pieces."""
+    nothing = np.zeros((degree + 1, degree + 1))
+    if place is None:
+        return _SideTerms(1.0, np.zeros((nodes, 1)), 0.0, nothing, nothing)
+
+    def coordinate(t: Array) -> Array:
+        return np.asarray(KLEIN_EDGE * ((place + t) / pieces - 0.5))[:, None]
+
+    edge, sites = KLEIN_EDGE / pieces, _chebyshev_points(degree + 1)
+    y, to_bernstein = coordinate(sites), np.linalg.inv(bernstein_basis(degree, sites))
+    return _SideTerms(
+        KLEIN_EDGE,
+        coordinate(sample_parameters(nodes)),
+        1.0,
+        to_bernstein @ (y * bernstein_basis(degree, sites, 1) / edge),
+        to_bernstein @ (y**2 * bernstein_basis(degree, sites, 2) / edge**2),
     )
+
+
+def _chebyshev_points(count: int) -> Array:
+    """Chebyshev points of the first kind on [0, 1]: (count,)."""
+    return np.asarray(0.5 * (1 - np.cos(np.pi * (np.arange(count) + 0.5) / count)))
+
+
+@lru_cache(maxsize=4)
+def _inverse_vandermonde(nodes: int) -> Array:
+    """Nodal values -> Chebyshev coefficients."""
+    return np.asarray(np.linalg.inv(chebyshev.chebvander(_to_chebyshev(sample_parameters(nodes)), nodes - 1)), float)
 
 
 def _to_chebyshev(t: Array) -> Array:
@@ -172,37 +236,32 @@ def _to_chebyshev(t: Array) -> Array:
     return (t - 0.5) / (0.5 + SAMPLE_OVERHANG)
 
 
-def _evaluation_matrix(t: Array, order: int) -> Array:
-    """Nodal values -> derivative of that order of the interpolant at t: (len(t), CHEBYSHEV_NODES)."""
-    coefficients = np.eye(CHEBYSHEV_NODES)
+def _evaluation_matrix(t: Array, order: int, nodes: int) -> Array:
+    """Nodal values -> derivative of that order of the interpolant at t: (len(t), nodes)."""
+    coefficients = np.eye(nodes)
     for _ in range(order):
         coefficients = chebyshev.chebder(coefficients, axis=0) / (0.5 + SAMPLE_OVERHANG)
     values = chebyshev.chebvander(_to_chebyshev(t), len(coefficients) - 1) @ coefficients
-    return np.asarray(values @ _inverse_vandermonde())
+    return np.asarray(values @ _inverse_vandermonde(nodes))
 
 
 @lru_cache(maxsize=16)
-def _fit_operators(degree: int) -> _FitOperators:
-    sites = 0.5 * (1 - np.cos(np.pi * (np.arange(3 * degree) + 0.5) / (3 * degree)))
-    basis, values_at_sites = bernstein_basis(degree, sites), _evaluation_matrix(sites, 0)
+def _fit_operators(degree: int, nodes: int) -> _FitOperators:
+    sites = _chebyshev_points(3 * degree)
+    basis, values_at_sites = bernstein_basis(degree, sites), _evaluation_matrix(sites, 0, nodes)
     ends = np.array([0.0, 1.0])
     side_operators = []
     for highest in END_DERIVATIVE_ORDERS:
         fixed = np.concatenate([bernstein_basis(degree, ends, k) for k in range(highest + 1)])
-        given = np.concatenate([_evaluation_matrix(ends, k) for k in range(highest + 1)])
+        given = np.concatenate([_evaluation_matrix(ends, k, nodes) for k in range(highest + 1)])
         scale = np.abs(fixed).max(axis=1, keepdims=True)  # rows of order k are of size degree^k
         particular = np.linalg.pinv(fixed / scale) @ (given / scale)
         free = null_space(fixed / scale)
         correction = free @ np.linalg.pinv(basis @ free) @ (values_at_sites - basis @ particular) if free.size else 0.0
         side_operators.append(particular + correction)
-    bernstein_sites = 0.5 * (1 - np.cos(np.pi * (np.arange(degree + 1) + 0.5) / (degree + 1)))
-    to_bernstein = np.linalg.inv(bernstein_basis(degree, bernstein_sites))
-    y = (KLEIN_EDGE * (bernstein_sites - 0.5))[:, None]
     inner_basis, triangle = np.linalg.qr(basis[:, 3:-3])
     return _FitOperators(
         side_operators=(side_operators[0], side_operators[1], side_operators[2]),
-        y_times_derivative=to_bernstein @ (y * bernstein_basis(degree, bernstein_sites, 1) / KLEIN_EDGE),
-        y2_times_second_derivative=to_bernstein @ (y**2 * bernstein_basis(degree, bernstein_sites, 2) / KLEIN_EDGE**2),
         values_at_sites=values_at_sites,
         basis=basis,
         inner_basis=inner_basis,

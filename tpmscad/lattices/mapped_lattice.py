@@ -15,32 +15,32 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.ndimage import maximum_filter
 
 from tpmscad._typing import Array, IntArray
 from tpmscad.brep.boundary_representation import Brep
-from tpmscad.brep.deviation import REFERENCE_MARGIN_FRACTION, SAMPLES_PER_PEAK_AXIS, Deviation, cosine_grid
-from tpmscad.brep.orthogonal_projection import project_to_surface
 from tpmscad.brep.welding import SideMismatch, cluster_points
 from tpmscad.errors import InvalidRequest, format_point
 from tpmscad.lattices import g2_fit
 from tpmscad.lattices.coordinate_maps import Map
 from tpmscad.lattices.copies import SEARCH_MARGIN_CELLS, cell_origins, find_open_sides, ruled_surface, translate_motions
+from tpmscad.lattices.mapped_deviation import (
+    PATCHES_AT_ONCE,
+    MeasuredPatches,
+    PatchSamples,
+    measure_patches,
+    sample_layers,
+)
 from tpmscad.lattices.mapped_surface import MappedSurface
 from tpmscad.lattices.offset_surfaces import Layers, LayersFit, PlacedFaces, place_faces
 from tpmscad.lattices.smooth_gradings import smooth_gradings
 from tpmscad.rigid_motion import Motion, match_points
-from tpmscad.splines.basis import bernstein_basis, evaluate_bezier_patches
 from tpmscad.splines.bspline import BSplineSurface
 from tpmscad.splines.cpia import NetConvergence
-from tpmscad.splines.knots import bezier_surface
 from tpmscad.surfaces import PatchSymmetry, SurfacePatch
 
-BEZIER_DEGREES = (9, 10, 11, 12, 14, 16)
-"""Bezier degrees in the order of trial; all patches of a lattice take the same one, so that borders share their spline space."""
-
-PATCH_SAMPLES_PER_PARAMETER = 25
-"""Samples along each parameter for the deviation of each of the many patches."""
+SPLINE_SPACES = ((1, 9), (1, 10), (1, 11), (1, 12), (2, 9), (2, 10), (2, 12))
+"""Spans along each parameter and degrees in the order of trial; all patches of a lattice take the same, so that borders share
+their spline space. Two spans of degree 9 do the work of one of 14, whose poles lie far off where a graded wall bends."""
 
 CONGRUENCE_SAMPLES_PER_PARAMETER = 13
 """Samples along each parameter at which patches are compared."""
@@ -54,11 +54,8 @@ COARSE_SAMPLES = 3
 NORMAL_STEP = 1e-4
 """Step of the parameters by which normals are differenced."""
 
-PATCHES_AT_ONCE = 100
-"""Patches that are evaluated together: their points fit into tens of megabytes."""
-
-ESTIMATE_MARGIN = 1.06
-"""Factor by which a deviation may exceed its estimate, of first order, on the grid; 1.046 was the most that was found."""
+HARD_PATCHES = 64
+"""Patches that are farthest off in one spline space, and tried in the next ones before all others."""
 
 MOST_BENT = 2
 """Patches, those over which the map bends most, that are fitted before all others."""
@@ -188,15 +185,21 @@ def fit_mapped_layers(
     given = [d for d in distances if d is not None]
     mapped, error, notes = smooth_gradings(mapped, given, tol)
     classes = group_congruent_patches(mapped, given)
-    members = _sample_layers(mapped, g2_fit.sample_parameters(), given, classes.first)
-    exact = _sample_layers(mapped, cosine_grid(PATCH_SAMPLES_PER_PARAMETER), given, classes.first)
-    for degree in BEZIER_DEGREES:
-        fits = [g2_fit.fit_g2_patches(m, degree) for m in members]
-        layers = [MappedLayer([bezier_surface(p) for p in poles], classes.label, classes.motion) for poles, _ in fits]
-        deviation = _measure_patches(mapped, given, exact, layers, classes.first).moved(error)
-        progress((degree - BEZIER_DEGREES[0] + 1) / (BEZIER_DEGREES[-1] - BEZIER_DEGREES[0] + 1))
-        if deviation.max <= tol:
-            break
+    every = hard = PatchSamples.of(mapped, given, classes.first, 1)
+    for number, (spans, degree) in enumerate(SPLINE_SPACES):
+        if hard.spans != spans:
+            hard = PatchSamples.of(mapped, given, hard.placement, spans)
+        hopeful = number + 1 == len(SPLINE_SPACES) or len(hard.placement) == len(every.placement)
+        if hopeful or _fit_in_space(mapped, given, hard, degree)[1].deviation.moved(error).max <= tol:
+            if every.spans != spans:
+                every = PatchSamples.of(mapped, given, classes.first, spans)
+            fits, measured = _fit_in_space(mapped, given, every, degree)
+            deviation = measured.deviation.moved(error)
+            if deviation.max <= tol:
+                break
+            hard = every.select(np.argsort(-measured.estimates)[:HARD_PATCHES])
+        progress((number + 1) / len(SPLINE_SPACES))
+    layers = [MappedLayer([g2_fit.join_pieces(p) for p in poles], classes.label, classes.motion) for poles, _ in fits]
     if deviation.max > max(tol, MAX_DEVIATION_CELLS * mapped.cell):
         worst = find_most_bent(mapped, 1)
         raise InvalidRequest(
@@ -210,147 +213,19 @@ def fit_mapped_layers(
     return LayersFit((lower, upper), deviation, convergence=convergence, notes=notes)
 
 
-def _sample_layers(mapped: MappedSurface, t: Array, distances: Sequence[float], chosen: IntArray) -> list[Array]:
-    """Points (n, m, m, 3) of placements (n,) for each distance, at parameters (m,) along u and v."""
-    u, v = np.meshgrid(t, t, indexing="ij")
-    parts: list[list[Array]] = [[] for _ in distances]
-    for start in range(0, len(chosen), PATCHES_AT_ONCE):
-        points = mapped.points(u, v, chosen[start : start + PATCHES_AT_ONCE])
-        unit, centre = mapped.grading(points.position)
-        for part, distance in zip(parts, distances, strict=True):
-            part.append(points.position + (centre + distance * unit)[..., None] * points.normal)
-    return [np.concatenate(part) for part in parts]
+def _fit_in_space(
+    mapped: MappedSurface, distances: Sequence[float], samples: PatchSamples, degree: int
+) -> tuple[list[tuple[Array, NetConvergence]], MeasuredPatches]:
+    """Of each layer the Bezier poles of all pieces of patches and their convergence, and how far all are from the surface."""
+    fits = [g2_fit.fit_g2_patches(nodes, degree) for nodes in samples.nodes]
+    return fits, measure_patches(mapped, distances, samples, [poles for poles, _ in fits])
 
 
 def group_congruent_patches(mapped: MappedSurface, distances: Sequence[float]) -> CongruenceClasses:
     """Classes of congruent patches of the offset surfaces, by samples that reach as far beyond the patch as those of the fit."""
     t = 0.5 + (0.5 + g2_fit.SAMPLE_OVERHANG) * np.linspace(-1.0, 1.0, CONGRUENCE_SAMPLES_PER_PARAMETER)
-    samples = np.concatenate(_sample_layers(mapped, t, distances, np.arange(len(mapped.placements))), axis=1)
+    samples = np.concatenate(sample_layers(mapped, t, distances, np.arange(len(mapped.placements))), axis=1)
     return group_congruent(samples.reshape(len(samples), -1, 3))
-
-
-def _measure_patches(
-    mapped: MappedSurface,
-    distances: Sequence[float],
-    exact: Sequence[Array],
-    layers: Sequence[MappedLayer],
-    placement: IntArray,
-) -> Deviation:
-    """Deviation of the fitted patches, all together: the greatest is sought by estimates, and measured where they have a maximum.
-
-    An estimate is of first order in the difference at equal parameters. Maxima that could exceed the greatest one are refined and
-    projected, in each direction; all samples count for the root mean square. exact: points of the surfaces on `cosine_grid`.
-    """
-    columns = zip(distances, exact, layers, strict=True)
-    grids = [_Estimates.on_grid(mapped, placement, *of_layer) for of_layer in columns]
-    least = np.max([grid.distances.max(axis=(1, 2, 3)) for grid in grids], axis=0) / ESTIMATE_MARGIN
-    to_reference, from_reference = np.max([grid.measure_peaks(least) for grid in grids], axis=0).tolist()
-    rms = float(np.sqrt(np.mean(np.concatenate([grid.mean_square for grid in grids]))))
-    return Deviation(max(to_reference, from_reference), rms, to_reference, from_reference)
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class _Estimates:
-    """Estimated distances of each class of patches to the exact surface and back, and their mean square (n,).
-
-    distances: (2, n, m, m) on `cosine_grid`.
-    """
-
-    mapped: MappedSurface
-    distance: float
-    placement: IntArray
-    poles: Array
-    distances: Array
-    mean_square: Array
-
-    @classmethod
-    def on_grid(
-        cls, mapped: MappedSurface, placement: IntArray, distance: float, exact: Array, layer: MappedLayer
-    ) -> _Estimates:
-        """Of all patches of a layer, at all points of the grid."""
-        t = cosine_grid(PATCH_SAMPLES_PER_PARAMETER)
-        u, v = np.meshgrid(t, t, indexing="ij")
-        weight = np.sin(np.pi * np.linspace(0.0, 1.0, len(t)))
-        poles = np.stack([patch.poles for patch in layer.patches])
-        values, slopes = (bernstein_basis(poles.shape[1] - 1, t, order) for order in range(2))
-        found = np.empty((2, len(poles), *u.shape))
-        for start in range(0, len(poles), PATCHES_AT_ONCE):
-            chosen = slice(start, start + PATCHES_AT_ONCE)
-            own = poles[chosen]
-            fitted, du, dv = (
-                evaluate_bezier_patches(rows, own, columns).reshape(len(own), *u.shape, 3)
-                for rows, columns in ((values, values), (slopes, values), (values, slopes))
-            )
-            found[:, chosen] = _estimate_distances(exact[chosen] - fitted, du, dv, u, v)
-        square = np.einsum("i,kpij,j->p", weight, found**2, weight) / (2 * weight.sum() ** 2)
-        return cls(mapped, distance, placement, poles, found, square)
-
-    def measure_peaks(self, least: Array) -> tuple[float, float]:
-        """The greatest distance to the exact surface, and back, at the maxima of estimates of at least `least` (2,)."""
-        to_reference = self._distances_to_reference(*self._find_peaks(0, least[0]))
-        return to_reference, self._distances_from_reference(*self._find_peaks(1, least[1]))
-
-    def _find_peaks(self, direction: int, least: float) -> tuple[IntArray, Array, Array]:
-        """Patches and parameters (n,) of the maxima of at least `least`, refined between the points of the grid."""
-        t, index = cosine_grid(PATCH_SAMPLES_PER_PARAMETER), np.arange(PATCH_SAMPLES_PER_PARAMETER)
-        found = self.distances[direction]
-        patch, *at = np.nonzero((found >= least) & (found == maximum_filter(found, size=(1, 3, 3))))
-        step = np.linspace(-1.0, 1.0, SAMPLES_PER_PEAK_AXIS)
-        u, v = (np.interp(np.clip(k[:, None] + step, 0, index[-1]), index, t) for k in at)
-        u, v = np.repeat(u, len(step), axis=1), np.tile(v, len(step))
-        many = np.repeat(patch, u.shape[1])
-        fitted, du, dv = self._evaluate(many, u.ravel(), v.ravel())
-        miss = self._reference(many, u.ravel(), v.ravel()) - fitted
-        finer = _estimate_distances(miss, du, dv, u.ravel(), v.ravel())[direction].reshape(u.shape)
-        best = finer.argmax(axis=1)[:, None]
-        u, v = (np.take_along_axis(x, best, axis=1)[:, 0] for x in (u, v))
-        return patch, u, v
-
-    def _evaluate(self, patch: IntArray, u: Array, v: Array) -> tuple[Array, Array, Array]:
-        """Points (n, 3) of the fitted patches and their derivatives by u and by v, the i-th of patch[i]."""
-        degree = self.poles.shape[1] - 1
-        (u0, u1), (v0, v1) = ([bernstein_basis(degree, x, order) for order in range(2)] for x in (u, v))
-        rows = [np.einsum("na,nabk->nbk", r, self.poles[patch]) for r in (u0, u1)]
-        point, du, dv = (np.einsum("nb,nbk->nk", c, r) for c, r in ((v0, rows[0]), (v0, rows[1]), (v1, rows[0])))
-        return point, du, dv
-
-    def _reference(self, patch: IntArray, u: Array, v: Array) -> Array:
-        """Points (n, 3) of the exact offset surface, the i-th of patch[i]."""
-        return self.mapped.shift(self.mapped.points_at(self.placement[patch], u, v), self.distance)
-
-    def _distances_to_reference(self, patch: IntArray, u: Array, v: Array) -> float:
-        """The greatest distance of points of the patches from the exact surface, whose foot points may lie a little beyond."""
-        points, du, dv = self._evaluate(patch, u, v)
-
-        def jet(s: Array, t: Array, rows: IntArray) -> Sequence[Array]:
-            return self._reference(patch[rows], s, t), du[rows], dv[rows]
-
-        domain = -REFERENCE_MARGIN_FRACTION, 1.0 + REFERENCE_MARGIN_FRACTION
-        foot = project_to_surface(jet, points, u, v, (domain, domain))
-        return float(np.linalg.norm(points - self._reference(patch, *foot), axis=1).max(initial=0.0))
-
-    def _distances_from_reference(self, patch: IntArray, u: Array, v: Array) -> float:
-        """The greatest distance of points of the exact surface from the patches, an upper bound beyond their sides."""
-        points, domain = self._reference(patch, u, v), (0.0, 1.0)
-        foot = project_to_surface(lambda s, t, rows: self._evaluate(patch[rows], s, t), points, u, v, (domain, domain))
-        return float(np.linalg.norm(points - self._evaluate(patch, *foot)[0], axis=1).max(initial=0.0))
-
-
-def _estimate_distances(miss: Array, du: Array, dv: Array, u: Array, v: Array) -> Array:
-    """Distances (2, ...) to first order in the steps `miss` (..., 3) from a patch to a surface: to the surface, and back.
-
-    They are the parts along the normal; on a side back also that by which the surface lies beyond the patch, where foot points
-    stop. u, v: as many parameters as the last axes have points.
-    """
-    normal = np.cross(du, dv)
-    along = np.abs(np.einsum("...d,...d->...", miss, normal)) / np.linalg.norm(normal, axis=-1)
-    back = along.copy()
-    for at_side, direction, outwards in ((u == 0, dv, -du), (u == 1, dv, du), (v == 0, du, -dv), (v == 1, du, dv)):
-        across = np.cross(direction[..., at_side, :], normal[..., at_side, :])
-        across *= np.sign(np.einsum("...d,...d->...", across, outwards[..., at_side, :]))[..., None]
-        beyond = np.einsum("...d,...d->...", miss[..., at_side, :], across) / np.linalg.norm(across, axis=-1)
-        back[..., at_side] = np.maximum(back[..., at_side], np.hypot(along[..., at_side], np.maximum(beyond, 0.0)))
-    return np.stack([along, back])
 
 
 def find_most_bent(mapped: MappedSurface, count: int) -> IntArray:

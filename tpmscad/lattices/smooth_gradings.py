@@ -19,11 +19,12 @@ from tpmscad.lattices.g2_fit import find_least_coefficients, sample_parameters
 from tpmscad.lattices.mapped_surface import MappedSurface, evaluate_grading
 from tpmscad.splines.gaussian_interpolation import GaussianInterpolant, interpolate_samples
 
-SPACINGS_PER_CELL = (5, 8, 12, 16, 20)
+SPACINGS_PER_CELL = (5, 8, 16, 20)
 """Spacings of the grid in the order of trial. The samples of the fit resolve finer ones no longer."""
 
-DEVIATION_SHARE = 0.4
-"""Part of the tolerance within which a smoothed wall is taken; the rest is left to the fit, of degree 10 as a rule."""
+DEVIATION_SHARE = 0.6
+"""Part of the tolerance within which a smoothed wall is taken; the rest is left to the fit. Creases need twice as many spacings
+for a third of the error, and the fit one degree more for a fifth."""
 
 SMOOTH_TAIL = 1e-11
 """Part of its greatest value below which the last coefficients of a smooth grading are: 1e-12 of formulas, 1e-6 at creases, and

@@ -56,9 +56,12 @@ MAX_NORMAL_TURN = np.radians(4.0)
 MAX_PROBES_PER_FACE = 5
 """Samples per face that are classified; a face that crosses the surface meets it along a curve only."""
 
-ROUND_OFF = 1e-9
-"""Part of a distance by which it may be wrong. Of a grid with a plane on the boundary of a coupling, three quarters of the points
-inside came out outside: the next plane is as far from the boundary as from the points on it."""
+ROUND_OFF = 1e-6
+"""Part of a distance by which it may be wrong, and more. Of a grid with a plane on the boundary of a coupling, three quarters of
+the points inside came out outside: the next plane is as far from the boundary as from the points on it."""
+
+NEAREST_POINTS = 7
+"""Points, itself included, to which one is linked: in a grid those along the axes."""
 
 NEAREST_SAMPLES = 9
 """Neighbours queried per sample: of two equally dense sets on one plane, the other set is among the nearest nine."""
@@ -276,18 +279,39 @@ def sobol_points(count: int, dimension: int, rng: np.random.Generator) -> Array:
 def contains_points(solid: TopoDS_Solid, points: Array, clearance: Array | None = None) -> BoolArray:
     """Whether points (n, 3) lie inside a solid, by the kernel's classifier: (n,).
 
-    clearance (n,): distances that points keep from the boundary at least. A point that is nearer than that to the one before it,
-    by more than round-off, is on its side, and the kernel is not asked; a point on the boundary is on neither.
+    clearance (n,): distances that points keep from the boundary at least. Of points that are linked by steps shorter than the
+    clearance at one end, by more than round-off, only the one of the greatest clearance is asked; a point on the boundary is
+    linked to none.
     """
-    asked = np.ones(len(points), bool)
-    if clearance is not None:
-        step = np.linalg.norm(np.diff(points, axis=0), axis=1)
-        asked[1:] = step >= (1 - ROUND_OFF) * np.maximum(clearance[1:], clearance[:-1])
-    classifier, found = BRepClass3d_SolidClassifier(solid), np.zeros(int(asked.sum()), bool)
+    label = np.arange(len(points)) if clearance is None else _link_by_clearance(points, (1 - ROUND_OFF) * clearance)
+    asked = _find_greatest(label, np.zeros(len(points)) if clearance is None else clearance)
+    classifier, found = BRepClass3d_SolidClassifier(solid), np.zeros(len(asked), bool)
     for i, point in enumerate(points[asked].tolist()):
         classifier.Perform(gp_Pnt(*point), CONFUSION_TOLERANCE)
         found[i] = classifier.State() == TopAbs_IN
-    return np.asarray(found[np.cumsum(asked) - 1])
+    return np.asarray(found[label])
+
+
+def _link_by_clearance(points: Array, clearance: Array) -> IntArray:
+    """Labels (n,) of points (n, 3) that are linked by steps shorter than the clearance (n,) at one end.
+
+    Steps from one point to the next are looked at, which link those of a grid in rows, and then those from the point of greatest
+    clearance in each row to the nearest others.
+    """
+    if not len(points):
+        return np.zeros(0, int)
+    steps = np.linalg.norm(np.diff(points, axis=0), axis=1)
+    row = np.cumsum(np.append(0, steps >= np.maximum(clearance[1:], clearance[:-1])))
+    deepest = _find_greatest(row, clearance)
+    distance, other = cKDTree(points).query(points[deepest], k=np.arange(1, min(NEAREST_POINTS, len(points)) + 1))
+    linked, column = np.nonzero(distance < np.maximum(clearance[deepest, None], clearance[other]))
+    return label_linked(len(deepest), np.column_stack([linked, row[other[linked, column]]]))[row]
+
+
+def _find_greatest(label: IntArray, size: Array) -> IntArray:
+    """The number of the item of greatest size (n,) under each label (n,), of labels from 0 without gaps."""
+    order = np.lexsort((-size, label))
+    return np.asarray(order[np.flatnonzero(np.diff(label[order], prepend=-1))])
 
 
 def sample_solid(solid: TopoDS_Solid, lines: int, points_per_line: int) -> Array:
