@@ -49,7 +49,7 @@ def sample_layers(
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class PatchSamples:
+class SampledPatches:
     """Points of the exact offset surfaces over the patches of placements (n,), which are divided into spans x spans pieces.
 
     Of each surface `nodes` (n, spans, spans, m, m, 3) are those to which patches are fitted, and `checks` those on `cosine_grid`
@@ -62,7 +62,7 @@ class PatchSamples:
     checks: list[Array]
 
     @classmethod
-    def of(cls, mapped: MappedSurface, distances: Sequence[float], placement: IntArray, spans: int) -> PatchSamples:
+    def of(cls, mapped: MappedSurface, distances: Sequence[float], placement: IntArray, spans: int) -> SampledPatches:
         """The samples of surfaces at their signed distances."""
         nodes, count = (CHEBYSHEV_NODES, SAMPLES_PER_PARAMETER)
         if spans > 1:
@@ -70,10 +70,10 @@ class PatchSamples:
         grids = sample_parameters(nodes), cosine_grid(count)
         return cls(placement, spans, *(sample_layers(mapped, t, distances, placement, spans) for t in grids))
 
-    def select(self, chosen: IntArray) -> PatchSamples:
+    def select(self, chosen: IntArray) -> SampledPatches:
         """The samples over some of the patches."""
         nodes, checks = ([points[chosen] for points in layers] for layers in (self.nodes, self.checks))
-        return PatchSamples(self.placement[chosen], self.spans, nodes, checks)
+        return SampledPatches(self.placement[chosen], self.spans, nodes, checks)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -85,7 +85,7 @@ class MeasuredPatches:
 
 
 def measure_patches(
-    mapped: MappedSurface, distances: Sequence[float], samples: PatchSamples, poles: Sequence[Array]
+    mapped: MappedSurface, distances: Sequence[float], samples: SampledPatches, poles: Sequence[Array]
 ) -> MeasuredPatches:
     """Deviation of the fitted patches, all together: the greatest is sought by estimates, and measured where they have a maximum.
 

@@ -26,7 +26,7 @@ from tpmscad.lattices.copies import SEARCH_MARGIN_CELLS, cell_origins, find_open
 from tpmscad.lattices.mapped_deviation import (
     PATCHES_AT_ONCE,
     MeasuredPatches,
-    PatchSamples,
+    SampledPatches,
     measure_patches,
     sample_layers,
 )
@@ -185,14 +185,14 @@ def fit_mapped_layers(
     given = [d for d in distances if d is not None]
     mapped, error, notes = smooth_gradings(mapped, given, tol)
     classes = group_congruent_patches(mapped, given)
-    every = hard = PatchSamples.of(mapped, given, classes.first, 1)
+    every = hard = SampledPatches.of(mapped, given, classes.first, 1)
     for number, (spans, degree) in enumerate(SPLINE_SPACES):
         if hard.spans != spans:
-            hard = PatchSamples.of(mapped, given, hard.placement, spans)
+            hard = SampledPatches.of(mapped, given, hard.placement, spans)
         hopeful = number + 1 == len(SPLINE_SPACES) or len(hard.placement) == len(every.placement)
         if hopeful or _fit_in_space(mapped, given, hard, degree)[1].deviation.moved(error).max <= tol:
             if every.spans != spans:
-                every = PatchSamples.of(mapped, given, classes.first, spans)
+                every = SampledPatches.of(mapped, given, classes.first, spans)
             fits, measured = _fit_in_space(mapped, given, every, degree)
             deviation = measured.deviation.moved(error)
             if deviation.max <= tol:
@@ -214,7 +214,7 @@ def fit_mapped_layers(
 
 
 def _fit_in_space(
-    mapped: MappedSurface, distances: Sequence[float], samples: PatchSamples, degree: int
+    mapped: MappedSurface, distances: Sequence[float], samples: SampledPatches, degree: int
 ) -> tuple[list[tuple[Array, NetConvergence]], MeasuredPatches]:
     """Of each layer the Bezier poles of all pieces of patches and their convergence, and how far all are from the surface."""
     fits = [g2_fit.fit_g2_patches(nodes, degree) for nodes in samples.nodes]
