@@ -105,6 +105,10 @@ class NothingLeft(TrimmingError):
     """A cut leaves no face."""
 
 
+class NoOffset(TrimmingError):
+    """A face, an edge or a corner of a body has no offset surface at a distance, nor at one that is nearly the same."""
+
+
 class LevelSetError(TpmscadError):
     """No boundary representation of a field could be made in its box; the message says where, why and what to change."""
 

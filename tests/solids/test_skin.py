@@ -16,6 +16,7 @@ from tpmscad.kernel.body_import.cad_body import read_body
 from tpmscad.kernel.boolean.hollow_body import count_closed_cavities, find_skin_faces
 from tpmscad.kernel.measure.skin_depth import SkinDepth, SkinThickness, measure_skin_thickness, sample_depths
 from tpmscad.kernel.occt.exploration import faces_of
+from tpmscad.solids.skins import offset_skin
 from tpmscad.solids.skins.filled_skin import describe_closed_voids
 from tpmscad.solids.skins.offset_skin import (
     DEEP_RATIO,
@@ -98,6 +99,19 @@ def test_a_skin_of_just_the_reach_of_a_tube_is_made_a_little_thicker() -> None:
     parts = erode_in_arrays(request, excess=SKIN_EXCESS)
     measured = measure_skin_thickness([face for part in parts for face in faces_of(part.shape)], depth)
     assert (measured.least, measured.greatest) == pytest.approx((5.0005, 5.0005), rel=1e-6)
+
+
+def test_a_corner_without_an_offset_is_not_offset_again_by_a_little_more(monkeypatch: pytest.MonkeyPatch) -> None:
+    corners = [(-1, -1, 6), (1, -1, 6), (1, 1, 6), (-1, 1, 6), (0, 0, -4)]
+    sides = [(0, 1, 2, 3), (0, 1, 4), (1, 2, 4), (2, 3, 4), (3, 0, 4)]
+    faces = [bd.Face(bd.Wire.make_polygon([corners[k] for k in side], close=True)) for side in sides]
+    body = read_body(bd.Box(12, 12, 12) - bd.Solid(bd.Shell(faces)))
+    skins = []
+    made = offset_skin.erode_body_in_arrays
+    monkeypatch.setattr(offset_skin, "erode_body_in_arrays", lambda *args: skins.append(args[2]) or made(*args))
+    with pytest.raises(tpmscad.TrimmingError, match=r"the corner at \[ 0\.  0\. -4\.\] is too sharp"):
+        erode_body(body, 1.0)
+    assert skins == [1.0]
 
 
 def test_the_refusal_of_a_skin_names_the_thickest_one() -> None:

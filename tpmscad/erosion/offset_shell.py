@@ -22,7 +22,7 @@ from tpmscad.brep.loops import signed_area
 from tpmscad.erosion.face_regions import build_regions, list_carriers
 from tpmscad.erosion.sheets import Sheet, Tube, TubeEnd, make_ball, make_tube, offset_face
 from tpmscad.erosion.sites import BORDER_REL_TOL, BodySites, EdgeSite, FaceSite, OpenSite, Site, VertexSite, depth_limit
-from tpmscad.errors import TrimmingError, format_point
+from tpmscad.errors import NoOffset, TrimmingError, format_point
 from tpmscad.splines.adaptive_curve_fit import FIT_DEGREE, fit_adaptively
 from tpmscad.splines.bspline import BSplineCurve, BSplineSurface, is_segment, isoparametric_curve, line_segment
 from tpmscad.splines.knots import knots_within
@@ -299,7 +299,7 @@ class _Assembly:
             return
         if (joint.rise <= SMOOTH_SINE).any():
             at = self.curves[edge](0.5 * sum(span)).round(6)
-            raise TrimmingError(f"the edge of the body about {at} is concave in one part only")
+            raise NoOffset(f"the edge of the body about {at} is concave in one part only")
         curve = self.curves[edge]
 
         def inward(t: Array) -> Array:
@@ -362,7 +362,7 @@ class _Assembly:
             return
         if not (convex or concave or (np.abs(joint.rise) <= SMOOTH_SINE).all()):
             at = format_point(curve(0.5 * sum(span)))
-            raise TrimmingError(f"the edge of an open face about {at} is concave in one part only")
+            raise NoOffset(f"the edge of an open face about {at} is concave in one part only")
         k = 0 if self.is_open[joint.faces[1]] else 1  # the face with a skin
         face, opened, use = joint.faces[k], joint.faces[1 - k], joint.uses[1 - k]
 
@@ -558,5 +558,5 @@ def fit_known_or_spline(
 
     fit = fit_adaptively(sample, breaks, error, RIM_REL_TOL * size, bends)
     if fit is None:
-        raise TrimmingError("the offset of an edge turns too sharply for a spline")
+        raise NoOffset("the offset of an edge turns too sharply for a spline")
     return fit

@@ -28,7 +28,7 @@ from tpmscad.brep.carriers import (
 from tpmscad.brep.foot_surface import find_point_sides
 from tpmscad.brep.free_form_surface import BodyCarrier, FreeFormSurface
 from tpmscad.brep.loops import points_in_polygons
-from tpmscad.errors import TrimmingError
+from tpmscad.errors import NoOffset
 from tpmscad.splines.bspline import BSplineCurve, BSplineSurface, is_segment, line_segment
 from tpmscad.splines.chart_fit import CHART_DEGREE, Space, find_space, fit_in_spaces, make_break_knots
 from tpmscad.splines.knots import knots_within
@@ -146,7 +146,7 @@ def _fit_offset(carrier: FreeFormSurface, by: float, polygons: tuple[Array, ...]
     """
     spline = carrier.spline
     if find_point_sides(spline).any():
-        raise TrimmingError("a free-form face with a pole has no sheet: its normal is undefined there")
+        raise NoOffset("a free-form face with a pole has no sheet: its normal is undefined there")
     low, high = bounding_box(polygons[:1])
     wide_low, wide_high = bounding_box(polygons)
     step = WIDENING * (high - low)
@@ -177,11 +177,11 @@ def _fit_offset(carrier: FreeFormSurface, by: float, polygons: tuple[Array, ...]
             try:
                 spaces.append(find_space(sample, axis, box, breaks, np.maximum(smooth - 1, 0), tol))
             except ValueError as error:  # a bend so near to the end of the face that no samples lie between
-                raise TrimmingError(f"the offset of a free-form face has no fit: {error}") from error
+                raise NoOffset(f"the offset of a free-form face has no fit: {error}") from error
             adaptive.append(True)
     fitted, error = fit_in_spaces(sample, spaces, adaptive, tol)
     if error > 10 * tol:
-        raise TrimmingError(f"the offset of a free-form face is fitted to {error:.2g} only")
+        raise NoOffset(f"the offset of a free-form face is fitted to {error:.2g} only")
     return fitted
 
 
@@ -326,9 +326,7 @@ def _make_tube_carrier(
         spaces.append(find_space(sample, axis, box, breaks, smooth, tol))
     fitted, error = fit_in_spaces(sample, spaces, [True, True], tol)
     if not error <= 10 * tol:
-        raise TrimmingError(
-            f"the tube round a concave edge deviates by {error:.2g}, more than {10 * tol:.2g} is allowed"
-        )
+        raise NoOffset(f"the tube round a concave edge deviates by {error:.2g}, more than {10 * tol:.2g} is allowed")
     # across first: an end in a point, where the faces are tangent, lies across v, as poles do
     tube = BSplineSurface(
         fitted.poles.swapaxes(0, 1).copy(), fitted.knots_v, fitted.knots_u, fitted.degree_v, fitted.degree_u
@@ -341,6 +339,6 @@ def make_ball(center: Array, directions: Array, skin: float) -> SphericalSurface
     middle = directions.mean(axis=0)
     middle = middle / np.linalg.norm(middle)
     if (directions @ middle).min() < 0.1:
-        raise TrimmingError(f"the corner at {center.round(6)} is too sharp for a sphere")
+        raise NoOffset(f"the corner at {center.round(6)} is too sharp for a sphere")
     axis = np.cross(middle, np.eye(3)[np.abs(middle).argmin()])
     return SphericalSurface(center, middle, axis / np.linalg.norm(axis), skin)

@@ -17,7 +17,7 @@ from scipy.optimize import minimize
 from tpmscad._typing import Array
 from tpmscad.brep.winding_numbers import winding_numbers
 from tpmscad.erosion.eroded_body import erode_body as erode_body_in_arrays
-from tpmscad.errors import InvalidRequest, KernelError, format_point
+from tpmscad.errors import InvalidRequest, KernelError, NoOffset, format_point
 from tpmscad.fallbacks import Fallback, Fallbacks
 from tpmscad.kernel.body_import.body_brep import read_free_form_body
 from tpmscad.kernel.body_import.cad_body import CadBody, read_body
@@ -153,6 +153,7 @@ EROSION_METHODS = Fallbacks(
         Fallback("an arrangement of offset faces", erode_in_arrays, "one to three seconds"),
         Fallback("an arrangement of offset faces", partial(erode_in_arrays, excess=SKIN_EXCESS), "as much again"),
     ),
+    final=(NoOffset,),
     remedy="change `skin` a little",
 )
 """How a body is eroded by its skin."""
