@@ -75,11 +75,12 @@ class BoundaryDistance:
 
 def _group_near_points(points: Array) -> list[IntArray]:
     """Numbers of points (n, 3) in groups, by the cells of a grid."""
+    if not len(points):
+        return []
     count = -(-len(points) // POINTS_AT_ONCE)
-    low, high = points.min(axis=0, initial=np.inf), points.max(axis=0, initial=-np.inf)
-    edge = np.max(high - low) / np.cbrt(count)
-    cells = np.floor((points - low) / edge) if edge > 0 else points
-    return np.array_split(np.lexsort(cells.T), count) if count else []
+    edge = float(np.ptp(points, axis=0).max()) / np.cbrt(count)
+    cells = np.floor((points - points.min(axis=0)) / edge) if edge else points
+    return np.array_split(np.lexsort(cells.T), count)
 
 
 def _sample(region: FaceRegion) -> Array:

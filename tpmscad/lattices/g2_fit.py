@@ -137,9 +137,9 @@ class _FitOperators:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _SideTerms:
-    """What carries the data of one side of a piece to the neighbour: d1 = stretch X_xi - y X_y, d2 with it and 2 turn d1.
+    """The factors in the data of one side of a piece: d1 = stretch X_xi - y X_y, and d2 is less by 2 turn d1.
 
-    On a side of the patch these are L, the coordinate y and 1; between pieces of a patch, where the neighbour has the same
+    On a side of the patch they are L, the coordinate y and 1; between pieces of a patch, where the neighbour has the same
     chart, they are 1, 0 and 0.
     """
 

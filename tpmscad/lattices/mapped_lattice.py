@@ -179,7 +179,7 @@ def fit_mapped_layers(
 ) -> LayersFit[MappedLayers]:
     """Fit the lower and upper surface at their normal distances (model units; None: no surface).
 
-    The result has the lowest degree for which every patch meets `tol`, or the last degree tried: compare the deviation.
+    The result is in the first of SPLINE_SPACES in which every patch meets `tol`, or in the last one: compare the deviation.
     InvalidRequest if even that deviates by a tenth of a cell.
     """
     given = [d for d in distances if d is not None]
