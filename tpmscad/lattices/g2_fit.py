@@ -32,8 +32,8 @@ from tpmscad._typing import Array
 from tpmscad.splines.affine_subspace import unconstrained_subspace
 from tpmscad.splines.basis import apply_bases, bernstein_basis
 from tpmscad.splines.bspline import BSplineSurface
+from tpmscad.splines.chart_fit import make_break_knots
 from tpmscad.splines.cpia import NetConvergence, solve_cpia
-from tpmscad.splines.knots import bezier_surface
 
 MIN_DEGREE = 9
 """Ten poles along a side: five derivatives at each end."""
@@ -104,13 +104,18 @@ def fit_g2_patches(samples: Array, degree: int) -> tuple[Array, NetConvergence]:
 def join_pieces(poles: Array) -> BSplineSurface:
     """The patch over the unit square whose k x k pieces have Bezier poles (k, k, p + 1, p + 1, 3), twice differentiable."""
     pieces, degree = poles.shape[0], poles.shape[2] - 1
-    if pieces == 1:
-        return bezier_surface(poles[0, 0])
     rows = _join_along(np.moveaxis(poles, 2, 1))  # (k, p + 1, k, p + 1, 3) -> (U, k, p + 1, 3)
     net = np.moveaxis(_join_along(np.moveaxis(rows, 0, 2)), 0, 1)
-    inner = np.repeat(np.arange(1, pieces) / pieces, degree - 2)
-    knots = np.concatenate([np.zeros(degree + 1), inner, np.ones(degree + 1)])
+    knots = _piece_knots(pieces, degree)
     return BSplineSurface(np.ascontiguousarray(net), knots, knots, degree, degree)
+
+
+@lru_cache(maxsize=16)
+def _piece_knots(pieces: int, degree: int) -> Array:
+    """The knots of patches of so many pieces, which all of them share."""
+    knots = make_break_knots(np.linspace(0.0, 1.0, pieces + 1), np.full(pieces - 1, 2), degree)
+    knots.flags.writeable = False
+    return knots
 
 
 def _join_along(poles: Array) -> Array:

@@ -27,7 +27,6 @@ PIECE_SAMPLES_PER_PARAMETER = 17
 PATCHES_AT_ONCE = 100
 """Patches that are evaluated together: their points fit into tens of megabytes."""
 
-
 ESTIMATE_MARGIN = 1.06
 """Factor by which a deviation may exceed its estimate, of first order, on the grid; 1.046 was the most that was found."""
 
@@ -64,11 +63,14 @@ class SampledPatches:
     @classmethod
     def of(cls, mapped: MappedSurface, distances: Sequence[float], placement: IntArray, spans: int) -> SampledPatches:
         """The samples of surfaces at their signed distances."""
-        nodes, count = (CHEBYSHEV_NODES, SAMPLES_PER_PARAMETER)
-        if spans > 1:
-            nodes, count = PIECE_NODES, PIECE_SAMPLES_PER_PARAMETER
-        grids = sample_parameters(nodes), cosine_grid(count)
+        nodes = CHEBYSHEV_NODES if spans == 1 else PIECE_NODES
+        checks = SAMPLES_PER_PARAMETER if spans == 1 else PIECE_SAMPLES_PER_PARAMETER
+        grids = sample_parameters(nodes), cosine_grid(checks)
         return cls(placement, spans, *(sample_layers(mapped, t, distances, placement, spans) for t in grids))
+
+    def divide(self, mapped: MappedSurface, distances: Sequence[float], spans: int) -> SampledPatches:
+        """The samples of the same patches in so many pieces."""
+        return self if spans == self.spans else self.of(mapped, distances, self.placement, spans)
 
     def select(self, chosen: IntArray) -> SampledPatches:
         """The samples over some of the patches."""

@@ -40,7 +40,7 @@ from tpmscad.surfaces import PatchSymmetry, SurfacePatch
 
 SPLINE_SPACES = ((1, 9), (1, 10), (1, 11), (1, 12), (2, 9), (2, 10), (2, 12))
 """Spans along each parameter and degrees in the order of trial; all patches of a lattice take the same, so that borders share
-their spline space. Two spans of degree 9 do the work of one of 14, whose poles lie far off where a graded wall bends."""
+their spline space. Two spans of degree 10 are as near as one of 12 to 14, whose poles lie far off where a wall bends."""
 
 CONGRUENCE_SAMPLES_PER_PARAMETER = 13
 """Samples along each parameter at which patches are compared."""
@@ -187,18 +187,18 @@ def fit_mapped_layers(
     classes = group_congruent_patches(mapped, given)
     every = hard = SampledPatches.of(mapped, given, classes.first, 1)
     for number, (spans, degree) in enumerate(SPLINE_SPACES):
-        if hard.spans != spans:
-            hard = SampledPatches.of(mapped, given, hard.placement, spans)
-        hopeful = number + 1 == len(SPLINE_SPACES) or len(hard.placement) == len(every.placement)
-        if hopeful or _fit_in_space(mapped, given, hard, degree)[1].deviation.moved(error).max <= tol:
-            if every.spans != spans:
-                every = SampledPatches.of(mapped, given, classes.first, spans)
+        hopeful = True
+        if number + 1 < len(SPLINE_SPACES) and len(hard.placement) < len(every.placement):
+            hard = hard.divide(mapped, given, spans)
+            hopeful = _fit_in_space(mapped, given, hard, degree)[1].deviation.moved(error).max <= tol
+        if hopeful:
+            every = every.divide(mapped, given, spans)
             fits, measured = _fit_in_space(mapped, given, every, degree)
             deviation = measured.deviation.moved(error)
-            if deviation.max <= tol:
-                break
             hard = every.select(np.argsort(-measured.estimates)[:HARD_PATCHES])
         progress((number + 1) / len(SPLINE_SPACES))
+        if deviation.max <= tol:
+            break
     layers = [MappedLayer([g2_fit.join_pieces(p) for p in poles], classes.label, classes.motion) for poles, _ in fits]
     if deviation.max > max(tol, MAX_DEVIATION_CELLS * mapped.cell):
         worst = find_most_bent(mapped, 1)

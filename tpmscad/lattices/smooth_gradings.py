@@ -24,7 +24,7 @@ SPACINGS_PER_CELL = (5, 8, 16, 20)
 
 DEVIATION_SHARE = 0.6
 """Part of the tolerance within which a smoothed wall is taken; the rest is left to the fit. Creases need twice as many spacings
-for a third of the error, and the fit one degree more for a fifth."""
+for two fifths of the error, and the fit one degree more for a fifth to a third."""
 
 SMOOTH_TAIL = 1e-11
 """Part of its greatest value below which the last coefficients of a smooth grading are: 1e-12 of formulas, 1e-6 at creases, and

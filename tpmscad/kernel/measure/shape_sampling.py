@@ -283,23 +283,22 @@ def contains_points(solid: TopoDS_Solid, points: Array, clearance: Array | None 
     clearance at one end, by more than round-off, only the one of the greatest clearance is asked; a point on the boundary is
     linked to none.
     """
-    label = np.arange(len(points)) if clearance is None else _link_by_clearance(points, (1 - ROUND_OFF) * clearance)
-    asked = _find_greatest(label, np.zeros(len(points)) if clearance is None else clearance)
-    classifier, found = BRepClass3d_SolidClassifier(solid), np.zeros(len(asked), bool)
-    for i, point in enumerate(points[asked].tolist()):
+    if clearance is not None and len(points):
+        label = _link_by_clearance(points, (1 - ROUND_OFF) * clearance)
+        return contains_points(solid, points[_find_greatest(label, clearance)])[label]
+    classifier, found = BRepClass3d_SolidClassifier(solid), np.zeros(len(points), bool)
+    for i, point in enumerate(points.tolist()):
         classifier.Perform(gp_Pnt(*point), CONFUSION_TOLERANCE)
         found[i] = classifier.State() == TopAbs_IN
-    return np.asarray(found[label])
+    return found
 
 
 def _link_by_clearance(points: Array, clearance: Array) -> IntArray:
-    """Labels (n,) of points (n, 3) that are linked by steps shorter than the clearance (n,) at one end.
+    """Labels (n,) of points (n, 3), n > 0, that are linked by steps shorter than the clearance (n,) at one end.
 
     Steps from one point to the next are looked at, which link those of a grid in rows, and then those from the point of greatest
     clearance in each row to the nearest others.
     """
-    if not len(points):
-        return np.zeros(0, int)
     steps = np.linalg.norm(np.diff(points, axis=0), axis=1)
     row = np.cumsum(np.append(0, steps >= np.maximum(clearance[1:], clearance[:-1])))
     deepest = _find_greatest(row, clearance)
